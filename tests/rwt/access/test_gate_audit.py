@@ -19,6 +19,7 @@ from rwt.access.gate.record import DECISIONS, Actor, Recorder
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings, SettingsError
 from rwt.access.settings.gate import AuditSettings
+from rwt.nodes.rosapi import Rosapi
 from rwt_graph import SimulatedClock
 from rwt_transports.endpoint import PeerInfo
 from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, token
@@ -404,3 +405,19 @@ def test_a_line_that_was_cut_is_left_out(tmp_path: Path) -> None:
     numbered(path, 1).write_text('{"number": 1}\n{"numb')
     path.write_text('\n[]\n{"number": 2}\n')
     assert [json.dumps(line) for line in read_audit(path)] == ['{"number": 1}', '{"number": 2}']
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+def test_a_changed_parameter_has_its_values_before_and_after(tmp_path: Path, distro: str) -> None:
+    file = tmp_path / "audit.jsonl"
+    robot = GatedRobot({}, distro, audit={"file": file})
+    Rosapi(robot.graph)
+    robot.node.parameters.declare("limit", 1.5)
+    client = robot.client()
+    name = "/robot:limit" if distro == "jazzy" else "/robot/limit"
+    for value in ("2.5", "3.5"):
+        call(client, "/rosapi/set_param", name=name, value=value)
+    call(client, "/rosapi/set_param", name="/new" if distro == "noetic" else "/robot:new", value="1")
+    lines = [line for line in _lines(robot, file) if line["act"] == "set_param"]
+    assert [line.get("before") for line in lines] == [1.5, 2.5, None]
+    assert all("value" in str(line["after"]) for line in lines)

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from rwt.access.gate import topic
 from rwt.access.gate.node import SERVICES
 from rwt.nodes.rosapi import Rosapi
 from rwt.observability.metrics import ServerMetrics
@@ -222,3 +223,40 @@ def test_a_client_is_still_for_a_second_whatever_it_does_meanwhile(how: str) -> 
     assert drive(robot.client("agent"), 0.25) == "", "others are not paused"
     robot.clock.advance(1.0)
     assert drive(client, 0.5) == ""
+
+
+def test_a_pause_lasts_a_second_after_the_last_rejected_message() -> None:
+    robot = GatedRobot(RULES)
+    client, admin = robot.client(), robot.client("admin")
+    call(admin, "/gate/stop")
+    drive(client, 0.5)
+    call(admin, "/gate/release_stop")
+    for _ in range(3):
+        robot.clock.advance(0.999)
+        assert "be silent" in drive(client, 0.5)
+    robot.clock.advance(1.0)
+    assert drive(client, 0.5) == ""
+
+
+@pytest.mark.parametrize("how", ["many clients", "its topic is swept"])
+def test_a_pause_is_kept_for_its_second(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rules = {"drive": {"topics": ["/cmd_vel", "/x/*"], "emergency": True, "stop": {}}}
+    robot = GatedRobot(rules)
+    monkeypatch.setattr(topic, "_MAX_PAUSED", 1)
+    client, other, admin = robot.client(), robot.client("agent"), robot.client("admin")
+    robot.node.advertise("/x/0", "geometry_msgs/Twist")
+    call(admin, "/gate/stop")
+    drive(client, 0.5)
+    drive(client, 0.5, "/x/0")
+    call(admin, "/gate/release_stop")
+    robot.clock.advance(0.9)
+    client.leave()
+    if how == "many clients":
+        drive(other, 0.5)
+    else:
+        for number in range(10):  # Each new topic examines two for removal.
+            drive(admin, 0.5, f"/x/new{number}")
+    robot.clock.advance(0.099)
+    client = robot.client()
+    assert "be silent for 1 s" in drive(client, 0.5)
+    assert "be silent for 1 s" in drive(client, 0.5, "/x/0")

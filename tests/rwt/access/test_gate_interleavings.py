@@ -30,6 +30,7 @@ from hypothesis.stateful import (
     rule,
 )
 
+from rwt import Settings
 from rwt.gateways.base import Gateway
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
@@ -58,7 +59,7 @@ STALLED = "waited in a stalled connection"
 LEASE, STOP = "rwt_gate_msgs/Lease", "rwt_gate_msgs/Stop"
 
 
-def _rules(take: str, limit: float) -> dict[str, object]:
+def rules_of(take: str, limit: float) -> dict[str, object]:
     lease = {"seconds": LEASE_SECONDS, "take": take, "precedence": PRECEDENCE}
     fields = {"linear.x": {"max": limit, "beyond": "clamp"}, "linear.y": {"max": 0}}
     return {
@@ -77,7 +78,10 @@ class Wire(ABC):
 
     Attributes:
         person: the same client in the model.
+        is_request: True if each request is a client of its own, which leaves with the answer.
     """
+
+    is_request = False
 
     def __init__(self, credential: str) -> None:
         self.person = Person(CREDENTIALS[credential], credential)
@@ -200,20 +204,27 @@ class HttpWire(Wire):
 
 
 class GateMachine(RuleBasedStateMachine):
-    """Robot behind a gate, and the model of it."""
+    """Robot behind a gate, and the model of it.
 
+    Attributes:
+        gateways: kinds of wires.
+    """
+
+    gateways = GATEWAYS
     wires = Bundle("wires")
 
     @initialize(target=wires, take=st.sampled_from(["publish", "service"]))
     def start(self, take: str) -> MultipleResults[Wire]:
+        return multiple(*self._start(take))
+
+    def _start(self, take: str) -> list[Wire]:
         self.take = take
-        self.robot = GatedRobot(_rules(take, LIMITS[0]), emergency={"release_roles": ["*"]})
         self.model = GateModel(by_service=take == "service")
-        self.began = self.robot.clock.monotonic()
-        robot, graph = self.robot, self.robot.graph
+        self.robot = robot = self._make_robot()
+        self.began = robot.clock.monotonic()
+        graph = robot.graph
         # So that the type is known before anybody has published.
         robot.node.advertise("/cmd_vel", TWIST)
-        Rosapi(graph)
         robot.node.parameters.declare("limit", 0.0)
         self.blinks: list[bool] = []
         self.goals: list[Any] = []
@@ -221,16 +232,31 @@ class GateMachine(RuleBasedStateMachine):
         robot.node.advertise_service("/blink", "std_srvs/SetBool", self._blink)
         kind = graph.registry.action("example_interfaces/Fibonacci")
         graph.participant("/counter").advertise_action("/count", kind, self._count)
+        self._serve()
+        return [
+            self._connect(credential, gateway)
+            for credential, gateway in zip(cycle(sorted(CREDENTIALS)), self.gateways * 2, strict=False)
+        ]
+
+    def _make_robot(self) -> GatedRobot:
+        robot = GatedRobot(**self._gate(LIMITS[0]))
+        Rosapi(robot.graph)
+        return robot
+
+    def _gate(self, limit: float) -> dict[str, Any]:
+        return {"rules": rules_of(self.take, limit), "emergency": {"release_roles": ["*"]}}
+
+    def _serve(self) -> None:
+        robot = self.robot
         bson_settings = settings_of({}, bson_only_mode=True)
         self.bridges = {
             "json": robot.bridge,
             "cbor": robot.bridge,
-            "bson": Bridge(graph, bson_settings, robot.access),
+            "bson": Bridge(robot.graph, bson_settings, robot.access),
         }
-        self.foxglove = FoxgloveGateway(graph, robot.access)
-        self.http = HttpGateway(graph, robot.access, HttpSettings())
+        self.foxglove = FoxgloveGateway(robot.graph, robot.access)
+        self.http = HttpGateway(robot.graph, robot.access, HttpSettings())
         self.of_http: dict[str, HttpWire] = {}
-        return multiple(*map(self._connect, cycle(sorted(CREDENTIALS)), [*GATEWAYS, *GATEWAYS]))
 
     def _blink(self, request: Any) -> dict[str, object]:
         self.blinks.append(request.data)
@@ -304,11 +330,17 @@ class GateMachine(RuleBasedStateMachine):
             self.model.paused.pop(wire.person.credential, None)
             return
         admitted = self.model.publish(wire.person, speed, fault)
-        heard = [value for value, node in self.robot.take() if node != GATE]
+        heard = [value for value, node in self.robot.heard if node != GATE]
         assert heard == ([] if admitted is None else [admitted]), (heard, self.model)
         assert bool(said) is (admitted is None), said
-        if admitted is not None:
+        if admitted is not None and not self._end_request(wire):
             self._learn_name(wire)
+
+    def _end_request(self, wire: Wire) -> bool:
+        """Note the end of a request that was a client; returns True if it was one."""
+        if wire.is_request and self.model.lose(wire.person):
+            self._require_stop()
+        return wire.is_request
 
     def _learn_name(self, wire: Wire) -> None:
         (lease,) = [topic.lease for topic in self.robot.gate.topics if topic.name == "/cmd_vel"]
@@ -321,7 +353,7 @@ class GateMachine(RuleBasedStateMachine):
 
     @rule(wire=wires, value=st.booleans())
     def call(self, wire: Wire, value: bool) -> None:
-        if isinstance(wire, HttpWire):  # Its request would wait.
+        if isinstance(wire, HttpWire) or wire.is_request:  # Its request would wait.
             return
         before = list(self.blinks)
         wire.ask("/blink", {"data": value})
@@ -337,10 +369,8 @@ class GateMachine(RuleBasedStateMachine):
             self.model.pending[id] = (wire.person, value)
 
     def _waiting(self) -> list[str]:
-        heard: list[Any] = []
         self.wait(1)
-        self.robot.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals").close()
-        return [each.id for each in heard[-1].approvals] if heard else []
+        return [each.id for each in self.robot.gate.approvals.pending]
 
     @precondition(lambda self: self.model.pending)
     @rule(wire=wires, data=st.data(), is_approved=st.booleans())
@@ -384,7 +414,8 @@ class GateMachine(RuleBasedStateMachine):
         assert answer["success"] is (not self.model.is_stopped and self.model.may_take(wire.person)), answer
         if answer["success"]:
             self.model.give(wire.person)
-            self._learn_name(wire)
+            if not self._end_request(wire):
+                self._learn_name(wire)
             if before not in (None, wire.person):
                 self._require_stop()
 
@@ -430,13 +461,14 @@ class GateMachine(RuleBasedStateMachine):
 
     @rule(limit=st.sampled_from(LIMITS))
     def reload(self, limit: float) -> None:
-        self.robot.access.reload(
-            settings_of({"rules": _rules(self.take, limit), "emergency": {"release_roles": ["*"]}})
-        )
+        self._reload(settings_of(self._gate(limit)))
+        self.model.limit = limit
+
+    def _reload(self, changed: Settings) -> None:
+        self.robot.access.reload(changed)
         gateways: tuple[Gateway, ...] = (self.robot.bridge, self.bridges["bson"], self.foxglove, self.http)
         for gateway in gateways:
             gateway.reload_roles()
-        self.model.limit = limit
 
     @rule(milliseconds=st.sampled_from([1, 100, 449, 450, 451, 700, 950, 1000, 1500]))
     def wait(self, milliseconds: int) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from contextvars import copy_context
-from functools import partial
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
@@ -21,7 +20,7 @@ from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import Durability
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rwt.access.client_graph import ClientPublisher
     from rwt.access.gate.approvals import Approval
@@ -446,13 +445,21 @@ class ClientGate:
     def note_call(self, service: str, written: list[str], request: Payload) -> None:
         """Record a call that is sent, with the request if it sets parameters."""
         recorder = self._gate.recorder
-        if recorder.keeps_all:
+        if not recorder.keeps_all:
+            return
+        if not written:
+            recorder.note("allowed", "call", service, self._actor)
+            return
+        after = _shown(request)
+
+        def note(values: Mapping[str, object]) -> None:
             for name in written:
+                before = values.get(name)
                 recorder.note(
-                    "allowed", "set_param", name, self._actor, f"by {service}", after=partial(_shown, request)
+                    "allowed", "set_param", name, self._actor, f"by {service}", before=before, after=after
                 )
-            if not written:
-                recorder.note("allowed", "call", service, self._actor)
+
+        self._gate.read_parameters(written, note)
 
     def call(
         self, needed: Needed, request: Payload, send: Callable[[Payload], PendingCall], on_reply: OnReply

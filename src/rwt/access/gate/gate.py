@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import re
 from collections import deque
+from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt.access.disclosure import affected_parameters
 from rwt.access.errors import GateRefused
@@ -17,17 +18,19 @@ from rwt.access.gate.fields import (
     describe_fields,
     has_finite_numbers,
 )
-from rwt.access.gate.record import Actor
+from rwt.access.gate.record import Actor, bounded
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.state import GATE_NODE, GateState
 from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic
 from rwt.access.graph_view import canonical
 from rwt.access.roles import absolute_globs, glob_pattern
+from rwt_graph.parameters.values import decode
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, NotFound, ParameterRejected
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from rwt.access.audit import Audit
     from rwt.access.gate.rules import GatedAct, Rule
@@ -50,6 +53,9 @@ _MAX_PARAMETERS: Final = 1000
 
 #: Maximum number of characters of a client's name for a parameter in an error text.
 _MAX_NAME: Final = 80
+
+#: Seconds for which a node's parameter is read before its change is recorded without the value before.
+_READ_SECONDS: Final = 2.0
 
 #: Maximum number of publishers of `cancel` topics.
 _MAX_CANCELS: Final = 64
@@ -438,6 +444,36 @@ class Gate(GateState):
                 )
             found.update(dict.fromkeys(names))
         return list(found)
+
+    def read_parameters(self, names: list[str], on_values: Callable[[Mapping[str, object]], None]) -> None:
+        """Read parameters of the tree, or of one node, before they are set.
+
+        Args:
+            names: full names.
+            on_values: called once with the values by full name, without those that are not set: at once,
+                unless the node is in another process.
+        """
+        node, is_of_node, _ = names[0].partition(":")
+        values: dict[str, object] = {}
+        info = self._graph.service(f"{node}/get_parameters") if is_of_node else None
+        if info is None:
+            for name in names:
+                with suppress(NotFound):
+                    self._graph.parameters.read(name, partial(values.__setitem__, name))
+            on_values({name: bounded(value) for name, value in values.items()})
+            return
+
+        def on_reply(outcome: Payload | CallFailed) -> None:
+            if isinstance(outcome, Payload):
+                read: Any = outcome.value()
+                with suppress(ParameterRejected):  # A client may offer this service, too.
+                    values.update(
+                        (name, decode(each)) for name, each in zip(names, read.values, strict=False)
+                    )
+            on_values(values)
+
+        request = Payload.from_value(info.type.request, {"names": [name.partition(":")[2] for name in names]})
+        self.participant.call_service(info.name, request, on_reply, _READ_SECONDS)
 
     def require_finite(self, rule: Rule, payload: Payload, text: str = "") -> None:
         """Check that all numbers of a message are finite, whose fields the rule's limits are not for.

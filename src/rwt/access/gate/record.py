@@ -255,7 +255,7 @@ class Recorder:
         for what, value in (("before", before), ("after", after)):
             given = value() if callable(value) else value
             if given is not None:
-                line[what] = _bounded(given)
+                line[what] = bounded(given)
         is_written = self._put(line, decision, source)
         if is_written and is_counted and repeated is None and len(name) <= _MAX_NAME:
             is_full = len(self._repeated) >= _MAX_REPEATED
@@ -325,7 +325,7 @@ def _text(text: str, limit: int) -> str:
     return text[:limit].encode(errors="backslashreplace").decode()
 
 
-def _bounded(value: object) -> object:
+def bounded(value: object) -> object:
     """Return a value as it is written: as JSON, truncated if it is long."""
     text = encode(value)
     return value if len(text) <= _MAX_VALUE_BYTES else f"{text[:_MAX_VALUE_BYTES].decode(errors='ignore')}…"
