@@ -34,6 +34,8 @@ logger = logging.getLogger("rwt.nodes.video")
 
 #: Images of a video that may wait for a viewer. An image by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4
+#: Age of a queued frame above which a viewer continues at a new key frame.
+_LATE_SECONDS: Final = 0.3
 #: Seconds without room for an image after which a viewer may be replaced by another.
 STALLED_SECONDS: Final = 5.0
 #: Minimum seconds between key frames for slow viewers: they are large, and every viewer gets them.
@@ -98,6 +100,13 @@ class Viewer:
         self._handed_over = self._broadcast.now()
         self._broadcast.wake()
         return image
+
+    def skip_late(self) -> None:
+        """Drop queued images if the first is old, and continue at a new key frame."""
+        if self._waiting and self._broadcast.now() - self._waiting[0].at_ms / 1000 > _LATE_SECONDS:
+            self._drop(len(self._waiting))
+            self._begun = False
+            self._broadcast.ask_for_key(at_once=len(self._broadcast.viewers) == 1)
 
     def count_sent(self, image: Encoded) -> None:
         """Count an image that was sent."""
@@ -264,9 +273,11 @@ class Broadcast:
         """Wake the encoder's task: there is a new message, a new viewer or room in a queue."""
         self._woken.set()
 
-    def ask_for_key(self) -> None:
+    def ask_for_key(self, *, at_once: bool = False) -> None:
         """Request a key frame for a viewer that lost images; it is delayed, since every viewer gets it."""
         self._key_asked = True
+        self._key_wanted |= at_once
+        self.wake()
 
     def _takes_key(self, now: float) -> bool:
         """Return True if the next image is a key frame; the request is used up."""

@@ -72,7 +72,9 @@ def timestamp(image: Encoded) -> str:
 
 
 async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """Send a video that begins with the viewer's first image, at time 0."""
+    """Send a video that begins with the viewer's first image, at time 0. Frames that are late when the
+    connection can take them are left out.
+    """
     viewer = join()
     try:
         container: Webm | Mp4 | None = None
@@ -87,6 +89,7 @@ async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None
             counts.sent += 1
             counts.sent_bytes += len(part)
             yield part
+            viewer.skip_late()
     finally:
         viewer.leave()
 

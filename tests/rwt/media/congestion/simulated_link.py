@@ -31,6 +31,7 @@ class Link:
         queue: seconds of the longest queue.
         cross: bits per second of other traffic by time.
         uses: part of the rate that the encoder uses, by time.
+        held_until: time at which packets arrive that would arrive at a given time: a busy receiver.
     """
 
     bits: Callable[[float], float]
@@ -40,6 +41,7 @@ class Link:
     queue: float = 1.0
     cross: Callable[[float], float] = lambda now: 0.0
     uses: Callable[[float], float] = lambda now: 1.0
+    held_until: Callable[[float], float] = lambda now: 0.0
 
 
 @dataclass
@@ -111,7 +113,7 @@ class Simulation:
         rate = self.controller.rate(now)
         if now < self._frame_at or self._outgoing or self._probe is not None:
             return
-        if self._pacer.frame_delay(rate, now) > 0:
+        if self._pacer.frame_delay(now) > 0:
             return
         self._probe = self.controller.next_probe(now)
         self._frame_at = max(self._frame_at + 1 / HZ, now)
@@ -148,7 +150,7 @@ class Simulation:
             return
         self._backlog_bits += 8 * size
         arrives = now + self._backlog_bits / bits + link.delay + self._random.uniform(0, link.jitter)
-        heappush(self._flying, (arrives, number, size, made))
+        heappush(self._flying, (max(arrives, link.held_until(arrives)), number, size, made))
 
     def _carry(self, run: Run) -> None:
         now, link = self._now, self._link

@@ -261,6 +261,22 @@ async def test_a_slow_viewer_beside_a_fast_one_goes_on_at_the_next_key_picture(v
     assert (await _next(slow), await _next(slow)) == (6, 7)
 
 
+async def test_what_is_late_is_left_out_up_to_a_new_key_picture(video: Studio) -> None:
+    viewer = video.join()
+    for number in range(4):
+        video.publish(number)
+        await until(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
+    assert await _next(viewer) == 0
+    viewer.skip_late()
+    assert await _next(viewer) == 1
+    video.clock.advance(1.0)  # Its connection takes no more meanwhile.
+    viewer.skip_late()
+    assert video.counts.dropped == 2
+    video.publish(4)
+    assert await _next(viewer) == 4
+    assert video.encoder.keys == [True, False, False, False, True]
+
+
 async def test_a_key_picture_takes_the_place_of_what_waits(video: Studio) -> None:
     slow, fast = video.join(), video.join()
     for number in range(3):
