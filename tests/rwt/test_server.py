@@ -145,6 +145,22 @@ async def test_what_cannot_take_effect_is_refused(arguments: dict[str, Any], tex
     assert text in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"limits": {"connections": -1}}, "`limits.connections`: expected a whole number of at least 1"),
+        ({"limts": {}}, "unknown setting `limts`; did you mean `limits`?"),
+        ({"distro": "foxy"}, '`distro`: expected "jazzy" or "noetic", got \'foxy\''),
+        ({"auth": {"tokens": {"a": {"token": "x"}}}}, "`auth.tokens.a.token`: expected 16 to 256 of"),
+        ({"workers": 2, "recorder": {"folder": "."}}, "`recorder.folder`: a recorder sees one process"),
+    ],
+)
+def test_settings_in_code_are_explained_as_those_of_a_file(values: dict[str, Any], text: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        Settings(**values)
+    assert str(refused.value).startswith(text)
+
+
 async def test_a_graph_that_runs_already_goes_on() -> None:
     async with MemoryGraph() as graph:
         async with Server(URL, graph=graph) as server:
