@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import msgspec
 
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
 
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+logger = logging.getLogger(__name__)
+
+#: Duration in seconds from which on a callback is reported: no other client is served meanwhile.
+HELD_SECONDS: Final = 1.0
 
 #: Accepted forms of a message; values are checked and completed according to its type.
 MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | DataclassInstance"
@@ -117,6 +123,22 @@ def check_arguments(verb: str, type: object = None, function: object = len) -> N
         raise TypeError(f'{verb}: expected the name of a type, such as "std_msgs/String", got {type!r}')
 
 
+def warn_of_held_loop(callback: object, what: str, took: float) -> None:
+    """Log a warning about a callback that has run for at least :data:`HELD_SECONDS`.
+
+    Args:
+        what: kind of the callback, with its topic or service.
+        took: its duration in seconds.
+    """
+    logger.warning(
+        "%s %s took %.1f s and held the event loop: make it an `async def` function, and await"
+        " `anyio.to_thread.run_sync(…)` for work that blocks",
+        what,
+        getattr(callback, "__qualname__", None) or repr(callback),
+        took,
+    )
+
+
 def call_handler(
     handler: ServiceHandler,
     request: Message,
@@ -135,7 +157,10 @@ def call_handler(
         now: time for headers without a stamp, nanoseconds since the epoch.
     """
     try:
+        began = time.perf_counter()
         answer = handler(request)
+        if (took := time.perf_counter() - began) >= HELD_SECONDS:
+            warn_of_held_loop(handler, "service handler", took)
         if not inspect.isawaitable(answer):
             reply(to_payload(response, {} if answer is None else answer, now))
             return

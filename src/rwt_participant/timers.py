@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
 from typing import Final, Protocol, Self
 
-from rwt_participant.messages import is_coroutine_function
+from rwt_participant.messages import HELD_SECONDS, is_coroutine_function, warn_of_held_loop
 
 logger = logging.getLogger(__name__)
 
@@ -141,7 +142,10 @@ class PeriodicTimer(Timer):
             self._loop.spawn(self._call_in_task, "timer")
             return
         try:
+            began = time.perf_counter()
             self._callback()
+            if (took := time.perf_counter() - began) >= HELD_SECONDS:
+                warn_of_held_loop(self._callback, "timer callback", took)
         except Exception:
             logger.exception("a timer's callback failed")
 

@@ -53,7 +53,7 @@ def _data_channel() -> Connector:
         from rwt_transports.webrtc.connector import DataChannelConnector  # An optional dependency.
     except ImportError as missing:
         raise ConnectError(
-            f"webrtc+http:// and webrtc+https:// need aiortc: pip install aiortc ({missing})"
+            f"webrtc+http(s):// needs aiortc: pip install 'robot-web-tools[webrtc]' ({missing})"
         ) from missing
     return DataChannelConnector()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
@@ -12,8 +14,12 @@ import pytest
 from rwt import BlockingNode, Server, Settings, SettingsError
 from rwt.blocking import Loop
 from rwt_client.blocking import connect
+from rwt_client.endpoints import subscriptions
 from rwt_graph import NotRunning
+from rwt_graph.nodes import endpoints
+from rwt_participant import messages, timers
 from rwt_participant.errors import NotFound, ServiceFailed, TimedOut, WrongThread
+from tests.waiting import wait_until
 
 URL = "ws://127.0.0.1:0"
 
@@ -41,6 +47,42 @@ def test_a_script_is_a_robot(loop: Loop) -> None:
         status, result = goal.result()
         assert (status.name, list(result.sequence)) == ("SUCCEEDED", [0, 1, 2])
         assert [list(each.sequence) for each in feedback] == [[0]]
+
+
+def test_a_blocking_node_has_everything_that_a_node_has() -> None:
+    with Server(URL) as robot:
+        has = {name for name in dir(robot.node) if not name.startswith("_")}
+        assert has - set(dir(robot)) == {"graph", "blocking", "run", "run_blocking"}, (
+            "for the loop's own thread"
+        )
+        robot.log.info("ready")
+        robot.parameters.declare("speed", 1.0)
+        assert robot.params.get(f"{robot.name}:speed") == 1.0
+        began = robot.clock.monotonic()
+        robot.clock.sleep(0.02)
+        assert robot.clock.monotonic() >= began + 0.02
+
+
+def test_a_callback_that_holds_the_loop_is_named(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for module in (messages, timers, endpoints, subscriptions):
+        monkeypatch.setattr(module, "HELD_SECONDS", 0.05)
+
+    def slow(*_: object) -> None:
+        time.sleep(0.06)
+
+    with Server(URL) as robot, connect(robot.server.urls[0]) as client:
+        robot.subscribe("/a", slow, "std_msgs/Empty")
+        client.subscribe("/a", slow, "std_msgs/Empty")
+        robot.advertise_service("/s", "std_srvs/Empty", slow)
+        timer = robot.create_timer(0.01, slow)
+        client.call("/s")
+        client.publish("/a", {}, "std_msgs/Empty")
+        wait_until(lambda: caplog.text.count("callback of /a: ") >= 2)
+        wait_until(lambda: "timer callback " in caplog.text)
+        timer.cancel()
+        assert re.search(r"service handler .*\.slow took 0\.\d s and held the event loop", caplog.text)
 
 
 def test_a_script_is_also_a_client_of_its_own_graph(loop: Loop) -> None:

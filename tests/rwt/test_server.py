@@ -116,7 +116,7 @@ JAZZY_GRAPH = MemoryGraph()
         ({"distor": "noetic"}, "unknown setting `distor`; did you mean `distro`?"),
         ({"distro": "kinetic"}, '`distro`: expected "jazzy" or "noetic", got \'kinetic\''),
         ({"listen": [URL]}, "`listen`: given twice"),
-        ({"graph": "zeno"}, '`graph`: expected "memory" or "ros2" or "zenoh"'),
+        ({"graph": "zeno"}, '`graph`: expected "memory" or "ros1" or "ros2" or "zenoh"'),
         ({"workers": 4}, "4 processes cannot share the graph of this program"),
         ({"workers": 4, "script": Path("robot.toml")}, "script: sees one process only"),
         ({"interfaces": ["/nowhere"]}, "`interfaces`: /nowhere"),
@@ -143,6 +143,22 @@ async def test_what_cannot_take_effect_is_refused(arguments: dict[str, Any], tex
         async with Server(URL, **arguments):
             raise AssertionError("it serves")
     assert text in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"limits": {"connections": -1}}, "`limits.connections`: expected a whole number of at least 1"),
+        ({"limts": {}}, "unknown setting `limts`; did you mean `limits`?"),
+        ({"distro": "foxy"}, '`distro`: expected "jazzy" or "noetic", got \'foxy\''),
+        ({"auth": {"tokens": {"a": {"token": "x"}}}}, "`auth.tokens.a.token`: expected 16 to 256 of"),
+        ({"workers": 2, "recorder": {"folder": "."}}, "`recorder.folder`: a recorder sees one process"),
+    ],
+)
+def test_settings_in_code_are_explained_as_those_of_a_file(values: dict[str, Any], text: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        Settings(**values)
+    assert str(refused.value).startswith(text)
 
 
 async def test_a_graph_that_runs_already_goes_on() -> None:

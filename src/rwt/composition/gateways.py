@@ -49,7 +49,7 @@ def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpEx
         from rwt.gateways.mcp.gateway import McpGateway
     except ModuleNotFoundError as error:
         raise SettingsError(
-            f"`gateways`: mcp needs {error.name}, which is not installed: pip install mcp"
+            f"`gateways`: mcp needs {error.name}, which is not installed: pip install 'robot-web-tools[mcp]'"
         ) from None
     from rwt.composition.recordings import RecordingFolder
 

@@ -83,7 +83,7 @@ def make_graph(
         from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # Optional: imported only if configured.
     except ImportError as error:
         raise SettingsError(
-            "`graph`: the graph over Zenoh needs more packages: pip install eclipse-zenoh xxhash"
+            "`graph`: the graph over Zenoh needs more packages: pip install 'robot-web-tools[zenoh]'"
         ) from error
     options = ZenohOptions(
         zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain

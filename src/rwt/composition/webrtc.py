@@ -45,7 +45,9 @@ async def webrtc_peers(
         from rwt_transports.webrtc.peer import PeerTerms
         from rwt_transports.webrtc.signalling import PeerBounds, open_peers
     except ImportError as missing:
-        raise SettingsError(f"`webrtc.enabled` needs aiortc: pip install aiortc ({missing})") from missing
+        raise SettingsError(
+            f"`webrtc.enabled` needs aiortc: pip install 'robot-web-tools[webrtc]' ({missing})"
+        ) from missing
     try:
         urls = tuple(check_ice_url(url) for url in settings.servers)
     except BadIceServer as error:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rwt.access.settings import (
     BUILT_IN_ROLES,
@@ -17,6 +17,7 @@ from rwt.access.settings import (
     PlainToken,
     Seconds,
     SecondsOrNone,
+    SettingsError,
     Table,
     TlsSettings,
 )
@@ -222,7 +223,22 @@ class WebSettings(Table):
 
 
 class Settings(BridgeSettings):
-    """All settings of a server."""
+    """All settings of a server.
+
+    Raises:
+        SettingsError: a setting is unknown, or a value is invalid.
+    """
+
+    if not TYPE_CHECKING:  # Checkers know the arguments from the fields.
+
+        def __init__(self, **values: object) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                from rwt.settings.errors import explain  # It needs this class.
+
+                key, text = explain(error)
+                raise SettingsError(text, key) from None
 
     listen: Annotated[
         tuple[str, ...],

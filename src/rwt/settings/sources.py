@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pydantic import ValidationError
-
 from rwt.access.settings import SettingsError
-from rwt.settings.errors import Key, explain, is_list, kind_of
+from rwt.settings.errors import Key, is_list, kind_of
 from rwt.settings.models import Settings
 
 ENVIRONMENT_PREFIX: Final = "RWT_"
@@ -111,10 +109,10 @@ def load_settings(
         _put(values, each.key, each.value)
         sources[each.key] = each.source
     try:
-        settings = Settings.model_validate(values)
-    except ValidationError as error:
-        key, text = explain(error)
-        raise SettingsError(f"{_where(key, text, sources, file)}: {text}") from None
+        settings = Settings(**values)
+    except SettingsError as error:
+        text = str(error)
+        raise SettingsError(f"{_where(error.key, text, sources, file)}: {text}", error.key) from None
     return LoadedSettings(settings, sources, file)
 
 
@@ -131,13 +129,7 @@ def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Se
     given = settings or Settings()
     if not changes:
         return given
-    try:
-        return Settings.model_validate(
-            {**{name: getattr(given, name) for name in given.model_fields_set}, **changes}
-        )
-    except ValidationError as error:
-        _, text = explain(error)
-        raise SettingsError(text) from None
+    return Settings(**{**{name: getattr(given, name) for name in given.model_fields_set}, **changes})
 
 
 def read_settings(path: Path) -> Settings:

@@ -55,7 +55,7 @@ def own_certificate(settings: TlsSettings, now: datetime.datetime | None = None)
 
         from rwt.tls import kept
     except ImportError as error:
-        raise SettingsError(f"tls.auto: needs {error.name}: pip install cryptography ifaddr segno") from error
+        raise SettingsError(f"tls.auto: needs {error.name}: pip install 'robot-web-tools[tls]'") from error
     now = now or datetime.datetime.now(datetime.UTC)
     folder = settings.folder or default_folder()
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
 
 import anyio
@@ -16,7 +17,13 @@ from rwt_client.wire.decoding import MessageReader, UnparsedMessage
 from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
 from rwt_participant.handles import QUEUE_BYTES, MessageQueue, Subscription
-from rwt_participant.messages import Message, MessageCallback, is_coroutine_function
+from rwt_participant.messages import (
+    HELD_SECONDS,
+    Message,
+    MessageCallback,
+    is_coroutine_function,
+    warn_of_held_loop,
+)
 from rwt_participant.qos import QoS
 from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
@@ -194,7 +201,10 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     def _call_at_once(self, message: Message) -> None:
         assert self._callback is not None  # Only subscriptions with a callback are direct.
         try:
+            began = perf_counter()
             self._callback(message)
+            if (took := perf_counter() - began) >= HELD_SECONDS:
+                warn_of_held_loop(self._callback, f"callback of {self.name}:", took)
         except Exception:
             logger.exception("a subscriber of %s failed", self.name)
 

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 from rwt_graph import api
 from rwt_graph.api import Graph, Sample
 from rwt_participant.errors import HandleClosed
 from rwt_participant.handles import MessageQueue, Publisher, Subscription
-from rwt_participant.messages import Message, MessageCallback, MessageLike, is_coroutine_function, to_payload
+from rwt_participant.messages import (
+    HELD_SECONDS,
+    Message,
+    MessageCallback,
+    MessageLike,
+    is_coroutine_function,
+    to_payload,
+    warn_of_held_loop,
+)
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -107,6 +116,10 @@ def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | Non
         return None
 
     def receive(sample: Sample) -> None:
-        callback(sample.payload.value())
+        message = sample.payload.value()
+        began = perf_counter()
+        callback(message)
+        if (took := perf_counter() - began) >= HELD_SECONDS:
+            warn_of_held_loop(callback, f"callback of {sample.topic}:", took)
 
     return receive

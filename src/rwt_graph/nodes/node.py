@@ -20,7 +20,7 @@ from concurrent.futures import Future
 from typing import TypeVar
 
 from rwt_graph.api import Graph
-from rwt_graph.clock import SimulatedClock
+from rwt_graph.clock import Clock, SimulatedClock
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.actionlib import ActionlibServer
 from rwt_graph.nodes.graph_robot import GraphRobot, GraphServer
@@ -28,12 +28,14 @@ from rwt_graph.nodes.logs import NodeLog, rosout_qos
 from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
 from rwt_graph.parameters.services import EVENTS_QOS, ParameterEvents, ParameterServices
 from rwt_participant.blocking import (
+    Blocking,
     BlockingHandle,
     BlockingPublisher,
     BlockingSubscription,
     BlockingTransforms,
     BlockingVerbs,
     holds,
+    runs,
     waits,
 )
 from rwt_participant.errors import WrongThread
@@ -188,18 +190,39 @@ class _GraphThread:
         return self._graph.on_graph_thread()
 
 
+class BlockingClock(Blocking[Clock]):
+    """Clock of the graph; see :class:`~rwt_graph.clock.Clock`."""
+
+    time_ns = runs(Clock.time_ns)
+    monotonic = runs(Clock.monotonic)
+    sleep = waits(Clock.sleep)
+
+
 class BlockingGraphNode(BlockingVerbs[Node]):
     """Node for other threads than its graph's: its verbs block; see :class:`Node` for them.
 
     Attributes:
-        node: the node itself, with everything that is missing here.
+        node: the node itself.
+        name, namespace: absolute name, and the namespace of relative names.
+        log: log of the node.
+        parameters: parameters that the node itself declares.
+        clock: clock of the graph.
         tf: transforms between frames.
+        distro: ROS distribution of the graph.
+        registry: interfaces that the graph knows.
     """
 
     def __init__(self, node: Node) -> None:
         super().__init__(_GraphThread(node), node)
         self.node = node
+        self.name = node.name
+        self.namespace = node.namespace
+        self.log = node.log
+        self.parameters = node.parameters
+        self.clock = BlockingClock(self._loop, node.clock)
         self.tf = BlockingTransforms(self._loop, node.tf)
+        self.distro = node.distro
+        self.registry = node.registry
 
     advertise = holds(Node.advertise, BlockingPublisher)
     publish = holds(Node.publish, BlockingPublisher)
@@ -208,3 +231,7 @@ class BlockingGraphNode(BlockingVerbs[Node]):
     once = waits(Node.once)
     call = waits(Node.call)
     advertise_action = holds(Node.advertise_action, BlockingHandle)
+    serve_over_topics = holds(Node.serve_over_topics, BlockingHandle)
+    subscribe_samples = holds(Node.subscribe_samples, BlockingHandle)
+    resolve = runs(Node.resolve)
+    close = runs(Node.close)

@@ -32,7 +32,7 @@ try:
     from rwt_protocol.codecs.bson_decoder import check_structure
 except ImportError as missing:
     raise EncodingUnavailable(
-        "BSON needs the package pymongo, which is not installed: pip install pymongo"
+        "BSON needs the package pymongo, which is not installed: pip install 'robot-web-tools[bson]'"
     ) from missing
 
 _SMALLEST_LEVEL: Final = 7

@@ -71,7 +71,7 @@ def test_without_the_extra_the_command_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rwt_graph.zenoh", None)
     assert main(["serve", "--graph", "zenoh"]) == 2
-    assert "pip install eclipse-zenoh xxhash" in capsys.readouterr().err
+    assert "pip install 'robot-web-tools[zenoh]'" in capsys.readouterr().err
 
 
 def test_a_server_without_it_does_not_load_it() -> None:

@@ -114,7 +114,7 @@ def test_without_the_extra_it_is_said_how_to_have_it(tmp_path: Path) -> None:
         check=False,
     )
     assert found.returncode == 2, found.stderr
-    assert "pip install cryptography ifaddr segno" in found.stderr
+    assert "pip install 'robot-web-tools[tls]'" in found.stderr
 
 
 @pytest.mark.parametrize("option", ["tls.certfile=a.pem", "tls.names=a b"])

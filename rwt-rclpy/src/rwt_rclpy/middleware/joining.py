@@ -67,7 +67,9 @@ def _graph(place: str) -> Graph:
         try:
             from rwt_graph.zenoh import ZenohGraph
         except ImportError as error:
-            raise CannotJoin(f"{place} needs the extra `zenoh`: {error}") from error
+            raise CannotJoin(
+                f"{place} needs more packages: pip install 'robot-web-tools[zenoh]' ({error})"
+            ) from error
         endpoints = [rest] if rest else []
         return ZenohGraph(classes().registry, connect=endpoints, domain=domain_of(None))
     if "://" in place:

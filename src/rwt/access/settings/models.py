@@ -30,7 +30,15 @@ from rwt_transports.limits import Limits
 
 
 class SettingsError(ValueError):
-    """A setting that cannot be used; the text says which, where it stands and what is expected."""
+    """A setting that cannot be used; the text says which, where it stands and what is expected.
+
+    Attributes:
+        key: path of the setting; empty if it is not known.
+    """
+
+    def __init__(self, text: str, key: tuple[str, ...] = ()) -> None:
+        super().__init__(text)
+        self.key = key
 
 
 def _check_rate(seconds: float) -> float:

@@ -38,5 +38,5 @@ def require(library: str) -> None:
     """Raise :exc:`ExtraMissing` unless `library`, ``mcap`` or ``rosbags``, can be imported."""
     if find_spec(library) is None:
         raise ExtraMissing(
-            f"recordings need the library {library}, which is not installed: pip install mcap rosbags"
+            f"recordings need {library}, which is not installed: pip install 'robot-web-tools[mcap]'"
         )

@@ -301,7 +301,8 @@ def _check_codec(stream: StreamRequest) -> None:
     if isinstance(stream.coding, Video) and importlib.util.find_spec("av") is None:
         raise RequestRefused(
             501,
-            f"{stream.type} needs PyAV on the server: pip install av; mjpeg and png need nothing",
+            f"{stream.type} needs PyAV on the server: pip install 'robot-web-tools[video]';"
+            " mjpeg and png need nothing",
         )
 
 

@@ -163,7 +163,7 @@ def test_without_the_extra_it_is_said_what_to_install(
     monkeypatch.setattr(errors, "find_spec", lambda name: None)
     for path in (tmp_path / "run.mcap", tmp_path / "run.bag"):
         path.write_bytes(b"")
-        with pytest.raises(ExtraMissing, match="pip install mcap rosbags"):
+        with pytest.raises(ExtraMissing, match=r"pip install 'robot-web-tools\[mcap\]'"):
             open_recording([path])
     with pytest.raises(ExtraMissing):
         RecordingWriter(tmp_path / "new.mcap", JAZZY)

@@ -440,7 +440,7 @@ async def test_video_without_pyav_names_the_extra(theatre: Theatre, monkeypatch:
     for page in ("stream", "stream_viewer"):
         answer = await theatre.gets(f"/{page}?topic=/cam/image&type=vp8")
         assert answer.status == 501
-        assert b"pip install av" in answer.body
+        assert b"pip install 'robot-web-tools[video]'" in answer.body
 
 
 async def test_head_says_what_get_would_and_starts_nothing(theatre: Theatre) -> None:

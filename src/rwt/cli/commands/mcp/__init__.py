@@ -28,7 +28,7 @@ examples:
   RWT_TOKEN=… rwt mcp --robot wss://robot.example.com --act --confirm '*'
 the agent starts it, and uses the Model Context Protocol on standard input and output:
   {"mcpServers": {"robot": {"command": "rwt", "args": ["mcp", "--robot", "ws://robot:9090"]}}}
-requires the extra `mcp`: pip install mcp"""
+requires the extra `mcp`"""
 
 
 def add_mcp_command(commands: Commands) -> None:
@@ -64,7 +64,9 @@ def _run(arguments: Arguments) -> int:
     try:
         from mcp.server.stdio import stdio_server
     except ModuleNotFoundError as error:
-        raise CommandError(f"this needs {error.name}, which is not installed: pip install mcp") from None
+        raise CommandError(
+            f"this needs {error.name}, which is not installed: pip install 'robot-web-tools[mcp]'"
+        ) from None
     from importlib.metadata import version
 
     from pydantic import ValidationError
