@@ -67,7 +67,7 @@ def make_graph(
     if make is not None:
         raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
     if settings.graph == "ros2":
-        joined: Graph = _ros2().Ros2Graph(registry, clock)
+        joined: Graph = _ros2().Ros2Graph(registry, clock, use_sim_time=settings.ros2.use_sim_time)
         return joined
     if settings.graph != "zenoh":
         # An entry point is what a program would pass to `Server` as `graph`.
