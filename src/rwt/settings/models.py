@@ -185,6 +185,12 @@ class ZenohSettings(Table):
     ] = 0
 
 
+class Ros2Settings(Table):
+    """Connection to the installed ROS 2. Used with `graph = "ros2"`."""
+
+    use_sim_time: Annotated[bool, Field(description="take ROS time from the topic `/clock`")] = False
+
+
 class RecorderSettings(Table):
     """Recordings that clients start and end, by `/recorder/start` and `/recorder/stop`. Needs the extra
     `mcap`."""
@@ -317,11 +323,12 @@ class Settings(BridgeSettings):
         _GRAPH_EXPECTED,
         Field(
             description="`zenoh` shares the graph with other processes and needs the extra `zenoh`;"
-            " `ros2` exchanges topics with the installed ROS 2; `ros1://robot:11311` joins a ROS 1 master,"
+            " `ros2` joins the installed ROS 2; `ros1://robot:11311` joins a ROS 1 master,"
             ' `ros1` that of ROS_MASTER_URI, both with `distro = "noetic"` by default'
         ),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
+    ros2: Ros2Settings = Ros2Settings()
     workers: Annotated[
         Count,
         Field(

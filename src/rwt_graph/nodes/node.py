@@ -86,7 +86,7 @@ class Node(GraphRobot):
             self.advertise_service(f"~/{name}", interface, handler)
         parameters.declare(
             "use_sim_time",
-            isinstance(self.clock, SimulatedClock),
+            not self.clock.is_real,
             description="whether the node is told to go by /clock; it goes by the clock of its graph",
             on_change=self._on_use_sim_time,
         )
@@ -94,7 +94,7 @@ class Node(GraphRobot):
 
     def _on_use_sim_time(self, value: ParameterValue) -> None:
         """Warn if the parameter contradicts the clock of the graph, which all its nodes share."""
-        simulated = isinstance(self.clock, SimulatedClock)
+        simulated = not self.clock.is_real
         if value != simulated:
             said, kind = ("true", "real") if value else ("false", "simulated")
             text = f"use_sim_time is {said} now; the time is still that of the graph, which is {kind}"

@@ -7,15 +7,20 @@ parameters, for programs written for ROS 1.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Awaitable, Callable
 from typing import TypeAlias, TypeVar
+
+import anyio
 
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
 from rwt_graph.parameters.values import decode, encode
 from rwt_participant.api import Parameters
-from rwt_participant.errors import NotFound, ParameterRejected, ProviderNotFound
+from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
 from rwt_participant.messages import Message, MessageLike, ParameterValue
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -118,9 +123,18 @@ class ParameterClient(Parameters):
 
     async def names(self) -> tuple[str, ...]:
         found = list(self._graph.parameters.names())
-        for service in self._graph.services():
-            if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":
-                node = service.name.removesuffix(_LIST)
-                response = await self._call(service.name, {}, ANSWER_TIMEOUT)
-                found += [f"{node}:{name}" for name in response.result.names]
+
+        async def ask(service: str) -> None:
+            node = service.removesuffix(_LIST)
+            try:
+                response = await self._call(service, {}, ANSWER_TIMEOUT)
+            except CallFailed as error:
+                logger.warning("the parameters of node %s are not listed: %s", node, error)
+            else:
+                found.extend(f"{node}:{name}" for name in response.result.names)
+
+        async with anyio.create_task_group() as group:
+            for service in self._graph.services():
+                if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":
+                    group.start_soon(ask, service.name)
         return tuple(sorted(found))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from typing import TYPE_CHECKING, Self
 
 from rwt_graph.actions.remote_goals import Ros2Actions
@@ -12,6 +13,7 @@ from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros2.ament import add_installed
 from rwt_graph.ros2.connection import Connection
 from rwt_graph.ros2.discovery import Discovery
+from rwt_graph.ros2.ros_time import RosTime
 from rwt_graph.ros2.services import Ros2Services
 from rwt_graph.ros2.topics import Ros2Topics
 from rwt_interfaces.registry import Registry
@@ -34,7 +36,7 @@ class Ros2Graph(MemoryGraph):
 
     Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 2 when it is
     entered. `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `RMW_IMPLEMENTATION` and the other variables of
-    ROS 2 apply. The graph's own `/rosout` and `/clock` and the global tree of parameters stay in the process.
+    ROS 2 apply. The global tree of parameters stays in the process.
 
     Topics, services and actions are exchanged with ROS 2. Its services have no errors: a caller in another
     process receives no answer from a service of this one that fails.
@@ -43,6 +45,7 @@ class Ros2Graph(MemoryGraph):
         registry: interfaces of a ROS 2 distribution; by default the standard ones, and those that are
             installed with ROS 2.
         clock: the wall clock by default.
+        use_sim_time: take ROS time from the topic `/clock`; replaces `clock`.
         domain: ROS_DOMAIN_ID; that of the environment by default.
         use_callbacks: False to wait for samples in a thread, as with middlewares without callbacks.
 
@@ -55,13 +58,14 @@ class Ros2Graph(MemoryGraph):
         registry: Registry | None = None,
         clock: Clock | None = None,
         *,
+        use_sim_time: bool = False,
         domain: int | None = None,
         use_callbacks: bool = True,
     ) -> None:
         if registry is None:
             registry = Registry()
             add_installed(registry)
-        super().__init__(registry, clock)
+        super().__init__(registry, RosTime() if use_sim_time else clock)
         if self.distro.ros_version != 2:
             raise Ros2Error(
                 f"a graph of {self.distro.name} cannot join ROS 2: use the graph in memory, "
@@ -70,6 +74,7 @@ class Ros2Graph(MemoryGraph):
         self._domain = domain
         self._use_callbacks = use_callbacks
         self._connection: Connection | None = None
+        self._time_source: MemoryParticipant | None = None
         self._ros_topics = Ros2Topics(self.topic_table, self.clock)
         self._ros_services = Ros2Services(self.service_table, self.registry, self.clock)
         self._discovery = Discovery(self, self._ros_topics, self._ros_services)
@@ -125,11 +130,17 @@ class Ros2Graph(MemoryGraph):
         self._ros_topics.open(connection)
         self._ros_services.open(connection)
         connection.wakeups.start()
+        if isinstance(self.clock, RosTime):
+            # No node of the graph, which would be listed.
+            self._time_source = self.make_participant(f"/_rwt_clock_{os.getpid()}")
+            self.clock.follow(self._time_source)
         logger.info("joined ROS 2 in domain %d", connection.domain)
 
     async def __aexit__(self, *exc: object) -> None:
         try:
             self._close_participants()
+            if self._time_source is not None:
+                self._time_source.close()
         finally:
             connection, self._connection = self._connection, None
             self._discovery.close()

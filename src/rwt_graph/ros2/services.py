@@ -16,6 +16,8 @@ from rwt_graph.memory.tables import NodeResources
 from rwt_graph.ros2.connection import now
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.serialise.unpack import compile_decoder
+from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
 from rwt_participant.errors import CallFailed
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ class Server:
         self._provider = provider
         self._services = services
         self._raw = connection.service(provider.owner, provider.name, provider.type)
+        self._decode = compile_decoder(provider.type.request, FOLLOWED_CDR)
         self._wakeup = connection.wakeups.add("service", self._raw.endpoint, self._take_batch)
         self._names = (provider.owner.name, provider.name)
         connection.own_services[self._names] = float("inf")
@@ -76,7 +79,7 @@ class Server:
             logger.warning("a request to %s is dropped: %d are unanswered", provider.name, _MOST_OPEN)
             return
         try:
-            request = Payload.from_cdr(provider.type.request, data)
+            request = Payload(provider.type.request, None, self._decode(data))
         except InvalidMessage as error:
             logger.warning("a request to %s from another process is dropped: %s", provider.name, error)
             return
@@ -110,6 +113,7 @@ class Client:
         self._clock = clock
         self._response = info.type.response
         self._raw = connection.client(owner, info.name, info.type)
+        self._decode = compile_decoder(self._response, FOLLOWED_CDR)
         self._wakeup = connection.wakeups.add("client", self._raw.endpoint, self._take_batch)
         self._waiting: deque[MemoryCall] = deque()
         # Open calls by number; those that count as the service's load are in `_load`.
@@ -176,7 +180,7 @@ class Client:
 
     def _reply(self, call: MemoryCall, data: bytes) -> None:
         try:
-            response = Payload.from_cdr(self._response, data)
+            response = Payload(self._response, None, self._decode(data))
         except InvalidMessage as error:
             call.fail(f"the answer of {call.service} is not a {self._response.name}: {error}")
         else:

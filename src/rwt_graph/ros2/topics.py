@@ -13,7 +13,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt_graph.api import Sample
-from rwt_graph.clock import SimulatedClock
 from rwt_graph.errors import Ros2Error
 from rwt_graph.ros2.connection import now
 from rwt_graph.ros2.history import ALL_RETAINED, Probe, RemoteHistory
@@ -188,7 +187,7 @@ class Ros2Topics:
         self.find_publishers: Callable[[str], None] = lambda _: None
         self._topics = topics
         self._clock = clock
-        self._is_simulated = isinstance(clock, SimulatedClock)
+        self._is_simulated = not clock.is_real
         self._connection: Connection | None = None
         self._channels: dict[str, Channel] = {}
         self._unavailable: set[str] = set()

@@ -217,7 +217,11 @@ def compile_decoder(message: MessageType, rules: WireRules) -> Callable[[bytes |
             raise InvalidMessage("", CUT_SHORT) from None
         rest = len(body) - used
         # Some middleware pads CDR to a multiple of four.
-        if rest and not (header and rest < 4 and len(body) % 4 == 0 and not any(bytes(body[used:]))):
+        if (
+            rest
+            and not rules.followed
+            and not (header and rest < 4 and len(body) % 4 == 0 and not any(bytes(body[used:])))
+        ):
             raise InvalidMessage("", f"{rest} bytes too many")
         message: msgspec.Struct = value
         return message

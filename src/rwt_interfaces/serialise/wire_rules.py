@@ -6,7 +6,7 @@ Both are little-endian here.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from rwt_interfaces import field_types
@@ -22,12 +22,14 @@ class WireRules:
         aligned: True if numbers are aligned to their size.
         terminated: True if strings end with a NUL, which their length counts.
         filler: bytes of a message without fields.
+        followed: True if any bytes may follow a message.
     """
 
     header: bytes
     aligned: bool
     terminated: bool
     filler: bytes
+    followed: bool = False
 
     def length_head(self, length: int, is_text: bool) -> bytes:
         """Return the length before a string or octets of that many bytes; padding precedes it."""
@@ -45,6 +47,9 @@ CDR: Final = WireRules(header=b"\0\1\0\0", aligned=True, terminated=True, filler
 The standard leaves `wstring` open; this is the form of Fast CDR, ROS 2's default: units of UTF-16 in four
 bytes each, counted by the length, without byte order mark and closing zero. CycloneDDS writes two bytes.
 """
+
+FOLLOWED_CDR: Final = replace(CDR, followed=True)
+"""CDR as Fast DDS's `rmw_serialize` writes it: as long as its estimate, which is too long for some types."""
 
 ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
 """The body of a TCPROS message, without its length prefix."""
