@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from rwt_graph.errors import Ros1Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.ros1.actions import Ros1Actions
 from rwt_graph.ros1.addresses import master_uri, own_address
 from rwt_graph.ros1.discovery import Discovery
 from rwt_graph.ros1.parameters import MasterParameters
@@ -62,8 +63,10 @@ class Ros1Graph(MemoryGraph):
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
         self._session: Session | None = None
+        self._ros_actions = Ros1Actions(self, self._ros_topics)
         self.topic_table.remote = self._ros_topics
         self.service_table.remote = self._ros_services
+        self.action_table.remote = self._ros_actions
 
     def make_participant(self, name: str) -> MemoryParticipant:
         return Ros1Participant(self, name)
@@ -100,6 +103,7 @@ class Ros1Graph(MemoryGraph):
         try:
             self._ros_topics.open(session, discovery)
             self._ros_services.open(session)
+            self._ros_actions.session = session
         except OSError as error:
             raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
         try:
@@ -120,7 +124,7 @@ class Ros1Graph(MemoryGraph):
             if session is not None:
                 await session.registrar.leave()
         finally:
-            self._session = None
+            self._session = self._ros_actions.session = None
             self._ros_topics.close()
             self._ros_services.close()
             if session is not None:

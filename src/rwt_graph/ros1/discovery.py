@@ -172,6 +172,12 @@ class Discovery:
         endpoint.cache = TransientLocalCache(qos, self._graph.clock) if is_latched else None
         return endpoint
 
+    def found_subscriber(self, topic: str, node: str, type: MessageType) -> None:
+        """Add a subscriber that has connected, before the tables list it."""
+        key = (topic, node, False)
+        if key not in self._endpoints and node not in self._session.own_names():
+            self._join(key, RemoteEndpoint(node, type.name, type, DEFAULT_QOS))
+
     # Types that no registration tells
 
     def _probe(self, key: object, ask: Callable[[], Awaitable[None]]) -> None:

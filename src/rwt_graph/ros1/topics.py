@@ -49,13 +49,14 @@ class Publication:
         publishers: publishers of the node, whose samples are sent.
     """
 
-    def __init__(self, node: Ros1Node, name: str, type: MessageType) -> None:
+    def __init__(self, node: Ros1Node, discovery: Discovery, name: str, type: MessageType) -> None:
         self.name = name
         self.type = type
         self.links: set[Link] = set()
         self.publishers: dict[MemoryPublisher, None] = {}
         self.registration = Registration("Publisher", name, type.name, node)
         self._node = node
+        self._discovery = discovery
         self._definition = type.registry.full_text(type)
 
     def add(self, publisher: MemoryPublisher) -> None:
@@ -106,6 +107,7 @@ class Publication:
         )
         link.on_close = self.links.discard
         self.links.add(link)
+        self._discovery.found_subscriber(self.name, link.caller, self.type)
         for publisher in self.publishers:
             self._send_retained(publisher, link)
 
@@ -283,10 +285,10 @@ class Ros1Topics:
 
     def changed(self, topic: Topic) -> None:
         if self._session is not None and self._discovery is not None:
-            self._follow_publishers(self._session, topic)
+            self._follow_publishers(self._session, self._discovery, topic)
             self._follow_subscribers(self._session, self._discovery, topic)
 
-    def _follow_publishers(self, session: Session, topic: Topic) -> None:
+    def _follow_publishers(self, session: Session, discovery: Discovery, topic: Topic) -> None:
         publishers = [each for each in topic.publishers if not each.owner.private]
         for node in session.nodes.values():
             publication = node.publications.get(topic.name)
@@ -297,7 +299,9 @@ class Ros1Topics:
             node = session.node_of(publisher.owner)
             publication = node.publications.get(topic.name)
             if publication is None:
-                publication = node.publications[topic.name] = Publication(node, topic.name, publisher.type)
+                publication = node.publications[topic.name] = Publication(
+                    node, discovery, topic.name, publisher.type
+                )
                 session.registrar.add(publication.registration)
             if publisher not in publication.publishers:
                 publication.add(publisher)

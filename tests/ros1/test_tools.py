@@ -1,0 +1,79 @@
+"""Debian's command-line tools of ROS 1 against a node of this process."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import anyio
+import anyio.to_thread
+import pytest
+
+from tests.waiting import until
+
+if TYPE_CHECKING:
+    from rwt_graph.ros1 import Ros1Graph
+    from tests.ros1.conftest import Ros
+
+pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture
+async def robot(ros: Ros, graph: Ros1Graph) -> AsyncIterator[list[str]]:
+    """The node `/talker`, which publishes ten times a second on `/chatter`; what it hears on `/commands`."""
+    node = graph.node("talker")
+    publisher = node.advertise("/chatter", "std_msgs/String")
+    heard: list[str] = []
+    node.subscribe("/commands", lambda message: heard.append(message.data), "std_msgs/String")
+    node.create_timer(0.1, lambda: publisher.publish({"data": "tick"}))
+    await until(lambda: {"/chatter", "/commands"} <= set(ros.tool("rostopic", "list").split()))
+    yield heard
+
+
+async def _tool(ros: Ros, *command: str) -> str:
+    return await anyio.to_thread.run_sync(partial(ros.tool, *command))
+
+
+@pytest.mark.usefixtures("robot")
+async def test_rostopic(ros: Ros, robot: list[str]) -> None:
+    assert (await _tool(ros, "rostopic", "echo", "-n", "2", "/chatter")).count('data: "tick"') == 2
+    info = await _tool(ros, "rostopic", "info", "/chatter")
+    assert "Type: std_msgs/String" in info
+    assert "/talker" in info
+    ros.start("rostopic", "pub", "-r", "10", "/commands", "std_msgs/String", "data: go")
+    await until(lambda: "go" in robot)
+    measured = ros.start("timeout", "-s", "INT", "6", "rostopic", "hz", "/chatter")
+    rate = (await anyio.to_thread.run_sync(measured.communicate))[0]
+    assert "average rate: " in rate
+
+
+@pytest.mark.usefixtures("robot")
+async def test_rosnode(ros: Ros, graph: Ros1Graph, caplog: pytest.LogCaptureFixture) -> None:
+    assert "/talker" in await _tool(ros, "rosnode", "list")
+    assert "xmlrpc reply" in await _tool(ros, "rosnode", "ping", "-c", "1", "/talker")
+    info = await _tool(ros, "rosnode", "info", "/talker")
+    assert "* /chatter [std_msgs/String]" in info
+    assert "* /talker/get_loggers" in info
+    assert "killed" in await _tool(ros, "rosnode", "kill", "/talker")
+    await until(lambda: "/talker" not in ros.tool("rosnode", "list"))
+    assert "leaves ROS 1" in caplog.text
+    assert graph.topic("/chatter") is not None
+
+
+@pytest.mark.usefixtures("robot")
+async def test_rosbag(ros: Ros, robot: list[str], tmp_path: Path) -> None:
+    bag = str(tmp_path / "a.bag")
+    await _tool(ros, "rosbag", "record", "--duration", "3", "-O", bag, "/chatter")
+    assert "std_msgs/String" in await _tool(ros, "rosbag", "info", bag)
+    await _tool(ros, "rosbag", "play", "--quiet", bag, "/chatter:=/commands")
+    await until(lambda: "tick" in robot)
+
+
+@pytest.mark.usefixtures("robot")
+async def test_roswtf_finds_no_error(ros: Ros) -> None:
+    _, _, found = (await _tool(ros, "roswtf")).partition("Beginning tests of your ROS graph")
+    assert "running graph rules" in found
+    assert "ERROR" not in found
+    assert "The following node subscriptions are unconnected:\n * /talker:\n   * /commands\n" in found
