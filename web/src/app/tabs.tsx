@@ -1,7 +1,10 @@
 /** Panels one at a time, for narrow screens. */
 
+import { X } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
+import { Icon } from "../forms/icon";
 import { t } from "../i18n/text";
+import { panelIcon } from "../panels/icons";
 import { panelKind } from "../panels/registry";
 import { framePanel } from "./panel_frame";
 import type { App, OpenPanel } from "./state";
@@ -48,6 +51,7 @@ export function Tabs({ app }: { app: App }) {
                 app.front.value = id;
               }}
             >
+              <Icon of={panelIcon(kind)} size={20} />
               {titleOf(kind)}
             </button>
           ))}
@@ -59,7 +63,7 @@ export function Tabs({ app }: { app: App }) {
             aria-label={t("panel.close", { name: titleOf(front.kind) })}
             onClick={() => app.close(front.id)}
           >
-            ×
+            <Icon of={X} />
           </button>
         )}
       </div>

@@ -96,6 +96,17 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
         <Stick drive={drive} disabled={idle} />
         <HoldButtons drive={drive} disabled={idle} sideways={config.value.sideways === true} />
       </div>
+      <output class="drive-sent">
+        <Meter value={linear} most={limits.linear} unit="m/s" /> ·{" "}
+        {lateral ? (
+          <>
+            <Meter value={lateral} most={limits.linear} unit={`m/s ${t("teleop.sideways")}`} /> ·{" "}
+          </>
+        ) : null}
+        <Meter value={angular} most={limits.angular} unit="rad/s" />
+      </output>
+      <Driver gate={stop.gate} topic={topic} session={session} />
+      <Clamped session={session} topic={topic} now={now.value} />
       <fieldset class="limits" data-scan-group aria-label={t("teleop.limits")}>
         <Limit context={context} name="linear" value={limits.linear} most={2} unit="m/s" />
         <Limit context={context} name="angular" value={limits.angular} most={3} unit="rad/s" />
@@ -109,18 +120,30 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
           {t("teleop.sideways.buttons")}
         </Check>
       </fieldset>
-      <output class="drive-sent">
-        {linear.toFixed(2)} m/s{lateral ? ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}` : ""} ·{" "}
-        {angular.toFixed(2)} rad/s
-      </output>
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {why && session.silence.value === 0 && <p class="blocked">{why}</p>}
-      <Clamped session={session} topic={topic} now={now.value} />
-      <Driver gate={stop.gate} topic={topic} session={session} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}
       </p>
     </fieldset>
+  );
+}
+
+/** A speed that is commanded, and a bar from the middle for its share of the limit. */
+function Meter({ value, most, unit }: { value: number; most: number; unit: string }) {
+  const bar = useRef<HTMLSpanElement>(null);
+  const share = Math.max(-1, Math.min(1, value / most)) * 50;
+  useLayoutEffect(() => {
+    bar.current?.style.setProperty("left", `${Math.min(50, 50 + share)}%`);
+    bar.current?.style.setProperty("width", `${Math.abs(share)}%`);
+  }, [share]);
+  return (
+    <span class="meter">
+      <b>{value.toFixed(2).replace("-", "−")}</b> {unit}
+      <span class="meter-bar" aria-hidden="true">
+        <span ref={bar} />
+      </span>
+    </span>
   );
 }
 
