@@ -9,7 +9,7 @@ import { Menu } from "../forms/menu";
 import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import { panelIcon } from "../panels/icons";
-import { panelKinds } from "../panels/registry";
+import { NARROW, panelKinds } from "../panels/registry";
 import { Banners } from "./banners";
 import { ConnectForm, TokenForm } from "./connect";
 import { BatteryFact, ClockFact, DriverFact, Footer, RecordingFact, RoleFact } from "./facts";
@@ -18,9 +18,6 @@ import { ScanBar } from "./scan";
 import { Side } from "./side";
 import type { App } from "./state";
 import { Tabs } from "./tabs";
-
-/** Screens that are narrower show one panel at a time. */
-const NARROW = "(max-width: 760px)";
 
 export function Shell({ app }: { app: App }) {
   const narrow = useSignal(matchMedia(NARROW).matches);
@@ -47,7 +44,7 @@ export function Shell({ app }: { app: App }) {
         {t("app.skip")}
       </a>
       <header>
-        <StopButton app={app} />
+        {!narrow.value && <StopButton app={app} />}
         <div class="robot">
           <span class="robot-mark">
             <Icon of={Bot} size={20} />
@@ -124,7 +121,7 @@ export function Shell({ app }: { app: App }) {
             <p class="waiting">{t("state.connecting")}…</p>
           )}
           {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
-          {narrow.value ? <Tabs app={app} /> : <Dock app={app} />}
+          {narrow.value ? <Tabs app={app} stop={<StopButton app={app} />} /> : <Dock app={app} />}
         </main>
       </div>
       <Notices app={app} />

@@ -1,6 +1,7 @@
 /** Panels one at a time, for narrow screens. */
 
 import { X } from "lucide";
+import type { ComponentChild } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../forms/icon";
 import { t } from "../i18n/text";
@@ -9,7 +10,8 @@ import { panelKind } from "../panels/registry";
 import { framePanel } from "./panel_frame";
 import type { App, OpenPanel } from "./state";
 
-export function Tabs({ app }: { app: App }) {
+/** `stop` is at the thumb, whatever panel is shown. */
+export function Tabs({ app, stop }: { app: App; stop: ComponentChild }) {
   const panels = app.panels.value;
   const front = panels.find(({ id }) => id === app.front.value) ?? panels[0];
   const asked = app.asked.value;
@@ -38,6 +40,7 @@ export function Tabs({ app }: { app: App }) {
         {front && <Framed key={`${app.replaced.value} ${front.id}`} app={app} panel={front} />}
       </div>
       <div class="tabs-foot">
+        {stop}
         <div class="tabs-bar" role="tablist" aria-label={t("app.panels")} onKeyDown={step}>
           {panels.map(({ id, kind }) => (
             <button

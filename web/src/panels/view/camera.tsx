@@ -42,7 +42,8 @@ function CameraPanel({ context }: { context: PanelContext }) {
   );
 }
 
-function View({ context, topic }: { context: PanelContext; topic: string }) {
+/** Images of one camera. */
+export function View({ context, topic }: { context: PanelContext; topic: string }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const camera = useMemo(
     () =>
