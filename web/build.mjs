@@ -19,6 +19,7 @@ const TYPES = {
   ".json": "application/json",
   ".txt": "text/plain; charset=utf-8",
   ".webmanifest": "application/manifest+json",
+  ".woff2": "font/woff2",
 };
 
 /**
@@ -57,6 +58,8 @@ const shared = {
   metafile: true,
   logLevel: "warning",
   plugins: [dockviewStyle],
+  loader: { ".woff2": "file" },
+  assetNames: "[name]-[hash]",
 };
 
 /** Folders of the packages parts of which are in the bundles below web/. */
@@ -210,7 +213,7 @@ function writeManifest() {
     manifest[name] = {
       type: TYPES[extname(name)] ?? "application/octet-stream",
       hash: createHash("sha256").update(bytes).digest("hex").slice(0, 20),
-      immutable: /-[A-Z0-9]{8}\.(js|css)$/.test(name),
+      immutable: /-[A-Z0-9]{8}\.(js|css|woff2)$/.test(name),
       encodings,
       bytes: bytes.length,
       sent: encodings.includes("br") ? compressed.br.length : bytes.length,

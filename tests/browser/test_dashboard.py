@@ -60,7 +60,7 @@ async def test_it_opens_by_itself_on_what_it_finds(browser: Browser, distro: str
             f"dashboard {distro}",
             lambda seen: (
                 seen.count((245, 245, 249), 8) > 20_000
-                and seen.count((224, 33, 138), 40) > 100
+                and seen.count((54, 170, 249), 40) + seen.count((26, 228, 182), 40) > 100
                 and seen.count((185, 140, 50), 45) > 3_000
             ),
         )

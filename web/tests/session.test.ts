@@ -56,7 +56,7 @@ class FakeRobot implements WorkerPort {
   }
 
   answering(silence: number, clockOffset = 0): void {
-    this.say({ kind: "answering", socket: this.socket, silence, clockOffset });
+    this.say({ kind: "answering", socket: this.socket, silence, clockOffset, trip: 0 });
   }
 
   lose(): void {

@@ -11,6 +11,8 @@ import {
   themeDark,
   themeLight,
 } from "dockview-core";
+import { Ellipsis, X } from "lucide";
+import { iconElement } from "../forms/icon";
 import { t } from "../i18n/text";
 import { panelKind } from "../panels/registry";
 import { framePanel } from "./panel_frame";
@@ -106,7 +108,9 @@ export function dockPanels(app: App, element: HTMLElement): () => void {
 function headerActions(api: DockviewApi): IHeaderActionsRenderer {
   const element = document.createElement("div");
   element.className = "group-actions";
-  const [arrange, close] = [textButton("⋯"), textButton("×")];
+  const [arrange, close] = [textButton(""), textButton("")];
+  arrange.append(iconElement(Ellipsis));
+  close.append(iconElement(X));
   arrange.className = close.className = "plain close";
   const menu = document.createElement("div");
   menu.className = "menu arrange";

@@ -1,5 +1,6 @@
 /** Where the page begins. */
 
+import "./tokens.css";
 import "./style.css";
 import { effect } from "@preact/signals";
 import { render } from "preact";

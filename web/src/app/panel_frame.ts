@@ -20,6 +20,7 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
   const kind = panelKind(panel.kind);
   const visible = signal(true);
   const config = signal(panel.config);
+  app.configs.value = new Map(app.configs.peek()).set(panel.id, config);
   let first = true;
   const stopSaving = effect(() => {
     const value = config.value;
@@ -72,6 +73,8 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
     },
     dispose: () => {
       ended = true;
+      const others = new Map(app.configs.peek());
+      if (others.get(panel.id) === config && others.delete(panel.id)) app.configs.value = others;
       stopSaving();
       endAging();
       end?.();

@@ -1,21 +1,23 @@
 /** The page around the panels: the robot's state, the stop, menus, and what the robot has to say. */
 
 import { useComputed, useSignal } from "@preact/signals";
+import { Accessibility, Bot, LayoutDashboard, Moon, OctagonX, PanelLeft, Plus, Sun } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
+import { Icon } from "../forms/icon";
 import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
 import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
-import { panelKinds } from "../panels/registry";
+import { panelIcon } from "../panels/icons";
+import { NARROW, panelKinds } from "../panels/registry";
 import { Banners } from "./banners";
 import { ConnectForm, TokenForm } from "./connect";
+import { BatteryFact, ClockFact, DriverFact, Footer, RecordingFact, RoleFact } from "./facts";
 import { LayoutMenu } from "./layout_menu";
 import { ScanBar } from "./scan";
+import { Side } from "./side";
 import type { App } from "./state";
 import { Tabs } from "./tabs";
-
-/** Screens that are narrower show one panel at a time. */
-const NARROW = "(max-width: 760px)";
 
 export function Shell({ app }: { app: App }) {
   const narrow = useSignal(matchMedia(NARROW).matches);
@@ -42,51 +44,86 @@ export function Shell({ app }: { app: App }) {
         {t("app.skip")}
       </a>
       <header>
-        <StopButton app={app} />
-        <h1 title={app.session.url}>{app.name.value}</h1>
+        {!narrow.value && <StopButton app={app} />}
+        <div class="robot">
+          <span class="robot-mark">
+            <Icon of={Bot} size={20} />
+          </span>
+          <div>
+            <h1 title={session.url}>{app.name.value}</h1>
+            {session.state.value === "open" && (
+              <small>
+                ROS {session.version.value} {session.distro.value}
+              </small>
+            )}
+          </div>
+        </div>
         <State app={app} />
+        <BatteryFact app={app} />
+        <DriverFact app={app} />
+        <span class="grow" />
+        <RecordingFact app={app} />
+        <ClockFact session={session} />
         <nav class="menus">
-          <Menu label={t("app.add")} sign="+">
+          {!narrow.value && (
+            <button
+              type="button"
+              class="tip-below"
+              aria-pressed={app.side.value}
+              onClick={() => app.showSide(!app.side.value)}
+            >
+              <Icon of={PanelLeft} />
+              <span class="words">{t("side.toggle")}</span>
+            </button>
+          )}
+          <Menu label={t("app.add")} icon={Plus}>
             {(close) => <PanelMenu app={app} close={close} />}
           </Menu>
-          <Menu label={t("app.layouts")} sign="▤">
+          <Menu label={t("app.layouts")} icon={LayoutDashboard}>
             {(close) => <LayoutMenu app={app} close={close} />}
           </Menu>
           <button
             type="button"
+            class="tip-below"
             data-scan="press"
             aria-pressed={app.scanning.value}
             onClick={() => {
               app.scanning.value = !app.scanning.value;
             }}
           >
-            <span class="sign" aria-hidden="true">
-              ◉
-            </span>
+            <Icon of={Accessibility} />
             <span class="words">{t("scan.switch")}</span>
           </button>
-          <button type="button" onClick={() => app.setTheme(app.dark.value ? "light" : "dark")}>
-            <span aria-hidden="true">{app.dark.value ? "☀" : "☾"}</span>
-            <span class="hidden">{t("app.theme")}</span>
+          <button
+            type="button"
+            class="tip-below"
+            onClick={() => app.setTheme(app.dark.value ? "light" : "dark")}
+          >
+            <Icon of={app.dark.value ? Sun : Moon} />
+            <span class="words">{t("app.theme")}</span>
           </button>
         </nav>
+        <RoleFact session={session} />
       </header>
       {app.scanning.value && <ScanBar app={app} />}
       <Banners app={app} />
-      <main id="panels" tabIndex={-1}>
-        {session.state.value === "refused" && <TokenForm app={app} />}
-        {session.connections.value === 0 && session.state.value === "lost" && <ConnectForm app={app} />}
-        {session.graph.value.problem && session.state.value === "open" && (
-          <p class="problem" role="status">
-            {t("discovery.problem", { reason: session.graph.value.problem })}
-          </p>
-        )}
-        {session.connections.value === 0 && session.state.value === "connecting" && (
-          <p class="waiting">{t("state.connecting")}…</p>
-        )}
-        {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
-        {narrow.value ? <Tabs app={app} /> : <Dock app={app} />}
-      </main>
+      <div class="body">
+        {!narrow.value && <Side app={app} />}
+        <main id="panels" tabIndex={-1}>
+          {session.state.value === "refused" && <TokenForm app={app} />}
+          {session.connections.value === 0 && session.state.value === "lost" && <ConnectForm app={app} />}
+          {session.graph.value.problem && session.state.value === "open" && (
+            <p class="problem" role="status">
+              {t("discovery.problem", { reason: session.graph.value.problem })}
+            </p>
+          )}
+          {session.connections.value === 0 && session.state.value === "connecting" && (
+            <p class="waiting">{t("state.connecting")}…</p>
+          )}
+          {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
+          {narrow.value ? <Tabs app={app} stop={<StopButton app={app} />} /> : <Dock app={app} />}
+        </main>
+      </div>
       <Notices app={app} />
     </>
   );
@@ -108,14 +145,14 @@ function StopButton({ app }: { app: App }) {
       aria-keyshortcuts="Escape"
       onClick={() => stop.stop()}
     >
+      <Icon of={OctagonX} size={22} />
       {t(stopped ? "stop.latched" : "stop.stop")}
     </button>
   );
 }
 
 function State({ app }: { app: App }) {
-  const { state, reason, permissions, distro, version, silence } = app.session;
-  const role = permissions.value.role;
+  const { state, reason, silence, trip } = app.session;
   if (silence.value > 0) {
     const seconds = (silence.value / 1000).toFixed(1);
     return (
@@ -130,9 +167,15 @@ function State({ app }: { app: App }) {
   return (
     <p class={`state state-${state.value}`} role="status" title={reason.value}>
       <span class="dot" aria-hidden="true" />
-      {t(`state.${state.value}`)}
-      {state.value === "open" && <span class="faint"> · ROS {distro.value || version.value}</span>}
-      {state.value === "open" && role && <span class="faint"> · {t("role.may", { role })}</span>}
+      <span>
+        {t(`state.${state.value}`)}
+        {trip.value > 0 && (
+          // A screen reader would say every change.
+          <small aria-hidden="true">
+            {t("fact.trip", { milliseconds: Math.max(1, Math.round(trip.value)) })}
+          </small>
+        )}
+      </span>
     </p>
   );
 }
@@ -140,8 +183,10 @@ function State({ app }: { app: App }) {
 /** What can be done once every panel is closed. */
 function NoPanels({ app }: { app: App }) {
   return (
-    <section class="card no-panels">
-      <p>{t("layout.empty")}</p>
+    <section class="card no-panels blank">
+      <Icon of={LayoutDashboard} size={28} />
+      <b>{t("layout.empty")}</b>
+      <p>{t("layout.empty.hint")}</p>
       <Menu label={t("app.add")}>{(close) => <PanelMenu app={app} close={close} />}</Menu>
       <button type="button" onClick={() => app.show(app.suggested())}>
         {t("layout.reset")}
@@ -162,7 +207,7 @@ function PanelMenu({ app, close }: { app: App; close: () => void }) {
               app.open(name);
             }}
           >
-            {t(title)}
+            <Icon of={panelIcon(name)} size={16} /> {t(title)}
           </button>
         </li>
       ))}
@@ -207,7 +252,6 @@ function Notices({ app }: { app: App }) {
               {text} {count > 1 && <span class="faint">× {count}</span>}
             </p>
           ))}
-        {!blocked && notices.length === 0 && <p class="faint">{session.url}</p>}
       </div>
       {notices.length > 1 && (
         <button
@@ -231,6 +275,7 @@ function Notices({ app }: { app: App }) {
           {t("app.dismiss")}
         </button>
       )}
+      <Footer session={session} />
     </aside>
   );
 }

@@ -44,6 +44,7 @@ const OPENING = "rwt-opening-layout ";
 /** Milliseconds after which a layout that is still opening has stopped the page. Other tabs open layouts, too. */
 const HUNG = 5000;
 const THEME = "rwt-theme";
+const SIDE = "rwt-side";
 
 /** Whether a text is the address of a rosbridge server. */
 export function isRobotUrl(text: string): boolean {
@@ -103,6 +104,10 @@ export class App {
   );
   /** Whether the page is used with one switch. */
   readonly scanning: Signal<boolean> = signal(false);
+  /** Whether the list of topics is shown. */
+  readonly side: Signal<boolean>;
+  /** Settings of the panels that are drawn now, by their ids. */
+  readonly configs: Signal<ReadonlyMap<string, Signal<PanelConfig>>> = signal(new Map());
   private opened = false;
 
   constructor(
@@ -111,6 +116,8 @@ export class App {
     worker: () => WorkerPort,
   ) {
     this.theme = signal((localStorage.getItem(THEME) as "light" | "dark" | null) ?? "auto");
+    const side = localStorage.getItem(SIDE);
+    this.side = signal(side === null ? matchMedia("(min-width: 1181px)").matches : side === "true");
     this.systemDark.addEventListener("change", ({ matches }) => {
       this.systemIsDark.value = matches;
     });
@@ -215,6 +222,33 @@ export class App {
     this.bring(id);
   }
 
+  /** Which layers of the first 3D panel are shown by choice; null without such a panel. */
+  readonly layers = computed(() => {
+    const config = this.configOf("scene");
+    return config && ((config.value.layers ?? {}) as Record<string, boolean>);
+  });
+
+  private configOf(kind: string): Signal<PanelConfig> | null {
+    const panel = this.panels.value.find((each) => each.kind === kind);
+    return (panel && this.configs.value.get(panel.id)) ?? null;
+  }
+
+  /** Draw a topic in the first 3D panel, or do not. */
+  draw(topic: string, shown: boolean): void {
+    const config = this.configOf("scene");
+    if (config) config.value = { ...config.value, layers: { ...this.layers.value, [topic]: shown } };
+  }
+
+  /** Show a topic in the panel of topics. */
+  inspect(topic: string): void {
+    const config = this.configOf("topics");
+    const panel = this.panels.value.find(({ kind }) => kind === "topics");
+    if (config && panel) {
+      config.value = { ...config.value, topic };
+      this.front.value = panel.id;
+    } else this.open("topics", { topic });
+  }
+
   private bring(id: string): void {
     this.front.value = id;
     this.asked.value = { id };
@@ -243,6 +277,11 @@ export class App {
 
   forget(name: string): void {
     localStorage.removeItem(LAYOUT + name);
+  }
+
+  showSide(shown: boolean): void {
+    this.side.value = shown;
+    localStorage.setItem(SIDE, String(shown));
   }
 
   setTheme(theme: "light" | "dark"): void {

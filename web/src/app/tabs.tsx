@@ -1,12 +1,17 @@
 /** Panels one at a time, for narrow screens. */
 
+import { X } from "lucide";
+import type { ComponentChild } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { Icon } from "../forms/icon";
 import { t } from "../i18n/text";
+import { panelIcon } from "../panels/icons";
 import { panelKind } from "../panels/registry";
 import { framePanel } from "./panel_frame";
 import type { App, OpenPanel } from "./state";
 
-export function Tabs({ app }: { app: App }) {
+/** `stop` is at the thumb, whatever panel is shown. */
+export function Tabs({ app, stop }: { app: App; stop: ComponentChild }) {
   const panels = app.panels.value;
   const front = panels.find(({ id }) => id === app.front.value) ?? panels[0];
   const asked = app.asked.value;
@@ -35,6 +40,7 @@ export function Tabs({ app }: { app: App }) {
         {front && <Framed key={`${app.replaced.value} ${front.id}`} app={app} panel={front} />}
       </div>
       <div class="tabs-foot">
+        {stop}
         <div class="tabs-bar" role="tablist" aria-label={t("app.panels")} onKeyDown={step}>
           {panels.map(({ id, kind }) => (
             <button
@@ -48,6 +54,7 @@ export function Tabs({ app }: { app: App }) {
                 app.front.value = id;
               }}
             >
+              <Icon of={panelIcon(kind)} size={20} />
               {titleOf(kind)}
             </button>
           ))}
@@ -59,7 +66,7 @@ export function Tabs({ app }: { app: App }) {
             aria-label={t("panel.close", { name: titleOf(front.kind) })}
             onClick={() => app.close(front.id)}
           >
-            ×
+            <Icon of={X} />
           </button>
         )}
       </div>

@@ -21,6 +21,8 @@ export interface Answering {
   silence: number;
   /** Milliseconds by which the robot's clock is ahead of this page's. */
   clockOffset: number;
+  /** Milliseconds that the last answer took; 0 before the first. */
+  trip: number;
 }
 
 interface Answer {
@@ -46,6 +48,7 @@ export class Liveness {
   private count = 0;
   private shortest = Number.POSITIVE_INFINITY;
   private answeredAt = 0;
+  private trip = 0;
   private beatAt = Number.NEGATIVE_INFINITY;
   private heardAt: number;
 
@@ -79,6 +82,7 @@ export class Liveness {
     this.state = "beating";
     this.answeredAt = now;
     const trip = now - sentAt;
+    this.trip = trip;
     this.shortest = Math.min(this.shortest, trip);
     const { sec, secs, nanosec, nsecs } = values?.time ?? {};
     const robot = Number(sec ?? secs) * 1000 + Number(nanosec ?? nsecs) / 1e6;
@@ -98,7 +102,7 @@ export class Liveness {
       (one, other) => (one && one.trip <= other.trip ? one : other),
       null,
     );
-    return { silence: silence > SILENT ? silence : 0, clockOffset: best?.offset ?? 0 };
+    return { silence: silence > SILENT ? silence : 0, clockOffset: best?.offset ?? 0, trip: this.trip };
   }
 
   /** Whether nothing at all has arrived for so long that another connection is tried. */

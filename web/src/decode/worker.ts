@@ -72,7 +72,11 @@ function open(number: number, url: string, protocols: string[]): void {
     return;
   }
   socket.binaryType = "arraybuffer";
-  const connection: Connection = { socket, liveness: null, answering: { silence: 0, clockOffset: 0 } };
+  const connection: Connection = {
+    socket,
+    liveness: null,
+    answering: { silence: 0, clockOffset: 0, trip: 0 },
+  };
   sockets.set(number, connection);
   socket.onopen = () => {
     connection.liveness = new Liveness(performance.now());
@@ -125,7 +129,9 @@ function look(number: number, connection: Connection): void {
   connection.answering = answering;
   // The clock is told to the millisecond: the page has no use for more.
   const isNews =
-    answering.silence !== before.silence || Math.abs(answering.clockOffset - before.clockOffset) >= 1;
+    answering.silence !== before.silence ||
+    Math.abs(answering.clockOffset - before.clockOffset) >= 1 ||
+    Math.abs(answering.trip - before.trip) >= 1;
   if (isNews) say({ kind: "answering", socket: number, ...answering });
   if (!liveness.isDead(now)) return;
   // A lost network: the system would retry ever less often, and take as long again to notice that it is back.

@@ -1,16 +1,18 @@
 /** A button that unfolds a menu; Escape, a click elsewhere and leaving it by the keyboard fold it again. */
 
 import { useSignal } from "@preact/signals";
+import type { IconNode } from "lucide";
 import type { ComponentChild } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { Icon } from "./icon";
 
-/** With a sign, narrow pages show that, and say the label. */
+/** With an icon, that is shown, and the label is its tooltip. */
 export function Menu(props: {
   label: string;
-  sign?: string;
+  icon?: IconNode;
   children: (close: () => void) => ComponentChild;
 }) {
-  const { label, sign, children } = props;
+  const { label, icon, children } = props;
   const details = useRef<HTMLDetailsElement>(null);
   const open = useSignal(false);
   const close = () => {
@@ -29,7 +31,7 @@ export function Menu(props: {
   });
   return (
     <details
-      class="dropdown"
+      class={icon ? "dropdown with-icon" : "dropdown"}
       ref={details}
       onToggle={() => {
         open.value = details.current?.open ?? false;
@@ -51,12 +53,8 @@ export function Menu(props: {
           open.value = !details.current?.open;
         }}
       >
-        {sign && (
-          <span class="sign" aria-hidden="true">
-            {sign}
-          </span>
-        )}
-        <span class="words">{label}</span>
+        {icon && <Icon of={icon} />}
+        <span class={icon ? "words" : ""}>{label}</span>
       </summary>
       <div class="menu">{open.value && children(close)}</div>
     </details>

@@ -83,6 +83,8 @@ export class RobotSession {
   readonly traffic: Signal<Map<string, Traffic & { seconds: number }>> = signal(new Map());
   /** Milliseconds for which the robot has not answered; 0 while it answers, and without a connection. */
   readonly silence = signal(0);
+  /** Milliseconds that the last round trip took; 0 while that is not known. */
+  readonly trip = signal(0);
   /** Milliseconds since 1970 at which the next attempt to connect begins; 0 if none is scheduled. */
   readonly retryAt = signal(0);
   /** Milliseconds since 1970 of the last answer before the robot fell silent or the connection was lost; 0 before. */
@@ -139,10 +141,11 @@ export class RobotSession {
       onTraffic: (seconds, topics) => {
         this.traffic.value = new Map([...topics].map(([name, each]) => [name, { ...each, seconds }]));
       },
-      onAnswering: ({ silence, clockOffset }) => {
+      onAnswering: ({ silence, clockOffset, trip }) => {
         if (silence > 0) this.answeredAt.value = Date.now() - silence;
         this.silence.value = silence;
         this.clockOffset = clockOffset;
+        this.trip.value = trip;
       },
       onStatus: (level, text, id) => this.noteStatus(level, text, id),
     });
@@ -197,7 +200,7 @@ export class RobotSession {
     const wasOpen = this.state.peek() === "open";
     if (wasOpen && this.silence.peek() === 0) this.answeredAt.value = Date.now();
     this.connectedAt.value = 0;
-    this.silence.value = 0;
+    this.silence.value = this.trip.value = 0;
     this.clockOffset = 0;
     clearTimeout(this.discovery);
     for (const abandon of [...this.abandoned]) abandon(new RobotError("the connection was lost"));
@@ -264,6 +267,11 @@ export class RobotSession {
   /** Whether there is a connection, and the robot answers in time: only then may it be driven. */
   get isAnswering(): boolean {
     return this.state.value === "open" && this.silence.value === 0;
+  }
+
+  /** Milliseconds by which the robot's clock is ahead of this page's. */
+  get clockAhead(): number {
+    return this.clockOffset;
   }
 
   /** Milliseconds since 1970, or since the start of a simulation, by the robot's clock. */

@@ -3,6 +3,7 @@
 import { effect, type Signal, signal, untracked } from "@preact/signals-core";
 import { shortType } from "../robot/names";
 import type { RobotSession } from "../robot/session";
+import { type DrawableType, isDescription, isDrawable, isDrawn } from "./drawable";
 import { Frames } from "./frames";
 import type { Detail } from "./governor";
 import { CloudLayer, ScanLayer } from "./layers/clouds";
@@ -20,7 +21,7 @@ import { View } from "./view";
 type MakeLayer = (context: LayerContext, scene: RobotScene) => Layer;
 
 /** What draws each type of message. Types are written without `/msg/`. */
-const MAKERS: Record<string, MakeLayer> = {
+const MAKERS: Record<DrawableType, MakeLayer> = {
   "nav_msgs/OccupancyGrid": (context) => new MapLayer(context),
   "nav_msgs/Odometry": (context) => new OdometryLayer(context),
   "nav_msgs/Path": (context) => new PathLayer(context),
@@ -37,11 +38,6 @@ const MAKERS: Record<string, MakeLayer> = {
     }),
 };
 
-/** Types of messages that the scene draws. */
-export const SCENE_TYPES: readonly string[] = Object.keys(MAKERS);
-
-/** Layers that are not shown until somebody asks: they cost much, or hide others. */
-const HIDDEN = /depth|cost|\/points(?!\/decimated)|tunneled/;
 const MOST_LAYERS = 60;
 
 /** One row of the list of layers. */
@@ -146,28 +142,22 @@ export class RobotScene {
     const rows = this.rows.peek();
     const known = new Set(rows.map(({ topic }) => topic));
     const found = [...topics]
-      .filter(([topic, type]) => !known.has(topic) && this.maker(topic, type) !== undefined)
-      .filter(([topic]) => this.session.may("subscribe", topic) && !topic.endsWith("/update_full"))
+      .filter(([topic, type]) => !known.has(topic) && isDrawable(topic, type))
+      .filter(([topic]) => this.session.may("subscribe", topic))
       .slice(0, MOST_LAYERS - rows.length)
       .map(([topic, type]) => {
-        const shown = this.wanted[topic] ?? !HIDDEN.test(topic);
-        return { topic, type, layer: shown ? this.make(topic, type) : null };
+        return { topic, type, layer: isDrawn(topic, this.wanted) ? this.make(topic, type) : null };
       });
     // A topic that has gone may come back: its layer stays.
     if (found.length)
       this.rows.value = [...rows, ...found].sort((one, other) => (one.topic < other.topic ? -1 : 1));
   }
 
-  private maker(topic: string, type: string): MakeLayer | undefined {
-    const short = shortType(type);
-    if (short === "std_msgs/String" && topic.endsWith("robot_description"))
-      return (context) => new RobotLayer(context);
-    return MAKERS[short];
-  }
-
   private make(topic: string, type: string): Layer | null {
     const { session, frames, view } = this;
-    return this.maker(topic, type)?.({ session, frames, view, topic, type }, this) ?? null;
+    const context = { session, frames, view, topic, type };
+    if (isDescription(topic, type)) return new RobotLayer(context);
+    return MAKERS[shortType(type) as DrawableType]?.(context, this) ?? null;
   }
 
   private beforeDraw(detail: Detail): void {

@@ -1,10 +1,14 @@
 /** The drawn view: camera, light, ground, and a frame drawn only when something has changed, as finely as the machine can. */
 
+import { signal } from "@preact/signals-core";
 import {
-  AmbientLight,
+  BufferGeometry,
   Color,
   DirectionalLight,
-  GridHelper,
+  Float32BufferAttribute,
+  HemisphereLight,
+  LineBasicMaterial,
+  LineSegments,
   MathUtils,
   Object3D,
   PerspectiveCamera,
@@ -61,7 +65,9 @@ export class View {
   private readonly surface: Surface;
   private readonly governor: Governor;
   private readonly labels = new CSS2DRenderer();
-  private readonly grid = new GridHelper(40, 40);
+  private readonly grid = fadingGrid(20);
+  /** Whether the page is dark. */
+  readonly dark = signal(false);
   private readonly sizes: ResizeObserver;
   private width = 0;
   private height = 0;
@@ -100,10 +106,12 @@ export class View {
     this.controls.addEventListener("change", () => this.redraw());
     this.canvas.tabIndex = 0;
     this.controls.listenToKeyEvents(this.canvas);
-    this.grid.rotation.x = Math.PI / 2;
-    const sun = new DirectionalLight(0xffffff, 1.8);
+    const sun = new DirectionalLight(0xffffff, 1.6);
     sun.position.set(-3, -5, 10);
-    this.scene.add(new AmbientLight(0xffffff, 1.4), sun, this.grid);
+    const sky = new HemisphereLight(0xf4f8ff, 0x59616d, 1.5);
+    sky.position.set(0, 0, 1);
+    this.scene.add(sky, sun, this.grid);
+    this.setDark(false);
     this.sizes = new ResizeObserver(() => this.resize());
     this.sizes.observe(host);
     this.resize();
@@ -123,12 +131,9 @@ export class View {
   }
 
   setDark(dark: boolean): void {
-    // Lighter than the page when dark: the walls of maps are black.
-    this.scene.background = new Color(dark ? 0x38414b : 0xdfe5ec);
-    const material = this.grid.material as { color: Color; vertexColors: boolean; needsUpdate: boolean };
-    material.vertexColors = false;
-    material.color = new Color(dark ? 0x4d5863 : 0xb4bdc8);
-    material.needsUpdate = true;
+    this.dark.value = dark;
+    this.scene.background = new Color(dark ? 0x0d1014 : 0xe9edf2);
+    (this.grid.material as LineBasicMaterial).color.set(dark ? 0x39434f : 0xb7c1cc);
     this.redraw();
   }
 
@@ -259,6 +264,27 @@ export class View {
     });
     return true;
   }
+}
+
+/** Lines a metre apart on the ground, which fade towards the edge. */
+function fadingGrid(reach: number): LineSegments {
+  const positions: number[] = [];
+  const colours: number[] = [];
+  for (let line = -reach; line <= reach; line++) {
+    for (let from = -reach; from < reach; from++) {
+      for (const along of [from, from + 1]) {
+        positions.push(line, along, 0);
+        colours.push(1, 1, 1, Math.max(0, 1 - Math.hypot(line, along) / reach));
+      }
+    }
+  }
+  const count = positions.length;
+  for (let at = 0; at < count; at += 3)
+    positions.push(positions[at + 1] as number, positions[at] as number, 0);
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new Float32BufferAttribute(positions, 3));
+  geometry.setAttribute("color", new Float32BufferAttribute([...colours, ...colours], 4));
+  return new LineSegments(geometry, new LineBasicMaterial({ vertexColors: true, transparent: true }));
 }
 
 interface Disposable {

@@ -1,15 +1,20 @@
 /** Teleoperation: hold to run, by stick, buttons, keyboard or gamepad. */
 
-import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { useSignal } from "@preact/signals";
+import { SlidersHorizontal } from "lucide";
+import { useEffect, useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { blockText } from "../../forms/commanding";
 import { Clamped, Driver } from "../../forms/gate";
+import { Icon } from "../../forms/icon";
 import { Check } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
+import { cameraTopics } from "../../robot/camera";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
 import { componentPanel, now, Refusal, TopicChoice } from "../component";
-import type { PanelContext, PanelKind } from "../registry";
+import { NARROW, type PanelContext, type PanelKind } from "../registry";
+import { View } from "../view/camera";
 
 /** The least limit that can be set, and by how much a button changes one, in m/s and rad/s. */
 const LEAST_LIMIT = 0.05;
@@ -29,9 +34,26 @@ function TeleopPanel({ context }: { context: PanelContext }) {
   const { session, config } = context;
   const topics = driveTopics(session);
   const topic = String(config.value.topic ?? topics[0] ?? "");
+  const camera = cameraTopics(session)[0];
+  const narrow = useSignal(matchMedia(NARROW).matches);
+  useEffect(() => {
+    const query = matchMedia(NARROW);
+    const change = () => {
+      narrow.value = query.matches;
+    };
+    query.addEventListener("change", change);
+    return () => query.removeEventListener("change", change);
+  }, [narrow]);
   if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  // Where there is room for one panel, the camera is behind the controls.
+  const feed = narrow.value && context.visible.value && session.hasAsked ? camera : undefined;
   return (
-    <div class="teleop">
+    <div class={feed ? "teleop over-camera" : "teleop"}>
+      {feed && (
+        <div class="camera">
+          <View key={feed} context={context} topic={feed} />
+        </div>
+      )}
       {topics.length > 1 && (
         <TopicChoice
           label={t("panel.topic")}
@@ -44,7 +66,7 @@ function TeleopPanel({ context }: { context: PanelContext }) {
         />
       )}
       {session.may("publish", topic) ? (
-        <Controls key={topic} context={context} topic={topic} />
+        <Controls key={topic} context={context} topic={topic} isPhone={feed !== undefined} />
       ) : (
         <Refusal context={context} act="publish" name={topic} />
       )}
@@ -52,7 +74,9 @@ function TeleopPanel({ context }: { context: PanelContext }) {
   );
 }
 
-function Controls({ context, topic }: { context: PanelContext; topic: string }) {
+function Controls(props: { context: PanelContext; topic: string; isPhone: boolean }) {
+  const { context, topic, isPhone } = props;
+  const limitsShown = useSignal(false);
   const { session, stop, config, visible } = context;
   const type = session.graph.peek().topics.get(topic) ?? "geometry_msgs/Twist";
   const drive = useMemo(() => new Drive(session, topic, type), [session, topic, type]);
@@ -66,8 +90,10 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   useLayoutEffect(() => {
     const endPage = releaseWithPage(drive, () => stop.gate.giveBack(topic));
     const endGamepad = followGamepad(drive);
+    const endAwake = keepAwake(drive);
     return () => {
       endPage();
+      endAwake();
       endGamepad();
       drive.dispose();
     };
@@ -96,7 +122,35 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
         <Stick drive={drive} disabled={idle} />
         <HoldButtons drive={drive} disabled={idle} sideways={config.value.sideways === true} />
       </div>
-      <fieldset class="limits" data-scan-group aria-label={t("teleop.limits")}>
+      <output class="drive-sent">
+        <Meter value={linear} most={limits.linear} unit="m/s" /> ·{" "}
+        {lateral ? (
+          <>
+            <Meter value={lateral} most={limits.linear} unit={`m/s ${t("teleop.sideways")}`} /> ·{" "}
+          </>
+        ) : null}
+        <Meter value={angular} most={limits.angular} unit="rad/s" />
+      </output>
+      <Driver gate={stop.gate} topic={topic} session={session} />
+      <Clamped session={session} topic={topic} now={now.value} />
+      {isPhone && (
+        <button
+          type="button"
+          class="show-limits"
+          aria-expanded={limitsShown.value}
+          onClick={() => {
+            limitsShown.value = !limitsShown.value;
+          }}
+        >
+          <Icon of={SlidersHorizontal} /> {t("teleop.limits")}
+        </button>
+      )}
+      <fieldset
+        class="limits"
+        hidden={isPhone && !limitsShown.value}
+        data-scan-group
+        aria-label={t("teleop.limits")}
+      >
         <Limit context={context} name="linear" value={limits.linear} most={2} unit="m/s" />
         <Limit context={context} name="angular" value={limits.angular} most={3} unit="rad/s" />
         <Check
@@ -109,18 +163,30 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
           {t("teleop.sideways.buttons")}
         </Check>
       </fieldset>
-      <output class="drive-sent">
-        {linear.toFixed(2)} m/s{lateral ? ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}` : ""} ·{" "}
-        {angular.toFixed(2)} rad/s
-      </output>
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {why && session.silence.value === 0 && <p class="blocked">{why}</p>}
-      <Clamped session={session} topic={topic} now={now.value} />
-      <Driver gate={stop.gate} topic={topic} session={session} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}
       </p>
     </fieldset>
+  );
+}
+
+/** A speed that is commanded, and a bar from the middle for its share of the limit. */
+function Meter({ value, most, unit }: { value: number; most: number; unit: string }) {
+  const bar = useRef<HTMLSpanElement>(null);
+  const share = Math.max(-1, Math.min(1, value / most)) * 50;
+  useLayoutEffect(() => {
+    bar.current?.style.setProperty("left", `${Math.min(50, 50 + share)}%`);
+    bar.current?.style.setProperty("width", `${Math.abs(share)}%`);
+  }, [share]);
+  return (
+    <span class="meter">
+      <b>{value.toFixed(2).replace("-", "−")}</b> {unit}
+      <span class="meter-bar" aria-hidden="true">
+        <span ref={bar} />
+      </span>
+    </span>
   );
 }
 
@@ -166,6 +232,28 @@ function Limit(props: {
       </span>
     </div>
   );
+}
+
+/** Milliseconds for which a phone vibrates when a control is taken. */
+const VIBRATION = 15;
+
+/** Keep the screen on while the robot is driven, and let it be felt that a control is taken. */
+function keepAwake(drive: Drive): () => void {
+  let lock: Promise<WakeLockSentinel | null> | null = null;
+  const end = drive.moving.subscribe((moving) => {
+    if (moving) {
+      navigator.vibrate?.(VIBRATION);
+      // Refused without power, or while the page is hidden: then the screen goes as usual.
+      lock ??= navigator.wakeLock?.request("screen").catch(() => null) ?? null;
+    } else {
+      void lock?.then((held) => held?.release());
+      lock = null;
+    }
+  });
+  return () => {
+    end();
+    void lock?.then((held) => held?.release());
+  };
 }
 
 /** The shoulder buttons of a standard gamepad: one must be held for the sticks to count. */

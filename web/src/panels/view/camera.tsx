@@ -1,7 +1,9 @@
 /** A camera: the best stream that the robot has, with its age and rate, and stills of it. */
 
+import { Download } from "lucide";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { OldAge, useOldAge } from "../../elements/video/age";
+import { Icon } from "../../forms/icon";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
@@ -40,7 +42,8 @@ function CameraPanel({ context }: { context: PanelContext }) {
   );
 }
 
-function View({ context, topic }: { context: PanelContext; topic: string }) {
+/** Images of one camera. */
+export function View({ context, topic }: { context: PanelContext; topic: string }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const camera = useMemo(
     () =>
@@ -59,30 +62,39 @@ function View({ context, topic }: { context: PanelContext; topic: string }) {
   const way = camera.way.value;
   return (
     <>
-      <canvas
-        class={age.value ? "old" : ""}
-        ref={canvas}
-        width={4}
-        height={3}
-        role="img"
-        aria-label={t("camera.picture", { topic })}
-      />
-      {camera.problem.value && <Problem text={camera.problem.value} />}
-      <p class="camera-state">
-        {way ? (
-          <>
-            <span>
-              {t(`camera.${way}`)} · {camera.rate.value.toFixed(1)} Hz
-            </span>
-            <OldAge age={age} />
-            <button type="button" onClick={() => canvas.current && saveStill(canvas.current, topic)}>
-              {t("camera.still")}
-            </button>
-          </>
-        ) : (
-          <span class="faint">{t("panel.waiting", { name: topic })}</span>
+      <div class="camera-view">
+        <canvas
+          class={age.value ? "old" : ""}
+          ref={canvas}
+          width={4}
+          height={3}
+          role="img"
+          aria-label={t("camera.picture", { topic })}
+        />
+        {way && (
+          <button
+            type="button"
+            class="camera-still"
+            onClick={() => canvas.current && saveStill(canvas.current, topic)}
+          >
+            <Icon of={Download} />
+            <span class="words">{t("camera.still")}</span>
+          </button>
         )}
-      </p>
+        <p class="camera-state">
+          {way ? (
+            <>
+              <span>
+                {t(`camera.${way}`)} · {camera.rate.value.toFixed(1)} Hz
+              </span>
+              <OldAge age={age} />
+            </>
+          ) : (
+            <span>{t("panel.waiting", { name: topic })}</span>
+          )}
+        </p>
+      </div>
+      {camera.problem.value && <Problem text={camera.problem.value} />}
     </>
   );
 }

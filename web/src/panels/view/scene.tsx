@@ -1,8 +1,21 @@
 /** The 3D scene: the robot and what it sees, with tools to send it somewhere. Its library is loaded when it opens. */
 
 import { useSignal } from "@preact/signals";
+import {
+  ArrowDownToLine,
+  Flag,
+  Grab,
+  type IconNode,
+  Layers,
+  Locate,
+  MapPin,
+  Move3d,
+  Orbit,
+  Ruler,
+} from "lucide";
 import { useEffect, useRef } from "preact/hooks";
 import { blockText } from "../../forms/commanding";
+import { Icon } from "../../forms/icon";
 import { Check, Choice } from "../../forms/inputs";
 import { useLater } from "../../forms/later";
 import { Menu } from "../../forms/menu";
@@ -62,6 +75,10 @@ function ScenePanel({ context }: { context: PanelContext }) {
   const view = drawn.value?.view;
   useEffect(() => view?.setVisible(context.visible.value), [view, context.visible.value]);
   useEffect(() => view?.setDark(context.dark.value), [view, context.dark.value]);
+  const layers = config.value.layers as Record<string, boolean> | undefined;
+  useEffect(() => {
+    for (const [topic, shown] of Object.entries(layers ?? {})) drawn.value?.show(topic, shown);
+  }, [drawn.value, layers]);
   return (
     <div class="scene">
       {problem && <Problem text={problem} />}
@@ -79,7 +96,7 @@ function qualityOf({ config }: PanelContext): Quality {
 }
 
 function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene }) {
-  const { navigation, config, session } = context;
+  const { navigation, session } = context;
   const { tools, frames, axes } = scene;
   const draft = navigation.draft.value;
   useEffect(
@@ -97,7 +114,7 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
   }, [tools, frames, navigation]);
   const why = blockText(session, t);
   frames.changed.value;
-  const tool = (name: ToolName, title: string, disabled: boolean) => (
+  const tool = (name: ToolName, icon: IconNode, title: string, disabled: boolean) => (
     <button
       type="button"
       aria-pressed={tools.chosen.value === name}
@@ -105,78 +122,97 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
       title={(name === "goal" || name === "pose") && why ? why : undefined}
       onClick={() => tools.choose(tools.chosen.peek() === name ? "look" : name)}
     >
-      {title}
+      <Icon of={icon} />
+      <span class="words">{title}</span>
     </button>
   );
   return (
     <div class="scene-tools" role="toolbar" aria-label={t("scene.tools")}>
-      {tool("goal", t("scene.goal"), !navigation.way || why !== "")}
-      {navigation.takesPose && tool("pose", t("scene.pose"), why !== "")}
-      {tool("measure", t("scene.measure"), false)}
-      {Number.isFinite(tools.measured.value) && <output>{tools.measured.value.toFixed(3)} m</output>}
-      <button type="button" onClick={() => scene.look(true)}>
-        {t("scene.top")}
-      </button>
-      <button type="button" aria-pressed={following} onClick={() => scene.follow(!following)}>
-        {t("scene.follow")}
-      </button>
-      <button
-        type="button"
-        aria-pressed={axesShown.value}
-        onClick={() => {
-          axes.show(!axes.isShown);
-          axesShown.value = axes.isShown;
-        }}
-      >
-        {t("scene.frames")}
-      </button>
-      <Choice
-        label={t("scene.fixed")}
-        quiet
-        chosen={frames.fixed.value}
-        options={
-          frames.names.includes(frames.fixed.value) ? frames.names : [frames.fixed.value, ...frames.names]
-        }
-        onChoose={(frame) => frames.fix(frame)}
-      />
-      <Menu label={t("scene.layers")}>
-        {() => (
-          <>
-            <ul>
-              {scene.rows.value.map(({ topic, type, layer }) => (
-                <li key={topic}>
-                  <Check
-                    checked={layer !== null}
-                    onChange={(checked) => {
-                      scene.show(topic, checked);
-                      const layers = config.value.layers as Record<string, boolean> | undefined;
-                      config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
-                    }}
-                  >
-                    {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
-                  </Check>
-                </li>
-              ))}
-            </ul>
-            <Choice
-              label={t("scene.quality")}
-              chosen={qualityOf(context)}
-              options={QUALITIES.map((each) => [each, t(`scene.quality.${each}`)])}
-              onChoose={(quality) => {
-                config.value = { ...config.value, quality };
-              }}
-            />
-          </>
+      <div class="tools">
+        {tool("goal", Flag, t("scene.goal"), !navigation.way || why !== "")}
+        {navigation.takesPose && tool("pose", MapPin, t("scene.pose"), why !== "")}
+        {tool("measure", Ruler, t("scene.measure"), false)}
+        <hr />
+        <button type="button" onClick={() => scene.look(true)}>
+          <Icon of={ArrowDownToLine} />
+          <span class="words">{t("scene.top")}</span>
+        </button>
+        <button type="button" onClick={() => scene.look(false)}>
+          <Icon of={Orbit} />
+          <span class="words">{t("scene.orbit")}</span>
+        </button>
+        <button type="button" aria-pressed={following} onClick={() => scene.follow(!following)}>
+          <Icon of={Locate} />
+          <span class="words">{t("scene.follow")}</span>
+        </button>
+        <button
+          type="button"
+          aria-pressed={axesShown.value}
+          onClick={() => {
+            axes.show(!axes.isShown);
+            axesShown.value = axes.isShown;
+          }}
+        >
+          <Icon of={Move3d} />
+          <span class="words">{t("scene.frames")}</span>
+        </button>
+        <hr />
+        <Menu label={t("scene.layers")} icon={Layers}>
+          {() => <LayerList context={context} scene={scene} />}
+        </Menu>
+        <Handles scene={scene} />
+      </div>
+      <div class="where">
+        <Choice
+          label={t("scene.fixed")}
+          quiet
+          chosen={frames.fixed.value}
+          options={
+            frames.names.includes(frames.fixed.value) ? frames.names : [frames.fixed.value, ...frames.names]
+          }
+          onChoose={(frame) => frames.fix(frame)}
+        />
+        {Number.isFinite(tools.measured.value) && <output>{tools.measured.value.toFixed(3)} m</output>}
+        <NavigationState navigation={navigation} />
+        {tools.chosen.value !== "look" && (
+          <p class="faint tool-hint" role="status">
+            {t("scene.tool.hint")} {tools.cursor.value && t("scene.tool.at", placeText(tools.cursor.value))}
+          </p>
         )}
-      </Menu>
-      <Handles scene={scene} />
-      {tools.chosen.value !== "look" && (
-        <p class="faint tool-hint" role="status">
-          {t("scene.tool.hint")} {tools.cursor.value && t("scene.tool.at", placeText(tools.cursor.value))}
-        </p>
-      )}
-      <NavigationState navigation={navigation} />
+      </div>
     </div>
+  );
+}
+
+/** A box for each topic that can be drawn, and how finely all is. */
+function LayerList({ context, scene }: { context: PanelContext; scene: RobotScene }) {
+  const { config } = context;
+  return (
+    <>
+      <ul>
+        {scene.rows.value.map(({ topic, type, layer }) => (
+          <li key={topic}>
+            <Check
+              checked={layer !== null}
+              onChange={(checked) => {
+                const layers = config.value.layers as Record<string, boolean> | undefined;
+                config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
+              }}
+            >
+              {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
+            </Check>
+          </li>
+        ))}
+      </ul>
+      <Choice
+        label={t("scene.quality")}
+        chosen={qualityOf(context)}
+        options={QUALITIES.map((each) => [each, t(`scene.quality.${each}`)])}
+        onChoose={(quality) => {
+          config.value = { ...config.value, quality };
+        }}
+      />
+    </>
   );
 }
 
@@ -192,7 +228,7 @@ function Handles({ scene }: { scene: RobotScene }) {
   );
   if (!all.length) return null;
   return (
-    <Menu label={t("scene.handles")}>
+    <Menu label={t("scene.handles")} icon={Grab}>
       {() => (
         <>
           <p class="faint">{t("scene.handles.hint")}</p>

@@ -20,17 +20,10 @@ class PointBuffer {
   /** Points that the graphics card has been sent, or will be. */
   private sent = 0;
   private limit = Number.POSITIVE_INFINITY;
-  private readonly hasColours: boolean;
 
-  /** Without a colour for all of them, each point has its own. */
-  constructor(
-    private readonly size: number,
-    colour?: number,
-  ) {
-    this.hasColours = colour === undefined;
-    this.material = new PointsMaterial({ size, vertexColors: this.hasColours });
-    if (colour === undefined) this.material.onBeforeCompile = asTheyAre;
-    else this.material.color.set(colour);
+  constructor(private readonly size: number) {
+    this.material = new PointsMaterial({ size, vertexColors: true });
+    this.material.onBeforeCompile = asTheyAre;
     this.points = new Points(new BufferGeometry(), this.material);
     this.points.frustumCulled = false;
     this.points.visible = false;
@@ -44,16 +37,14 @@ class PointBuffer {
       geometry.dispose();
       const positions = new BufferAttribute(new Float32Array(this.capacity * 3), 3);
       geometry.setAttribute("position", positions.setUsage(DynamicDrawUsage));
-      if (this.hasColours) {
-        const colours = new BufferAttribute(new Uint8Array(this.capacity * 4), 4, true);
-        geometry.setAttribute("color", colours.setUsage(DynamicDrawUsage));
-      }
+      const colours = new BufferAttribute(new Uint8Array(this.capacity * 4), 4, true);
+      geometry.setAttribute("color", colours.setUsage(DynamicDrawUsage));
     }
     this.count = count;
     this.points.visible = count > 0;
     if (!count) return;
-    const [positions, colours] = this.attributes as [BufferAttribute, BufferAttribute?];
-    fill(positions.array as Float32Array, (colours?.array ?? NO_COLOURS) as Uint8Array);
+    const [positions, colours] = this.attributes as [BufferAttribute, BufferAttribute];
+    fill(positions.array as Float32Array, colours.array as Uint8Array);
     for (const each of this.attributes) each.clearUpdateRanges();
     this.sent = 0;
     this.draw();
@@ -79,7 +70,32 @@ class PointBuffer {
   }
 }
 
-const NO_COLOURS = new Uint8Array(0);
+/** Metres at which the colours of ranges end. */
+const FARTHEST = 8;
+/** Turbo's colours (A. Mikhailov, 2019) at equal distances, and between them straight lines. */
+const TURBO = [
+  [48, 18, 59],
+  [70, 98, 217],
+  [54, 170, 249],
+  [26, 228, 182],
+  [114, 254, 94],
+  [200, 239, 52],
+  [250, 186, 57],
+  [246, 107, 25],
+  [203, 42, 4],
+  [122, 4, 3],
+] as const;
+
+/** The colour of a share from 0 to 1, with its opacity. */
+export function turbo(share: number): [number, number, number, number] {
+  // The first and the last are too dark for a dark page.
+  const at = 1 + Math.max(0, Math.min(1, share)) * (TURBO.length - 3);
+  const low = Math.min(Math.floor(at), TURBO.length - 2);
+  const [one, other] = [TURBO[low], TURBO[low + 1]];
+  const mix = (part: 0 | 1 | 2) =>
+    (one?.[part] ?? 0) + ((other?.[part] ?? 0) - (one?.[part] ?? 0)) * (at - low);
+  return [mix(0), mix(1), mix(2), 255];
+}
 
 /** Leave out what would make a screen's colours of numbers of light: they are a screen's already. */
 function asTheyAre(shader: { fragmentShader: string }): void {
@@ -88,7 +104,7 @@ function asTheyAre(shader: { fragmentShader: string }): void {
 
 /** sensor_msgs/LaserScan. */
 export class ScanLayer extends Layer {
-  private readonly buffer = new PointBuffer(0.06, 0xe0218a);
+  private readonly buffer = new PointBuffer(0.06);
 
   constructor(context: LayerContext) {
     super(context);
@@ -113,13 +129,15 @@ export class ScanLayer extends Layer {
       )
         found.push(at);
     }
-    this.buffer.set(found.length, (positions) => {
+    const most = Math.min(Number(range_max), FARTHEST) || FARTHEST;
+    this.buffer.set(found.length, (positions, colours) => {
       found.forEach((at, index) => {
         const angle = Number(angle_min) + at * Number(angle_increment);
         const range = ranges[at] as number;
         positions[index * 3] = range * Math.cos(angle);
         positions[index * 3 + 1] = range * Math.sin(angle);
         positions[index * 3 + 2] = 0;
+        colours.set(turbo(range / most), index * 4);
       });
     });
   }

@@ -17,27 +17,48 @@ import { type Pose, placeAt } from "./poses";
 /** Cells along one side: what graphics cards take at least. */
 const MOST_CELLS = 8192;
 
+type Colour = readonly [red: number, green: number, blue: number];
+
+/** Colours of free, occupied and unknown cells, on a light and a dark page: walls stand out on both. */
+const LIGHT: readonly Colour[] = [
+  [245, 245, 249],
+  [70, 80, 94],
+  [214, 220, 227],
+];
+const DARK: readonly Colour[] = [
+  [43, 49, 58],
+  [158, 168, 182],
+  [22, 26, 32],
+];
+/** Costs from low over high to lethal. */
+const COST: readonly Colour[] = [
+  [42, 157, 204],
+  [157, 78, 221],
+  [230, 60, 160],
+];
+
+function between([one, other]: readonly Colour[], share: number): number[] {
+  return [0, 1, 2].map((at) => (one?.[at] ?? 0) * (1 - share) + (other?.[at] ?? 0) * share);
+}
+
 /** Colours of a cell from -1 (unknown, as 255) over 0 (free) to 100 (occupied). */
-export function mapColours(isCost: boolean): Uint8Array {
+export function mapColours(isCost: boolean, isDark = false): Uint8Array {
   const colours = new Uint8Array(256 * 4);
+  const palette = isDark ? DARK : LIGHT;
   for (let value = 0; value < 256; value++) {
-    const known = value <= 100;
-    const grey = known ? 245 - value * 2.2 : 150;
+    const isKnown = value <= 100;
     const cost =
-      value === 0
-        ? [0, 0, 0, 0]
-        : value >= 99
-          ? [170, 20, 200, 200]
-          : [value * 2.5, 60, 255 - value * 2.5, 130];
-    const map = known ? [grey, grey, grey + 4, 255] : [139, 147, 154, 255];
-    colours.set(isCost ? (known ? cost : [0, 0, 0, 0]) : map, value * 4);
+      value >= 99 ? [...(COST[2] as Colour), 200] : [...between(COST, value / 98), 60 + (value / 98) * 120];
+    const map = [...(isKnown ? between(palette, value / 100) : (palette[2] as Colour)), 255];
+    const isClear = value === 0 || !isKnown;
+    colours.set(isCost ? (isClear ? [0, 0, 0, 0] : cost) : map, value * 4);
   }
   return colours;
 }
 
 export class MapLayer extends Layer {
   private texture: DataTexture | null = null;
-  private readonly colours: Uint8Array;
+  private colours: Uint8Array;
   private readonly isCost: boolean;
 
   constructor(context: LayerContext) {
@@ -45,6 +66,12 @@ export class MapLayer extends Layer {
     this.isCost = /cost/.test(context.topic);
     this.colours = mapColours(this.isCost);
     this.hear((message) => this.takeWhole(message));
+    this.until(
+      effect(() => {
+        const isDark = context.view.dark.value;
+        untracked(() => this.recolour(mapColours(this.isCost, isDark)));
+      }),
+    );
     const updates = `${context.topic}_updates`;
     let hears = false;
     // They may be offered later than the map, and are where the map has changed by then.
@@ -55,6 +82,19 @@ export class MapLayer extends Layer {
         untracked(() => this.hear((message) => this.takePart(message), {}, updates));
       }),
     );
+  }
+
+  /** Draw every cell in other colours. */
+  private recolour(colours: Uint8Array): void {
+    const before = new Uint32Array(this.colours.buffer);
+    const after = new Uint32Array(colours.buffer);
+    this.colours = colours;
+    if (!this.texture) return;
+    const next = new Map(Array.from(before, (colour, value) => [colour, after[value] as number]));
+    const pixels = new Uint32Array((this.texture.image.data as Uint8Array).buffer);
+    for (let at = 0; at < pixels.length; at++) pixels[at] = next.get(pixels[at] as number) as number;
+    this.texture.needsUpdate = true;
+    this.context.view.redraw();
   }
 
   private takeWhole(message: Message): void {
