@@ -465,8 +465,10 @@ class Graph(GraphListings):
         registry: known interfaces.
         clock: ROS time, steady time and timers.
         parameters: global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
+        dds_rules: True if publishers and subscriptions with incompatible QoS are not connected.
     """
 
+    dds_rules: bool = False
     distro: Distro
     registry: Registry
     clock: Clock
@@ -480,6 +482,10 @@ class Graph(GraphListings):
     @abstractmethod
     def version(self) -> int:
         """Number that grows with every change of the listings, so that they can be cached."""
+
+    def count_services(self, name: str) -> int:
+        """Return the number of known providers of a service."""
+        return int(self.service(name) is not None)
 
     @abstractmethod
     def nodes(self) -> tuple[NodeInfo, ...]:

@@ -48,6 +48,8 @@ class QoS:
         deadline: longest expected time between two samples, in seconds, at most :data:`LONGEST_SECONDS`; None
             and 0 are infinite.
         lifespan: age after which a sample is no longer delivered, likewise.
+        manual_liveliness: True if a publisher asserts its liveliness itself.
+        lease: longest time between two assertions of a publisher's liveliness, like the deadline.
 
     Raises:
         InvalidQoS: a number is out of its range.
@@ -59,11 +61,14 @@ class QoS:
     durability: Durability = Durability.VOLATILE
     deadline: float | None = None
     lifespan: float | None = None
+    manual_liveliness: bool = False
+    lease: float | None = None
 
     def __post_init__(self) -> None:
         _require("depth", self.depth, MOST_DEPTH, "samples")
         _require("deadline", self.deadline or 0, LONGEST_SECONDS, "seconds")
         _require("lifespan", self.lifespan or 0, LONGEST_SECONDS, "seconds")
+        _require("lease", self.lease or 0, LONGEST_SECONDS, "seconds")
 
 
 def _require(policy: str, value: float, most: int, unit: str) -> None:
@@ -72,6 +77,27 @@ def _require(policy: str, value: float, most: int, unit: str) -> None:
         # An integer may be too large for every format.
         shown = "a very large number" if 2**63 < abs(value) < math.inf else f"{value:g}"
         raise InvalidQoS(f"{policy} is a number from 0 to {most} {unit}, not {shown}")
+
+
+def incompatible_policies(offered: QoS, requested: QoS) -> tuple[str, ...]:
+    """Return the policies by which a subscription requests more than a publisher offers.
+
+    If there is none, the publisher's samples reach the subscription. "Best available" adapts to the peer.
+    """
+    exceeded = {
+        "deadline": _is_longer(offered.deadline, requested.deadline),
+        "liveliness": (requested.manual_liveliness and not offered.manual_liveliness)
+        or _is_longer(offered.lease, requested.lease),
+        "durability": (offered.durability, requested.durability)
+        == (Durability.VOLATILE, Durability.TRANSIENT_LOCAL),
+        "reliability": (offered.reliability, requested.reliability)
+        == (Reliability.BEST_EFFORT, Reliability.RELIABLE),
+    }
+    return tuple(name for name, is_exceeded in exceeded.items() if is_exceeded)
+
+
+def _is_longer(offered: float | None, requested: float | None) -> bool:
+    return (offered or math.inf) > (requested or math.inf)
 
 
 #: ROS 2's default profile.

@@ -161,9 +161,13 @@ class MemoryGraph(Runtime, Graph):
     Args:
         registry: interfaces and distribution; the standard ones of jazzy by default.
         clock: the wall clock by default.
+        dds_rules: match QoS, and call every service of a name, as DDS does. By default all endpoints of a
+            topic are connected, and the newest service of a name answers.
     """
 
-    def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
+    def __init__(
+        self, registry: Registry | None = None, clock: Clock | None = None, *, dds_rules: bool = False
+    ) -> None:
         self.registry = registry = registry or Registry()
         self.distro = registry.distro
         super().__init__(clock or WallClock())
@@ -171,8 +175,9 @@ class MemoryGraph(Runtime, Graph):
         if self.distro.master_version is not None:
             self._set_master_parameters(self.distro.master_version)
         self.changes = changes = Changes()
-        self.topic_table = Topics(registry, self.clock, changes)
-        self.service_table = Services(self.clock, changes)
+        self.dds_rules = dds_rules
+        self.topic_table = Topics(registry, self.clock, changes, dds_rules=dds_rules)
+        self.service_table = Services(self.clock, changes, dds_rules=dds_rules)
         self.action_table = Actions(changes)
         self._nodes: Counter[str] = Counter()
         self._participants: dict[MemoryParticipant, None] = {}
@@ -241,6 +246,11 @@ class MemoryGraph(Runtime, Graph):
 
     def service(self, name: str) -> ServiceInfo | None:
         return self.service_table.info(name)
+
+    def count_services(self, name: str) -> int:
+        provider = self.service_table.current.get(name)
+        others = [] if provider is None else self.service_table.others(provider)
+        return super().count_services(name) + len(others)
 
     @cached_listing
     def actions(self) -> tuple[ActionInfo, ...]:

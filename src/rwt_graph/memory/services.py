@@ -204,14 +204,16 @@ class Services(ProviderTable[MemoryProvider]):
     Attributes:
         remote: services of other processes; None in a graph of one process.
         observer: observer of every call of this process's services.
+        dds_rules: True if every provider of a name receives each request, and the first response counts.
     """
 
     remote: RemoteServices | None = None
     observer: CallObserver | None = None
 
-    def __init__(self, clock: Clock, changes: Changes) -> None:
+    def __init__(self, clock: Clock, changes: Changes, *, dds_rules: bool = False) -> None:
         super().__init__(changes)
         self.deadlines = Deadlines(clock)
+        self.dds_rules = dds_rules
 
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
@@ -221,13 +223,20 @@ class Services(ProviderTable[MemoryProvider]):
         old = self.put(provider)
         owner.add(provider, provider.close)
         if old is not None:
-            logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)
             if self.remote is not None:
                 self.remote.withdrawn(old)
-            old.end_calls()
+            if not self.dds_rules:
+                logger.warning(
+                    "service %s of node %s replaces the one of node %s", name, owner.name, old.node
+                )
+                old.end_calls()
         if self.remote is not None:
             self.remote.offered(provider)
         return provider
+
+    def others(self, provider: MemoryProvider) -> list[MemoryProvider]:
+        """Return the services of other nodes that a service has displaced."""
+        return [each for each in self.displaced(provider.name) if each.owner is not provider.owner]
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Remove a closed provider; the one that it displaced answers again."""
@@ -247,11 +256,13 @@ class Services(ProviderTable[MemoryProvider]):
         if self.observer is not None:
             on_reply = self._observed(self.observer, provider.info, request, on_reply)
         call = MemoryCall(name, request, on_reply)
-        try:
-            provider.on_call(call)
-        except Exception:
-            logger.exception("service %s failed", name)
-            call.fail("internal error")
+        others = self.others(provider) if self.dds_rules else ()
+        for each in (provider, *others):
+            try:
+                each.on_call(call)
+            except Exception:
+                logger.exception("service %s failed", name)
+                call.fail("internal error")
         if not call.done:
             if provider.closed:
                 call.end_with(provider.gone())

@@ -115,6 +115,10 @@ class ProviderTable(Generic[P]):
     def __iter__(self) -> Iterator[P]:
         return iter(tuple(self.current.values()))
 
+    def displaced(self, name: str) -> list[P]:
+        """Return the displaced providers of a name, oldest first."""
+        return self._displaced.get(name, [])
+
     def names(self) -> list[str]:
         """Return all names, sorted."""
         return sorted(self.current.keys() | (self.remote.names() if self.remote is not None else set()))

@@ -5,7 +5,7 @@ and is free again when the last of those has left. A subscriber without a type d
 
 `publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers
 are a tuple that is replaced when one joins or leaves, so callbacks may join and leave. A function call meets
-every reliability and deadline, so all combinations of QoS are compatible.
+every reliability and deadline, so all combinations of QoS are compatible, unless DDS's rules are followed.
 
 A topic may have endpoints in other processes (:class:`RemoteEndpoint`). Remote publishers hold its type as
 local ones do. Remote subscribers do not: they may have taken it from this process, and two processes would
@@ -26,7 +26,7 @@ from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
 from rwt_graph.memory.tables import Changes, NodeResources
 from rwt_interfaces.times import NANOSECONDS
-from rwt_participant.qos import Durability, History, QoS
+from rwt_participant.qos import Durability, History, QoS, incompatible_policies
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -224,6 +224,7 @@ class MemoryPublisher(Publisher):
     """Publisher of one topic.
 
     Attributes:
+        subscribers: subscriptions of this process that receive its samples.
         cache: samples retained for late joiners; None unless it is transient-local.
         on_publish_remote: sends every sample to other processes; set by a backend over a network.
     """
@@ -238,6 +239,7 @@ class MemoryPublisher(Publisher):
         self.owner = owner
         self._topics = topics
         self._state: Topic | None = topic
+        self.subscribers: tuple[MemorySubscription, ...] = ()
         self._now = topics.clock.time_ns
         self._lifespan_ns = round((qos.lifespan or 0) * NANOSECONDS)
         latched = qos.durability is Durability.TRANSIENT_LOCAL
@@ -251,8 +253,7 @@ class MemoryPublisher(Publisher):
         return self._state is None
 
     def publish(self, payload: Payload) -> None:
-        state = self._state
-        if state is None:
+        if self._state is None:
             return
         if self._lifespan_ns:
             now = self._now()
@@ -261,7 +262,7 @@ class MemoryPublisher(Publisher):
             sample = Sample(self.topic, payload, self._now(), self.node)
         if self.cache is not None:
             self.cache.add(sample)
-        for subscriber in state.subscribers:
+        for subscriber in self.subscribers:
             try:
                 subscriber.on_sample(sample)
             except Exception:
@@ -272,10 +273,11 @@ class MemoryPublisher(Publisher):
     @property
     def subscriber_count(self) -> int:
         state = self._state
-        return 0 if state is None else len(state.subscribers) + len(state.remote_subscribers)
+        return 0 if state is None else len(self.subscribers) + len(state.remote_subscribers)
 
     def close(self) -> None:
         state, self._state = self._state, None
+        self.subscribers = ()
         if state is not None:
             if self.cache is not None:
                 self.cache.clear()
@@ -311,7 +313,8 @@ class MemorySubscription(Subscription):
     def history(self) -> tuple[Sample, ...]:
         if self._state is None:
             return ()
-        cached = [p.cache.samples() for p in self._state.publishers if p.cache is not None]
+        local = [p for p in self._state.publishers if self in p.subscribers]
+        cached = [p.cache.samples() for p in local if p.cache is not None]
         cached += [p.cache.samples() for p in self._state.remote_publishers if p.cache is not None]
         if len(cached) == 1:
             return cached[0]
@@ -340,6 +343,7 @@ class MemorySubscription(Subscription):
         if state is not None:
             self.on_sample = _ignore
             state.subscribers = tuple(s for s in state.subscribers if s is not self)
+            self._topics.match(state)
             self.owner.drop(self)
             self._topics.left(state)
 
@@ -349,10 +353,14 @@ class Topics:
 
     Attributes:
         remote: announces them to other processes; None in a graph of one process.
+        dds_rules: True if incompatible publishers and subscriptions do not exchange samples.
     """
 
-    def __init__(self, registry: Registry, clock: Clock, changes: Changes) -> None:
+    def __init__(
+        self, registry: Registry, clock: Clock, changes: Changes, *, dds_rules: bool = False
+    ) -> None:
         self.registry = registry
+        self.dds_rules = dds_rules
         self.clock = clock
         self._changes = changes
         self.remote: RemoteTopics | None = None
@@ -368,6 +376,7 @@ class Topics:
         self._topics[name] = topic
         owner.add(publisher, publisher.close)
         topic.publishers = (*topic.publishers, publisher)
+        self.match(topic)
         self._changes.note()
         self._changed(topic)
         return publisher
@@ -388,10 +397,20 @@ class Topics:
         self._topics[name] = topic
         owner.add(subscription, subscription.close)
         topic.subscribers = (*topic.subscribers, subscription)
+        self.match(topic)
         self._changes.note()
         subscription.replay()
         self._changed(topic)
         return subscription
+
+    def match(self, topic: Topic) -> None:
+        """Set the subscribers of each publisher of a topic."""
+        for publisher in topic.publishers:
+            publisher.subscribers = (
+                tuple(s for s in topic.subscribers if not incompatible_policies(publisher.qos, s.qos))
+                if self.dds_rules
+                else topic.subscribers
+            )
 
     def left(self, topic: Topic) -> None:
         """Settle the type of a topic that an endpoint has left; remove the topic if it is empty."""
