@@ -22,7 +22,7 @@ from rwt_participant.qos import (
 if TYPE_CHECKING:
     from rwt_graph.api import Sample, ServiceCall
 
-#: Values of each policy, the least demanding first: a publisher meets a request that comes not after its offer.
+#: Values of each policy, least demanding first: an offer meets every request that is not after it.
 POLICIES: Final[dict[str, tuple[Any, ...]]] = {
     "reliability": (Reliability.BEST_EFFORT, Reliability.RELIABLE),
     "durability": (Durability.VOLATILE, Durability.TRANSIENT_LOCAL),

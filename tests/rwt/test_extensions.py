@@ -204,7 +204,10 @@ async def test_a_transport(stage: Path) -> None:
     [
         ({"gateways": ["soap"]}, r'`gateways`: expected a list of "foxglove" .* or "shouting", got \'soap\''),
         ({"nodes": ["lump"]}, r'`nodes`: .* or "lamp", got \'lump\''),
-        ({"graph": "state"}, r'`graph`: expected "memory" or "ros1" or "ros2" or "zenoh" or "stage", got \'state\''),
+        (
+            {"graph": "state"},
+            r'`graph`: expected "memory" or "ros1" or "ros2" or "zenoh" or "stage", got \'state\'',
+        ),
         ({"encodings": ["none"]}, r'`encodings`: .* "msgpack", got \'none\''),
     ],
 )

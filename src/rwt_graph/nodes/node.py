@@ -20,7 +20,7 @@ from concurrent.futures import Future
 from typing import TypeVar
 
 from rwt_graph.api import Graph
-from rwt_graph.clock import Clock, SimulatedClock
+from rwt_graph.clock import Clock
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.actionlib import ActionlibServer
 from rwt_graph.nodes.graph_robot import GraphRobot, GraphServer
