@@ -11,13 +11,12 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import TypeAlias, TypeVar
 
-import anyio
-
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
 from rwt_graph.parameters.values import decode, encode
 from rwt_participant.api import Parameters
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
+from rwt_participant.future import run_until_it_waits
 from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 logger = logging.getLogger(__name__)
@@ -133,8 +132,14 @@ class ParameterClient(Parameters):
             else:
                 found.extend(f"{node}:{name}" for name in response.result.names)
 
-        async with anyio.create_task_group() as group:
-            for service in self._graph.services():
-                if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":
-                    group.start_soon(ask, service.name)
+        # All calls are sent before the first response is awaited, so nodes that do not answer cost one timeout.
+        # No task group: rosapi answers without a task while all nodes are in this process.
+        calls = [
+            run_until_it_waits(ask(service.name))
+            for service in self._graph.services()
+            if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters"
+        ]
+        for each in calls:
+            if each is not None:
+                await each
         return tuple(sorted(found))
