@@ -132,7 +132,7 @@ class ParameterClient(Parameters):
             else:
                 found.extend(f"{node}:{name}" for name in response.result.names)
 
-        # All calls are sent before the first response is awaited, so nodes that do not answer cost one timeout.
+        # All calls are sent before the first response is awaited: silent nodes together cost one timeout.
         # No task group: rosapi answers without a task while all nodes are in this process.
         calls = [
             run_until_it_waits(ask(service.name))
