@@ -372,3 +372,17 @@ def test_leases_that_are_passed_on_leave_room_for_the_client_s_own() -> None:
         call(attacker, "/gate/release_lease", topic=topic)
     assert passed == MAX_LEASES // 2
     assert call(victim, "/gate/take_lease", topic="/cmd_vel")["success"]
+
+
+def test_requests_of_one_credential_for_leases_leave_room_for_others() -> None:
+    robot = GatedRobot({"drive": {**DRIVE, "topics": ["/cmd_vel", "/x/*"], "lease": {"seconds": 60}}})
+    attacker, other, driver, operator = (
+        robot.client(each) for each in ("agent", "agent", "admin", "operator")
+    )
+    for number in range(MAX_LEASES):
+        topic = f"/x/{number}"
+        robot.node.advertise(topic, "geometry_msgs/Twist")
+        drive(attacker, 0.1, topic)
+        call(other, "/gate/request_lease", topic=topic)
+    drive(driver, 0.1)
+    assert call(operator, "/gate/request_lease", topic="/cmd_vel")["success"]
