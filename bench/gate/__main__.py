@@ -1,9 +1,10 @@
 """Latency of the gate's stops, with attackers and without: `python -m bench.gate`.
 
-An emergency stop is timed from before an operator's program sends `/gate/stop` over rosbridge (WebSocket)
-until the robot's callback has the stop message; a dead-man's stop from the end of the lease. Attackers have a
-role that may publish, advertise, call and provide everything, but not stop. The longest turn is CPU time of
-the event loop's thread between two polls: other programs do not add to it. Prints a table in Markdown.
+An emergency stop is timed from before an operator's program sends `/gate/stop` over a protocol until the
+robot's callback has the stop message; a dead-man's stop from the end of the lease; an approval from before it
+is sent until the robot's callback has the call. Attackers have a role that may publish, advertise, call and
+provide everything, but not stop. The longest turn is CPU time of the event loop's thread between two polls:
+other programs do not add to it. Prints a table in Markdown.
 """
 
 from __future__ import annotations
@@ -22,18 +23,20 @@ from typing import Any
 
 import anyio
 
-from bench.gate.robot import LEASE_SECONDS, LIST, TOKEN, TWIST
+from bench.gate.operators import PATIENCE_SECONDS, PROTOCOLS, Operator, operator_over
+from bench.gate.robot import ASKER_TOKEN, LEASE_SECONDS, LIST, TOKEN
 from bench.traffic.processes import Server, ServerFailed
-from rwt_client import RemotePublisher, Robot, connect
+from rwt_client import Robot, connect
 
 ROBOT = Path(__file__).parent / "robot.py"
-STOP, LEASE, TURN = "emergency stop", "dead-man's stop", "longest turn (CPU time) between commands"
+STOP, LEASE, APPROVAL = "emergency stop", "dead-man's stop", "approval"
+TURN = "longest turn (CPU time) between commands"
 STOPS = 200
 LEASES = 100
+APPROVALS = 50
 ATTACKERS = 10
 SETTLE_SECONDS = 2.0
 """Time for the attackers to fill every queue and quota."""
-PATIENCE_SECONDS = 30.0
 RETRY_SECONDS = 1.0
 SPEED = 0.5
 
@@ -55,11 +58,11 @@ class Heard:
         self.turns.append(float(turn))
         self._send.send_nowait((float(speed), float(at)))
 
-    async def driven(self, drive: RemotePublisher) -> float:
+    async def driven(self, operator: Operator, topic: str) -> float:
         """Drive until the robot hears it, and return when it did."""
         with anyio.fail_after(PATIENCE_SECONDS):
             while True:
-                drive.publish({"linear": {"x": SPEED}})
+                await operator.publish(topic, SPEED)
                 # Rejected for a moment if the end of a lease was noticed late.
                 with anyio.move_on_after(RETRY_SECONDS):
                     return await self.wait(SPEED)
@@ -73,26 +76,61 @@ class Heard:
                     return at
 
 
-async def measure(url: str, stops: int, leases: int) -> dict[str, list[float]]:
+class Asked:
+    """Calls of a client whose role requires approval, and what the robot hears of them."""
+
+    def __init__(self, client: Robot, asker: Robot) -> None:
+        self._asker = asker
+        self._ids = anyio.create_memory_object_stream[str](1000)
+        self._done = anyio.create_memory_object_stream[float](1000)
+        self._seen: set[str] = set()
+        client.subscribe("/gate/approvals", self._note, "rwt_gate_msgs/Approvals")
+        client.subscribe("/heard/confirm", lambda heard: self._done[0].send_nowait(heard.data[0]), LIST)
+
+    def _note(self, message: Any) -> None:
+        for each in message.approvals:
+            if each.role == "asker" and each.id not in self._seen:
+                self._seen.add(each.id)
+                self._ids[0].send_nowait(each.id)
+
+    async def approved(self, operator: Operator) -> float:
+        """Call a service, approve it, and return the latency."""
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(self._asker.call, "/confirm", {}, "std_srvs/Trigger")
+            with anyio.fail_after(PATIENCE_SECONDS):
+                id = await self._ids[1].receive()
+                began = time.monotonic()
+                await operator.call("approve", {"id": id, "approve": True, "seconds": 0.0})
+                return await self._done[1].receive() - began
+        raise AssertionError  # Not reached.
+
+
+async def measure(host: str, port: int, options: argparse.Namespace) -> dict[str, list[float]]:
     """Return the sorted latencies in seconds."""
-    found: dict[str, list[float]] = {STOP: [], LEASE: []}
-    async with connect(url, headers={"Authorization": f"Bearer {TOKEN}"}, timeout=PATIENCE_SECONDS) as client:
-        stopped, leased = Heard(client, "/stopped"), Heard(client, "/leased")
-        drive = client.advertise("/stopped", TWIST)
-        await client.call("/gate/release_stop", {}, "rwt_gate_msgs/Stop")  # The subscriptions are there.
-        for _ in range(stops):
-            await stopped.driven(drive)
+    found: dict[str, list[float]] = {STOP: [], LEASE: [], APPROVAL: []}
+    url = f"ws://{host}:{port}"
+    connecting = (connect(f"{url}?token={token}", timeout=PATIENCE_SECONDS) for token in (TOKEN, ASKER_TOKEN))
+    async with (
+        next(connecting) as client,
+        next(connecting) as asker,
+        operator_over(options.protocol, client, host, port) as operator,
+    ):
+        stopped, leased, asked = Heard(client, "/stopped"), Heard(client, "/leased"), Asked(client, asker)
+        await operator.call("release_stop", {})  # The subscriptions are there.
+        for _ in range(options.stops):
+            await stopped.driven(operator, "/stopped")
             began = time.monotonic()
-            await client.call("/gate/stop", {}, "rwt_gate_msgs/Stop")
+            await operator.call("stop", {})
             found[STOP].append(await stopped.wait(0.0) - began)
-            await client.call("/gate/release_stop", {}, "rwt_gate_msgs/Stop")
-            drive.publish({})  # The stop message: else the gate waits for a second of silence.
-        drive = client.advertise("/leased", TWIST)
-        for _ in range(leases):
-            ends = await leased.driven(drive) + LEASE_SECONDS
+            await operator.call("release_stop", {})
+            await operator.publish("/stopped", 0.0)  # Else the gate waits for a second of silence.
+        for _ in range(options.leases if operator.drives else 0):
+            ends = await leased.driven(operator, "/leased") + LEASE_SECONDS
             found[LEASE].append(max(0.0, await leased.wait(0.0) - ends))
+        for _ in range(options.approvals):
+            found[APPROVAL].append(await asked.approved(operator))
     found[TURN] = stopped.turns[1:] + leased.turns
-    return {name: sorted(values) for name, values in found.items()}
+    return {name: sorted(values) for name, values in found.items() if values}
 
 
 @contextmanager
@@ -114,15 +152,15 @@ def attackers(server: Server, number: int) -> Iterator[None]:
             sys.stderr.write(process.stdout.read())
 
 
-def run(stops: int, leases: int, number: int, nice: int) -> dict[str, list[float]]:
+def run(options: argparse.Namespace, number: int) -> dict[str, list[float]]:
     """Measure one server with that many attackers."""
     with tempfile.TemporaryDirectory() as folder:
         server = Server("this server", [str(ROBOT), folder], quiet=True)
         try:
-            os.setpriority(os.PRIO_PROCESS, server.pid, nice)
+            os.setpriority(os.PRIO_PROCESS, server.pid, options.nice)
             with attackers(server, number):
-                os.setpriority(os.PRIO_PROCESS, 0, nice)  # Not of the attackers.
-                return anyio.run(measure, f"ws://{server.host}:{server.port}", stops, leases)
+                os.setpriority(os.PRIO_PROCESS, 0, options.nice)  # Not of the attackers.
+                return anyio.run(measure, server.host, server.port, options)
         finally:
             os.setpriority(os.PRIO_PROCESS, 0, 0)
             server.stop()
@@ -149,6 +187,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m bench.gate", description=__doc__)
     parser.add_argument("--stops", type=int, default=STOPS, help=f"emergency stops (default {STOPS})")
     parser.add_argument("--leases", type=int, default=LEASES, help=f"ends of a lease (default {LEASES})")
+    parser.add_argument("--approvals", type=int, default=APPROVALS, help=f"approvals (default {APPROVALS})")
+    parser.add_argument("--protocol", choices=PROTOCOLS, default="rosbridge", help="protocol of the operator")
     parser.add_argument("--attackers", type=int, default=ATTACKERS, help=f"default {ATTACKERS}")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write every latency to FILE")
     parser.add_argument(
@@ -158,9 +198,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="priority of server and operator: -15 (as root) on a machine that other programs use",
     )
     options = parser.parse_args(argv)
-    results = {
-        number: run(options.stops, options.leases, number, options.nice) for number in (0, options.attackers)
-    }
+    results = {number: run(options, number) for number in (0, options.attackers)}
     print(table(results))
     if options.json:
         options.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")

@@ -15,6 +15,7 @@ from rwt import Server
 from rwt.cli.commands.serve import BoundedGarbageCollection
 
 TOKEN: Final = "operator-of-the-benchmark"
+ASKER_TOKEN: Final = "asker-of-the-benchmark"
 LEASE_SECONDS: Final = 0.2
 TWIST: Final = "geometry_msgs/Twist"
 LIST: Final = "std_msgs/Float64MultiArray"
@@ -40,7 +41,7 @@ def _gate(folder: Path) -> dict[str, object]:
         "asked": {
             "topics": ["/asked"],
             "type": "std_msgs/String",
-            "services": ["/reset"],
+            "services": ["/reset", "/confirm"],
             "approval": {"roles": ["operator"]},
         },
     }
@@ -71,16 +72,29 @@ async def main(folder: Path, turns: TimedSelector) -> None:
     server = Server(
         "ws://127.0.0.1:0",
         nodes=("rosapi",),
-        gateways=(),
+        gateways=("foxglove", "http", "mcp"),
         gate=_gate(folder),
-        roles={"operator": rights, "agent": rights},
-        auth={"default_role": "agent", "tokens": {"operator": {"token": TOKEN, "role": "operator"}}},
+        roles={"operator": rights, "agent": rights, "asker": rights},
+        auth={
+            "default_role": "agent",
+            "tokens": {
+                "operator": {"token": TOKEN, "role": "operator"},
+                "asker": {"token": ASKER_TOKEN, "role": "asker"},
+            },
+        },
     )
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
     async with server:
         robot = server.node("base")
         robot.advertise_service("/reset", "std_srvs/Trigger", lambda request: {"success": True})
+        confirmed = robot.advertise("/heard/confirm", LIST)
+
+        def confirm(request: object) -> dict[str, object]:
+            confirmed.publish({"data": [time.monotonic()]})
+            return {"success": True}
+
+        robot.advertise_service("/confirm", "std_srvs/Trigger", confirm)
         for topic in ("/stopped", "/leased"):
             base = _Base(robot.advertise(f"/heard{topic}", LIST), turns)
             robot.subscribe(topic, base.on_command, TWIST)

@@ -251,6 +251,11 @@ class Payload(msgspec.Struct, eq=False):
         return self._json is not None and self._message is None
 
     @property
+    def received_json(self) -> RawText | None:
+        """JSON text that is passed on untouched; None if the message has none."""
+        return self._json
+
+    @property
     def is_decoded(self) -> bool:
         """True if :meth:`value` has nothing to decode."""
         return self._message is not None

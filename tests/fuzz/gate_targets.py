@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Any
 
@@ -47,6 +48,14 @@ def gate(data: bytes) -> None:
             continue
         motion.passed(now / 20)
         _hold(taken.value(), rule)
+        if rule.fields:
+            json.loads(bytes(taken.json()), object_pairs_hook=_members)
+
+
+def _members(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Hold that no member occurs twice: readers differ in which of the two counts."""
+    assert len(dict(pairs)) == len(pairs)
+    return dict(pairs)
 
 
 def _hold(value: Any, rule: GateRule) -> None:

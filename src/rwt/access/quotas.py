@@ -319,3 +319,7 @@ class RateLimit:
             return False
         self._full = full
         return True
+
+    def give_back(self) -> None:
+        """Count the last event no more."""
+        self._full -= self._interval

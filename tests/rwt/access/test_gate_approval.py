@@ -17,7 +17,7 @@ from rwt.access.gate.record import CALLER, Actor
 from rwt.access.settings.gate import FieldLimit
 from rwt.nodes.rosapi import Rosapi
 from rwt_interfaces.payload import Payload
-from tests.rwt.access.gated_robot import GatedRobot, call, drive
+from tests.rwt.access.gated_robot import GatedRobot, call, drive, settings_of
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 FIBONACCI = "example_interfaces/Fibonacci"
@@ -132,8 +132,9 @@ def test_who_answers_is_a_role_that_may_and_not_the_one_who_asks() -> None:
     _blink(agent)
     assert "a client may not answer its own request" in _answer(agent, "1")["message"]
     assert "role 'operator' may not answer" in _answer(operator, "1")["message"]
+    assert "nor one of its token" in _answer(robot.client("agent"), "1")["message"]
     assert robot.done == []
-    assert _answer(robot.client("agent"), "1")["success"]
+    assert _answer(robot.client("supervisor"), "1")["success"]
 
 
 def test_a_yes_may_hold_for_a_while() -> None:
@@ -298,7 +299,7 @@ def test_what_identifies_a_message_is_shown_before_its_text() -> None:
     agent = robot.client("agent")
     agent.say("call_service", service="/spawn", args={"name": "x" * 5000, "x": 99.0})
     (asked,) = robot.gate.approvals.pending
-    assert re.match(r"sha256:[0-9a-f]{16}, \d+ bytes; x = 99.0, name = x{100}; {", asked.content)
+    assert re.match(r"sha256:[0-9a-f]{16}, \d+ bytes; x = 99.0, name = \"x{100}\"; {", asked.content)
     assert asked.content.endswith("… (cut off)")
 
 
@@ -407,6 +408,73 @@ def test_a_stop_denies_many_requests_in_turns() -> None:
     assert robot.gate.approvals.pending == ()
 
 
+def test_a_text_in_a_request_cannot_look_like_other_fields() -> None:
+    rules = {
+        "asked": {"services": ["/spawn"], "roles": ["agent"], "approval": APPROVAL},
+        "names": {"services": ["/spawn"], "roles": ["operator"], "fields": {"name": {"one_of": ["a"]}}},
+    }
+    robot = QuietRobot(rules)
+    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    forged = 'a, x = 0.1; {"x":0.1}\u202e\u2028\n'
+    robot.client("agent").say("call_service", service="/spawn", args={"name": forged, "x": 99.0})
+    (asked,) = robot.gate.approvals.pending
+    assert asked.content.isprintable()
+    assert ', x = 0.1; {\\"x\\":0.1}' in asked.content, "quoted"
+
+
+@pytest.mark.parametrize("act", ["publish", "call"])
+def test_a_member_that_occurs_twice_is_approved_and_sent_once(act: str) -> None:
+    robot = AskedRobot()
+    sent: list[bytes] = []
+    type = robot.graph.registry.message("geometry_msgs/Twist")
+    robot.graph.participant("/reader").subscribe(
+        "/cmd_vel", lambda sample: sent.append(bytes(sample.payload.json())), type
+    )
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    twice = '{"linear":{"x":9.0,"y":0.0,"z":0.0,"x":0.1},"angular":{"x":0.0,"y":0.0,"z":0.0}}'
+    ops = {
+        "publish": f'{{"op":"publish","topic":"/cmd_vel","type":"geometry_msgs/Twist","msg":{twice}}}',
+        "call": '{"op":"call_service","service":"/blink","args":{"data":true,"data":false}}',
+    }
+    agent.say_raw(ops[act])
+    (asked,) = robot.gate.approvals.pending
+    assert ("9.0" in asked.content, "true" in asked.content) == (False, False)
+    _answer(supervisor, "1")
+    agent.say_raw(ops[act])
+    assert all(b"9.0" not in each for each in sent)
+    assert len(sent) == (act == "publish")
+
+
+def test_a_reload_denies_requests_that_a_changed_rule_would_check() -> None:
+    asked = {"services": ["/spawn", "/blink"], "approval": APPROVAL}
+    robot = QuietRobot({"asked": asked})
+    done: list[Any] = []
+    for name, kind in (("/spawn", "turtlesim/Spawn"), ("/blink", "std_srvs/SetBool")):
+        robot.node.advertise_service(name, kind, partial(_note, done))
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    agent.say("call_service", service="/spawn", args={"x": 99.0})
+    _blink(agent)
+    limits = {"services": ["/spawn"], "fields": {"x": {"max": 1}}}
+    robot.access.reload(settings_of({"rules": {"asked": asked, "limits": limits}}))
+    assert [each.name for each in robot.gate.approvals.pending] == ["/blink"]
+    assert not _answer(supervisor, "1")["success"]
+    assert done == []
+
+
+def test_messages_that_are_not_approved_do_not_use_up_the_rate_of_others() -> None:
+    rules = {
+        "rate": {"topics": ["/cmd_vel"], "messages_per_second": 5},
+        "asked": {"topics": ["/cmd_vel"], "roles": ["agent"], "approval": APPROVAL},
+        "limit": {"topics": ["/cmd_vel"], "roles": ["agent"], "fields": {"linear.x": {"max": 1}}},
+    }
+    robot = QuietRobot(rules)
+    agent, operator = robot.client("agent"), robot.client("operator")
+    for speed in (0.5, 5.0) * 20:
+        drive(agent, speed)
+    assert drive(operator, 0.5) == ""
+
+
 def test_very_long_lists_are_not_described_value_by_value() -> None:
     limit = FieldLimit.model_validate({"max": 1})
     type = GatedRobot({}).graph.registry.message("std_msgs/Float64MultiArray")
@@ -443,7 +511,7 @@ def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing() -> None:
     _answer(supervisor, "1")
     (reply,) = agent.heard()
     assert (reply["result"], robot.done) == (False, [])
-    assert "roles.viewer.call" in reply["values"]
+    assert "call /blink: the client has another role now" in reply["values"]
 
 
 def test_two_rules_want_a_yes_each() -> None:

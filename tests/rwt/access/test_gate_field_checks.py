@@ -374,3 +374,30 @@ def test_values_of_the_items_of_longer_lists_are_not_kept() -> None:
         checks.check(_array(items), float(number))
         motion.passed(float(number))
     assert len(motion._values) == 1
+
+
+@pytest.mark.parametrize(
+    "twist",
+    [
+        '{"linear":{"x":9.0,"x":0.1,"y":0.0,"z":0.0},"angular":{"x":0.0,"y":0.0,"z":0.0}}',
+        (
+            '{"linear" :{"x":9.0,"y":0.0,"z":0.0},"linear" : {"x":0.1,"y":0.0,"z":0.0},'
+            '"angular":{"x":0.0,"y":0.0,"z":0.0}}'
+        ),
+        '{"linear":{"\\u0078":9.0,"x":0.1,"y":0.0,"z":0.0},"angular":{"x":0.0,"y":0.0,"z":0.0}}',
+    ],
+)
+def test_a_member_that_occurs_twice_is_sent_once_as_it_was_checked(twist: str) -> None:
+    """Attack: readers of JSON differ in which of the two counts."""
+    robot = GatedRobot({"drive": {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 1}}}})
+    sent: list[str] = []
+    robot.graph.participant("/reader").subscribe(
+        "/cmd_vel", lambda sample: sent.append(bytes(sample.payload.json()).decode())
+    )
+    client = robot.client()
+    head = '{"op":"publish","topic":"/cmd_vel","type":"geometry_msgs/Twist","msg":'
+    client.say_raw(f"{head}{twist}}}")
+    assert not any("9.0" in each for each in sent)
+    plain = '{"linear":{"x":0.1,"y":0.0,"z":0.0},"angular":{"x":0.0,"y":0.0,"z":0.0}}'
+    client.say_raw(f"{head}{plain}}}")
+    assert sent[-1] == plain

@@ -356,3 +356,33 @@ def test_requests_for_a_lease_expire_and_end_with_their_client() -> None:
     assert [each.client for each in _heard(robot)[0].requests] == ["rosbridge:2"]
     robot.clock.advance(REQUEST_SECONDS)
     assert _heard(robot)[0].requests == []
+
+
+def test_leases_that_are_passed_on_leave_room_for_the_client_s_own() -> None:
+    robot = GatedRobot({"drive": {**DRIVE, "topics": ["/cmd_vel", "/x/*"], "lease": {"seconds": 60}}})
+    attacker, victim = robot.client("agent"), robot.client("operator")
+    name = call(victim, "/gate/take_lease", topic="/cmd_vel")["client"]
+    call(victim, "/gate/release_lease", topic="/cmd_vel")
+    passed = 0
+    for number in range(MAX_LEASES + 10):
+        topic = f"/x/{number}"
+        robot.node.advertise(topic, "geometry_msgs/Twist")
+        assert drive(attacker, 0.1, topic) == ""
+        passed += call(attacker, "/gate/pass_lease", topic=topic, to=name)["success"]
+        call(attacker, "/gate/release_lease", topic=topic)
+    assert passed == MAX_LEASES // 2
+    assert call(victim, "/gate/take_lease", topic="/cmd_vel")["success"]
+
+
+def test_requests_of_one_credential_for_leases_leave_room_for_others() -> None:
+    robot = GatedRobot({"drive": {**DRIVE, "topics": ["/cmd_vel", "/x/*"], "lease": {"seconds": 60}}})
+    attacker, other, driver, operator = (
+        robot.client(each) for each in ("agent", "agent", "admin", "operator")
+    )
+    for number in range(MAX_LEASES):
+        topic = f"/x/{number}"
+        robot.node.advertise(topic, "geometry_msgs/Twist")
+        drive(attacker, 0.1, topic)
+        call(other, "/gate/request_lease", topic=topic)
+    drive(driver, 0.1)
+    assert call(operator, "/gate/request_lease", topic="/cmd_vel")["success"]

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import msgspec
 
 from rwt.access.errors import GateRefused
+from rwt.access.gate.fields import MAX_APPROVED_BYTES
 from rwt.access.roles import glob_pattern
 from rwt_graph.api import PendingCall
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Iterator
 
     from rwt.access.gate.record import Actor, Recorder
     from rwt.access.gate.rules import GatedAct, Rule
@@ -27,9 +28,6 @@ MAX_PENDING: Final = 1000
 
 #: Maximum number of pending requests of one credential for one rule: a person reads them.
 MAX_OF_CREDENTIAL: Final = 20
-
-#: Maximum size of a message that may require approval, in bytes: it is digested at once.
-_MAX_BYTES: Final = 1 << 20
 
 #: Maximum number of characters of a message that a person is shown.
 _MAX_CONTENT: Final = 2000
@@ -68,9 +66,9 @@ def digest_of(payload: Payload, rule: Rule) -> str:
     Raises:
         GateRefused: the message is too large to be approved.
     """
-    if payload.kept_size > _MAX_BYTES:
+    if payload.kept_size > MAX_APPROVED_BYTES:
         raise GateRefused(
-            f"a message of {payload.kept_size} bytes: at most {_MAX_BYTES} can be approved",
+            f"a message of {payload.kept_size} bytes: at most {MAX_APPROVED_BYTES} can be approved",
             f"{rule.key}.approval",
         )
     value = payload.value()
@@ -297,8 +295,9 @@ class Approvals:
         key = f"{approval.rule.key}.approval"
         if by is not None and glob_pattern(settings.roles).fullmatch(by.role) is None:
             raise GateRefused(f"role {by.role!r} may not answer requests", f"{key}.roles")
-        if by is approval.client:
-            raise GateRefused("a client may not answer its own request", key)
+        same = by is not None and by.credential and by.credential == approval.client.credential
+        if by is approval.client or same:
+            raise GateRefused("a client may not answer its own request, nor one of its token", key)
         # Written so that NaN is rejected, too.
         if not 0 <= seconds <= settings.remember_seconds:
             raise GateRefused(
@@ -362,10 +361,10 @@ class Approvals:
             self._deny(approval, None, "the client has left")
         self._granted = {key: held for key, held in self._granted.items() if key.client is not client}
 
-    def drop(self, rules: Collection[str], why: str) -> Iterator[None]:
-        """Drop the approvals of rules, by the keys of these, and deny their requests, a step each."""
-        self._granted = {key: held for key, held in self._granted.items() if key.rule not in rules}
-        for approval in [each for each in self._pending.values() if each.rule.key in rules]:
+    def drop(self, concerns: Callable[[Subject], bool], why: str) -> Iterator[None]:
+        """Drop the approvals of some subjects, and deny the requests about them, a step each."""
+        self._granted = {key: held for key, held in self._granted.items() if not concerns(key)}
+        for approval in [each for each in self._pending.values() if concerns(each.subject)]:
             if approval.is_pending:
                 self._deny(approval, None, why)
             yield
@@ -381,6 +380,7 @@ def _shown(digest: str, fields: str, payload: Payload) -> str:
     if fields:
         about += f"; {fields}"
     text = bytes(payload.json()).decode()
+    text = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
     if len(text) > _MAX_CONTENT:
         text = f"{text[:_MAX_CONTENT]}… (cut off)"
     return f"{about}; {text}"

@@ -545,6 +545,8 @@ class ClientGate:
                 # Meanwhile the emergency stop may be pressed, and the client may have another role.
                 for *_, each in needed:
                     gate.require_released(each)
+                if (subject.role, subject.credential) != (self._actor.role, self._actor.credential):
+                    raise GateRefused(f"{act} {name}: the client has another role now")
                 if not others:
                     go()
             except (AccessError, RobotError) as refused:

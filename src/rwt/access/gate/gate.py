@@ -17,10 +17,11 @@ from rwt.access.gate.fields import (
     NoSuchField,
     describe_fields,
     has_finite_numbers,
+    without_repeats,
 )
 from rwt.access.gate.record import Actor, bounded
 from rwt.access.gate.rules import Rules
-from rwt.access.gate.state import GATE_NODE, GateState
+from rwt.access.gate.state import GATE_NODE, MAX_LEASES, GateState
 from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic
 from rwt.access.graph_view import canonical
 from rwt.access.roles import absolute_globs, glob_pattern
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from rwt.access.audit import Audit
+    from rwt.access.gate.approvals import Subject
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.stop_path import Cancel
     from rwt.access.roles import Role
@@ -178,10 +180,20 @@ class Gate(GateState):
         unchanged = {
             rule.key for rule in old[0].all if settings.rules.get(rule.key.split(".", 2)[2]) == rule.settings
         }
-        changed = sorted({rule.key for rule in (*old[0].all, *self.rules.all)} - unchanged)
-        for _ in self.approvals.drop(changed, "the settings have changed"):
+        changed = [rule for rule in (*old[0].all, *self.rules.all) if rule.key not in unchanged]
+
+        def concerns(subject: Subject) -> bool:
+            """Return True for a request that a changed rule has checked, or would check now."""
+            names = subject.name.split(", ")
+            return any(
+                rule.key == subject.rule or any(map(partial(rule.names, subject.act), names))
+                for rule in changed
+            )
+
+        for _ in self.approvals.drop(concerns, "the settings have changed"):
             pass
-        text = f"rules replaced; changed are {', '.join(changed) or 'none'}"
+        keys = sorted({rule.key for rule in changed})
+        text = f"rules replaced; changed are {', '.join(keys) or 'none'}"
         self.recorder.note("reload", "reload", "", None, text, before=before.mode, after=settings.mode)
         self.leases_changed()
 
@@ -394,6 +406,7 @@ class Gate(GateState):
                     finite.add(rule)
                     self.require_finite(rule, payload, text)
                 if rule.settings.approval is not None:
+                    payload = without_repeats(payload)
                     asked.setdefault((act, rule), []).append(name)
         # One approval of a rule is for all parameters of a call.
         needed = [
@@ -598,7 +611,10 @@ class Gate(GateState):
                 f"there is no client {to[:80]!r}; each hears its own name from /gate/take_lease"
             )
         self.leased(other, name)
-        self.require_lease_room(other)
+        if self.leases_held[other.owner] >= MAX_LEASES // 2:  # Else a client could fill another's room.
+            raise GateRefused(
+                f"clients of its credential hold {MAX_LEASES // 2} leases: no more are passed on"
+            )
         topic.lease.pass_to(other)
 
     def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:
@@ -663,7 +679,9 @@ class Gate(GateState):
     def _rest(self, press: int) -> Iterator[None]:
         """Stop, a step each, what no client drove before a press; end the leases, and cancel all goals."""
         emergencies = {rule.key for rule in self.rules.all if rule.settings.emergency}
-        yield from self.approvals.drop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
+        yield from self.approvals.drop(
+            lambda each: each.rule in emergencies, f"the emergency stop is on: stopped by {self.last_by}"
+        )
         for topic in tuple(self._topics.values()):
             self._stop_topic(topic, press)
             yield

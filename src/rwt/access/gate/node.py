@@ -35,7 +35,8 @@ REQUEST_SECONDS: Final = 30.0
 """Seconds for which a request for a lease is shown to its holder."""
 
 MAX_REQUESTS: Final = 64
-"""Maximum number of pending requests for leases, of which each credential or address has one for a topic."""
+MAX_REQUESTS_OF_CREDENTIAL: Final = 8
+"""Maximum number of pending requests for leases, and of one credential or address, one for a topic."""
 
 MAX_APPROVALS: Final = 100
 """Maximum number of requests in a message of :data:`APPROVALS`: of many, the oldest of each credential."""
@@ -198,6 +199,11 @@ class GateNode:
             raise GateRefused(f"no other client holds the lease of {topic.name}: take it")
         key = topic.name, client.owner
         if key not in self._requests:
+            own = sum(owner == client.owner for _, owner in self._requests)
+            if own >= MAX_REQUESTS_OF_CREDENTIAL:  # Else one client could keep others from asking.
+                raise GateRefused(
+                    f"{own} requests of this credential for leases are pending: try again later"
+                )
             if len(self._requests) >= MAX_REQUESTS:
                 raise GateRefused(f"{MAX_REQUESTS} requests for leases are pending: try again later")
         else:

@@ -6,7 +6,7 @@ import logging
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField, has_lists
+from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField, has_lists, without_repeats
 from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt.access.quotas import RateLimit
@@ -60,12 +60,14 @@ class _RoleRules(NamedTuple):
         lease: the topic's lease, if a rule requires it.
         emergency: first rule that the emergency stop is for.
         approvals: rules that require approval.
+        rates: rules with a rate.
     """
 
     compiled: tuple[_CompiledRule, ...]
     lease: Lease | None
     emergency: Rule | None
     approvals: tuple[Rule, ...]
+    rates: tuple[tuple[Rule, RateLimit], ...]
 
 
 class GuardedTopic:
@@ -276,6 +278,7 @@ class GuardedTopic:
             self.lease if any(rule.settings.lease for rule in rules) else None,
             next((rule for rule in rules if rule.settings.emergency), None),
             tuple(rule for rule in rules if rule.settings.approval is not None),
+            tuple((rule, rate) for rule, _, rate in compiled if rate is not None),
         )
 
     def _check(self, client: Actor, rules: _RoleRules, payload: Payload, now: float) -> Payload:
@@ -288,22 +291,40 @@ class GuardedTopic:
             rules.lease.require(client)
             self._require_fresh(client, rules.lease, payload, now)
         changed: list[Clamped] = []
-        for rule, checks, rate in rules.compiled:
+        for _, checks, _ in rules.compiled:
             if checks is not None:
                 payload, clamped = checks.check(payload, now)
                 if clamped is not None:
                     changed.append(clamped)
-            if rate is not None and not rate.take(now):
+        # After the fields, so that rejected messages do not use up the rate of other clients.
+        for rule, rate in rules.rates:
+            if not rate.take(now):
                 raise GateRefused(
                     f"more than {rule.settings.messages_per_second} messages a second on {self.name}",
                     f"{rule.key}.messages_per_second",
                 )
         # Last, so that only what passes every other rule is approved, or uses up an approval.
-        for rule in rules.approvals:
-            self._gate.require_approval(self.name, rule, client, payload, is_stop=self._is_stop(payload))
+        if rules.approvals:
+            payload = self._approved(client, rules, payload)
         if changed:
             first = rules.compiled[0].rule.key
             self._gate.note_clamped(client, "publish", self.name, Clamped.joined(changed), first)
+        return payload
+
+    def _approved(self, client: Actor, rules: _RoleRules, payload: Payload) -> Payload:
+        """Use up the approvals of a message, and return it as it was approved.
+
+        Raises:
+            GateRefused: it is not approved.
+        """
+        payload = without_repeats(payload)
+        try:
+            for rule in rules.approvals:
+                self._gate.require_approval(self.name, rule, client, payload, is_stop=self._is_stop(payload))
+        except GateRefused:
+            for _, rate in rules.rates:
+                rate.give_back()
+            raise
         return payload
 
     def _require_fresh(self, client: Actor, lease: Lease, payload: Payload, now: float) -> None:
@@ -315,7 +336,7 @@ class GuardedTopic:
         if self._freshness is None or self._neutral is None:
             return
         command = payload.value() if not self._has_lists or _is_small(payload) else None
-        is_stop = command is not None and _is_equal(command, self._neutral)
+        is_stop = command is not None and _is_equal(command, self._neutral) and self._is_stop(payload)
         why = self._freshness.check(client, command, now, self._gate.clock, is_stop=is_stop)
         if why:
             if not self._gate.is_observing:
@@ -356,7 +377,8 @@ class GuardedTopic:
         neutral = self._neutral or self._zeros
         if neutral is None:
             return False
-        return _is_small(payload) and _is_equal(payload.value(), neutral)
+        is_equal = _is_small(payload) and _is_equal(payload.value(), neutral)
+        return is_equal and without_repeats(payload) is payload
 
     # Stopping
 
