@@ -43,6 +43,8 @@ DRAIN: Final = 1.5
 LEAST_DRAIN: Final = 0.4
 SILENCE_SECONDS: Final = 0.6
 """Time without feedback after which the link counts as lost."""
+NOTICE_SECONDS: Final = 0.05
+"""Time for which that has to last after it was noticed."""
 LOSS_SECONDS: Final = 1.0
 LOSS: Final = 0.1
 """Excess loss above which the rate is lowered."""
@@ -129,6 +131,7 @@ class CongestionController:
         self._loss_at = now
         self._heard_at: float | None = None
         self._sent_at: float | None = None
+        self._noticed_at: float | None = None
         self._updated_at = now
         self._decreased_at = now - DECREASE_SECONDS
         self._is_in_doubt = False
@@ -158,7 +161,11 @@ class CongestionController:
 
     def _is_silent(self, now: float) -> bool:
         # Silence counts from the first packet after the last feedback: there is none about nothing.
-        return self._sent_at is not None and now - self._sent_at > SILENCE_SECONDS
+        if self._sent_at is None or now - self._sent_at <= SILENCE_SECONDS:
+            return False
+        if self._noticed_at is None:
+            self._noticed_at = now  # Feedback may be waiting, if this process was busy.
+        return now - self._noticed_at >= NOTICE_SECONDS
 
     # -- the sender's side ---------------------------------------------------------------------------------
 
@@ -204,13 +211,15 @@ class CongestionController:
     def acknowledged(self, feedback: Feedback, now: float) -> None:
         """Handle transport-wide feedback."""
         was_silent = self._is_silent(now)
+        self._noticed_at = None
         origin = self._origin(feedback.reference)
         arrivals = self._take(feedback.base, feedback.arrivals, origin, now)
         self._heard_at = now
         self._sent_at = now if self._history else None
         self._close_loss_window(now)
-        if was_silent:
-            # An outage says little about the capacity: continue with half of the rate, and probe soon.
+        if was_silent and feedback.arrivals.count(None) > LOSS * len(feedback.arrivals):
+            # An outage says little about the capacity: continue with half of the rate, and probe soon. A busy
+            # receiver is silent, too, but has lost nothing.
             self._lower(0.5 * self._target, now)
             self._probe_at = now + 1.0
         elif arrivals:

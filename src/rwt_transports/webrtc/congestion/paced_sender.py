@@ -35,6 +35,8 @@ TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-
 TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")
 LEAST_SLEEP_SECONDS: Final = 0.002
 """Delay below which a packet is sent at once: timers are not more precise."""
+FRAME_WAIT_SECONDS: Final = 0.03
+"""Longest wait for room for a frame before the rate is looked at again."""
 REPEAT_WAIT_SECONDS: Final = 0.05
 """Wait for the next frame above which no packet is sent again."""
 PROBE_HISTORY: Final = 8
@@ -145,9 +147,12 @@ class PacedSender(RTCRtpSender):
 
     async def _frame_room(self) -> None:
         """Wait until the frames before are paid for."""
-        delay = self._pacer.frame_delay(monotonic())
-        if delay > 0:
-            await asyncio.sleep(delay)
+        while True:
+            now = monotonic()
+            delay = self._pacer.frame_delay(self._controller.rate(now), now)
+            if delay <= 0:
+                return
+            await asyncio.sleep(min(delay, FRAME_WAIT_SECONDS))
 
     async def _paced(self) -> None:
         delay = self._pacer.packet_delay(monotonic())
@@ -176,7 +181,8 @@ class PacedSender(RTCRtpSender):
     async def _retransmit(self, sequence_number: int) -> None:
         history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
         packet = history.get(sequence_number % RTP_HISTORY_SIZE)
-        if self._pacer.frame_delay(monotonic()) > REPEAT_WAIT_SECONDS:
+        now = monotonic()
+        if self._pacer.frame_delay(self._controller.rate(now), now) > REPEAT_WAIT_SECONDS:
             return  # Repetition would fill the link further. The receiver asks again, or for a key frame.
         if packet is not None and packet.sequence_number == sequence_number:
             await self._send_packet(self._repeated(packet) or packet)

@@ -15,15 +15,13 @@ MOST_DEBT_SECONDS: Final = 1.0
 
 
 class Pacer:
-    """Time at which packets and frames may be sent, in seconds of a steady clock.
-
-    What is owed is kept as a time: a lower rate does not lengthen it, since a queue that was filled before
-    lowers the rate itself while it drains.
-    """
+    """Time at which packets and frames may be sent, in seconds of a steady clock."""
 
     def __init__(self) -> None:
         self._packet_at = 0.0
-        self._paid_at = 0.0
+        self._debt_bits = 0.0
+        self._rate = 1.0
+        self._at = 0.0
 
     def sent(self, size: int, rate: float, now: float, burst_rate: float | None = None) -> None:
         """Count a packet.
@@ -35,12 +33,20 @@ class Pacer:
         """
         bits = 8 * size
         self._packet_at = max(self._packet_at, now - BURST_SECONDS) + bits / (burst_rate or FACTOR * rate)
-        self._paid_at = min(max(self._paid_at, now) + bits / rate, now + MOST_DEBT_SECONDS)
+        self._pay(rate, now)
+        self._debt_bits = min(self._debt_bits + bits, MOST_DEBT_SECONDS * rate)
+
+    def _pay(self, rate: float, now: float) -> None:
+        # What is owed at a higher rate is in the queue of the link, which lowers the rate while it drains.
+        owed = self._debt_bits * min(1.0, rate / self._rate)
+        self._debt_bits = max(0.0, owed - rate * (now - self._at))
+        self._rate, self._at = rate, now
 
     def packet_delay(self, now: float) -> float:
         """Return the seconds until the next packet."""
         return max(0.0, self._packet_at - now)
 
-    def frame_delay(self, now: float) -> float:
-        """Return the seconds until the next frame."""
-        return max(0.0, self._paid_at - now - AHEAD_SECONDS)
+    def frame_delay(self, rate: float, now: float) -> float:
+        """Return the seconds until the next frame at an average rate."""
+        self._pay(rate, now)
+        return max(0.0, self._debt_bits / rate - AHEAD_SECONDS)

@@ -31,6 +31,7 @@ class Link:
         queue: seconds of the longest queue.
         cross: bits per second of other traffic by time.
         uses: part of the rate that the encoder uses, by time.
+        stalled: True if the sender does nothing at a time: its event loop is busy.
         held_until: time at which packets arrive that would arrive at a given time: a busy receiver.
     """
 
@@ -41,6 +42,7 @@ class Link:
     queue: float = 1.0
     cross: Callable[[float], float] = lambda now: 0.0
     uses: Callable[[float], float] = lambda now: 1.0
+    stalled: Callable[[float], bool] = lambda now: False
     held_until: Callable[[float], float] = lambda now: 0.0
 
 
@@ -97,8 +99,9 @@ class Simulation:
         until = self._now + seconds
         while self._now < until:
             self._now += STEP
-            self._produce()
-            self._send()
+            if not self._link.stalled(self._now):
+                self._produce()
+                self._send()
             self._carry(run)
             self._report()
             if self._now >= noted + 0.1:
@@ -113,7 +116,7 @@ class Simulation:
         rate = self.controller.rate(now)
         if now < self._frame_at or self._outgoing or self._probe is not None:
             return
-        if self._pacer.frame_delay(now) > 0:
+        if self._pacer.frame_delay(rate, now) > 0:
             return
         self._probe = self.controller.next_probe(now)
         self._frame_at = max(self._frame_at + 1 / HZ, now)
@@ -181,5 +184,5 @@ class Simulation:
                 self._arrived.clear()
                 if self._link.bits(now):
                     heappush(self._feedback, (now + self._link.delay, self._sent, feedback))
-        while self._feedback and self._feedback[0][0] <= now:
+        while self._feedback and self._feedback[0][0] <= now and not self._link.stalled(now):
             self.controller.acknowledged(heappop(self._feedback)[2], now)

@@ -85,6 +85,23 @@ def test_stalls_of_a_radio_link_do_not_keep_the_rate_low() -> None:
     assert run.rate(20, 60) > 8e5
 
 
+@pytest.mark.parametrize("seconds", [0.4, 0.8, 1.2])
+def test_a_busy_sender_does_not_lower_the_rate(seconds: float) -> None:
+    run = Simulation(Link(lambda now: 1e8, stalled=lambda now: 0 < now % 7 < seconds), start=1e6).run(60)
+    assert min(run.targets_of(10, 60)) == 2e6
+    assert all(run.rate(at + seconds, at + seconds + 1) > 1.5e6 for at in range(14, 56, 7))
+
+
+@pytest.mark.parametrize("seconds", [0.4, 0.8, 1.2])
+def test_a_busy_receiver_does_not_lower_the_rate_for_long(seconds: float) -> None:
+    def held_until(now: float) -> float:
+        return now - now % 10 + seconds if now > 10 and now % 10 < seconds else 0.0
+
+    run = Simulation(Link(lambda now: 1e8, held_until=held_until), start=1e6).run(60)
+    assert min(run.targets_of(8, 60)) > 1.9e6
+    assert all(run.rate(at + seconds + 0.3, at + seconds + 1.3) > 1.5e6 for at in range(20, 51, 10))
+
+
 def test_a_receiver_s_estimate_counts_only_without_feedback() -> None:
     controller = CongestionController(5e5, 5e4, 2e6, 0.0)
     controller.estimated(1e6, 0.1)
