@@ -12,12 +12,14 @@ from collections.abc import Awaitable, Callable
 from typing import TypeAlias, TypeVar
 
 import anyio
+from anyio.lowlevel import checkpoint
 
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
 from rwt_graph.parameters.values import decode, encode
 from rwt_participant.api import Parameters
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
+from rwt_participant.future import run_until_it_waits
 from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 logger = logging.getLogger(__name__)
@@ -133,8 +135,19 @@ class ParameterClient(Parameters):
             else:
                 found.extend(f"{node}:{name}" for name in response.result.names)
 
-        async with anyio.create_task_group() as group:
-            for service in self._graph.services():
-                if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":
-                    group.start_soon(ask, service.name)
+        async def finish(rest: Awaitable[None]) -> None:
+            await rest
+
+        lists = [
+            service.name
+            for service in self._graph.services()
+            if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters"
+        ]
+        # Nodes of this process answer at once.
+        waiting = [rest for rest in map(run_until_it_waits, map(ask, lists)) if rest is not None]
+        if waiting:
+            await checkpoint()  # What follows runs in one task, to which the group belongs.
+            async with anyio.create_task_group() as group:
+                for rest in waiting:
+                    group.start_soon(finish, rest)
         return tuple(sorted(found))
