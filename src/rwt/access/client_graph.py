@@ -64,6 +64,10 @@ _IMPLICIT: Final = object()
 class UnknownTopicType(NotFound):
     """The topic has not been advertised, and no type was given."""
 
+    def __init__(self, topic: str) -> None:
+        super().__init__(f"cannot infer the type of {topic}, which nobody has advertised")
+        self.topic = topic
+
 
 class _Call:
     """Pending service call of a client; call it with the outcome.
@@ -563,7 +567,7 @@ class ClientGraph(GraphView):
             return self.registry.message(type)
         info = self._graph.topic(name)
         if info is None or info.type is None:
-            raise UnknownTopicType(f"cannot infer the type of {name}, which nobody has advertised")
+            raise UnknownTopicType(name)
         return info.type
 
     # Services

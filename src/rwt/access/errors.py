@@ -7,11 +7,14 @@
   * :exc:`QuotaExceeded`: a limit of the client is reached.
   * :exc:`GateRefused`: a rule of the gate rejects this now.
 
-A connection that is refused before it opens gets :exc:`rwt_transports.errors.Refused`; invalid settings raise
+A connection that is refused before it opens gets :exc:`rwt_transports.errors.Refused`, and one of a site that
+may not connect its subclass :exc:`OriginRefused`; invalid settings raise
 :exc:`rwt.access.settings.SettingsError`.
 """
 
 from __future__ import annotations
+
+from rwt_transports.errors import Refused
 
 
 class AccessError(Exception):
@@ -28,6 +31,10 @@ class NotAllowed(AccessError):
 
 class QuotaExceeded(AccessError):
     """A limit of the client is reached."""
+
+
+class OriginRefused(Refused):
+    """Pages of this site may not connect or act; the setting `origins.allow` decides."""
 
 
 class GateRefused(AccessError):

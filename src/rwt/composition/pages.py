@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
+from rwt.access.errors import OriginRefused
 from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt_transports.errors import Refused
@@ -88,7 +89,8 @@ def routes(
             presses_stop=route.presses_stop,
         )
         routes.add(route.path, page, route.method)
-        methods.setdefault(route.path, []).append(route.method)
+        if route.method != "*":
+            methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():
         if allowed != ["GET"]:
             routes.add(path, _preflight(bridge.access, allowed, loopback=loopback), "OPTIONS")
@@ -117,7 +119,7 @@ def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Han
 
 
 def _foreign(origin: str) -> Refused:
-    return Refused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
+    return OriginRefused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
 
 
 def _admitted(

@@ -499,7 +499,9 @@ class HttpConnection(UnbufferedCallbacks):
 
     def _send_head(self, response: HttpResponse, size: int | None) -> None:
         self._log_access(response.status, size)
-        headers = [("Date", formatdate(usegmt=True)), ("Content-Type", response.content_type)]
+        headers = [("Date", formatdate(usegmt=True))]
+        if response.status != 204:
+            headers.append(("Content-Type", response.content_type))
         if size is not None:
             headers.append(("Content-Length", str(size)))
         headers.extend({**SAFE_HEADERS, **response.headers}.items())

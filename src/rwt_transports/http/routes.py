@@ -138,7 +138,8 @@ class Route(Generic[AnyReader]):
         path: path as in :class:`Routes`, such as ``/stream`` or ``/packages/*``.
         page: handler, limited to the rights of its reader.
         audience: clients that may request it.
-        method: HTTP method in upper case; ``GET`` includes ``HEAD``. Pages of other origins may use any
+        method: HTTP method in upper case; ``GET`` includes ``HEAD``, and ``*`` is every method without a
+            handler. Pages of other origins may use any
             other method only where they may connect by WebSocket (the setting `origins`).
         refusal: builds the response to a request that is refused before it reaches the page.
         presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
@@ -228,7 +229,7 @@ class Routes:
         handlers = self._handlers.get(path) or self._below(path)
         if handlers is None:
             return self._not_found(path)
-        handler = handlers.get("GET" if method == "HEAD" else method)
+        handler = handlers.get("GET" if method == "HEAD" else method) or handlers.get("*")
         if handler is not None:
             return handler
         allowed = ", ".join(sorted(handlers.keys() | ({"HEAD"} if "GET" in handlers else set())))

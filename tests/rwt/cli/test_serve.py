@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import socket
+import subprocess
 import urllib.request
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tests.processes import ended, running
+from tests.processes import ended, running, start
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
@@ -125,6 +126,40 @@ def test_a_bad_config_is_one_line(tmp_path: Path, text: str, expected: str) -> N
     assert code == 2
     assert expected in error
     assert str(config) in error
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "expected"),
+    [
+        ("demo = true", 0, ""),
+        ('distro = "foxy"', 2, "robot.toml:1"),
+        ('[tls]\ncertfile = "gone.pem"\nkeyfile = "gone.pem"', 2, "gone.pem"),
+        (
+            'demo = true\n[gate.rules.drive]\ntopics = ["/cmd_vel"]\nfields."x.y".max = 1',
+            2,
+            "no field w",
+        ),
+    ],
+)
+def test_settings_are_checked_without_serving(tmp_path: Path, text: str, code: int, expected: str) -> None:
+    config = tmp_path / "robot.toml"
+    config.write_text(text)
+    taken = socket.create_server(("127.0.0.1", 0))
+    with (
+        taken,
+        start(
+            "serve",
+            f"ws://127.0.0.1:{taken.getsockname()[1]}",
+            "--check",
+            "--config",
+            str(config),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as process,
+    ):
+        said, errors = process.communicate(timeout=60)
+    assert (process.returncode, expected in errors) == (code, True), errors
+    assert said.startswith("the settings are valid") == (code == 0)
 
 
 def test_a_missing_config_is_one_line(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from rwt.gateways.http.requests import Query, name_and_type, name_below, payload
 from rwt_graph.api import GoalEvents
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
+from rwt_participant.spelling import did_you_mean
 from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
@@ -192,10 +193,13 @@ class ActionPages:
         if found is not None:
             return self._goal(request, reader, found)
         Query(request)
+        if request.path.rstrip("/").endswith("/goals"):
+            return self._list_goals(request, reader)
         name = name_below(request, PATH, "action")
         action = reader.action(name)
         if action is None:
-            raise HttpProblem("not-found", f"no action {name} is here")
+            meant = did_you_mean(name, (each.name for each in reader.actions()))
+            raise HttpProblem("not-found", f"no action {name} is here{meant}")
         return value_response(request, name_and_type(reader, action))
 
     def _find(self, action: str, id: str) -> HttpGoal:
@@ -226,6 +230,14 @@ class ActionPages:
             return HttpResponse(status=204)  # A reader that has received the end must not reconnect.
         with self._clients.client_of(request, reader) as client:
             return GoalEventStream(client, goal, self._settings.stream_bytes).response(request)
+
+    def _list_goals(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """List the client's own goals of an action, oldest first."""
+        action = _action_of(request, len(request.path.rstrip("/")) - len("/goals"))
+        reader.require("goals", action)
+        with self._clients.client_of(request, reader) as client:
+            goals = [goal.body() for goal in self.goals.of_client(client) if goal.action == action]
+            return value_response(request, goals)
 
     async def send(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Send a goal to an action, and make it a resource."""

@@ -110,6 +110,10 @@ class KeptTable(Generic[K]):
         """Return the call or goal of that id."""
         return self._items.get(id)
 
+    def of_client(self, client: HttpClient) -> tuple[K, ...]:
+        """Return what is kept of a client, oldest first."""
+        return tuple(self._of_client.get(client, {}).values())
+
     def make_room(self, client: HttpClient) -> None:
         """Forget the client's oldest that has ended, if it is at its limit. Raises QuotaExceeded."""
         own = self._of_client.get(client, {})

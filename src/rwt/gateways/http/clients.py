@@ -206,7 +206,7 @@ def page(handler: Handler) -> Handler:
         try:
             answered = handler(request, reader)
         except problems.REFUSALS as error:
-            return problems.answer(request, problems.problem_of(error))
+            return problems.answer(request, problems.problem_of(error, reader))
         if isinstance(answered, HttpResponse):
             return answered
         return _answered(request, reader, answered)
@@ -222,4 +222,4 @@ async def _answered(
     except problems.CallWaits as waits:
         return waits.response
     except problems.REFUSALS as error:
-        return problems.answer(request, problems.problem_of(error))
+        return problems.answer(request, problems.problem_of(error, reader))

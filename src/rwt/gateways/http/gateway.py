@@ -21,6 +21,7 @@ from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, 
 from rwt.gateways.http.requests import Query, text_below
 from rwt.gateways.http.schemas import document
 from rwt.gateways.visitors import url_of
+from rwt_participant.spelling import nearest
 from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, MetricFamily, Route, page_policy
 
 if TYPE_CHECKING:
@@ -119,7 +120,19 @@ class HttpGateway(Gateway):
             ("PUT", "/api/parameters/*", "parameters", of_parameters.set),
             ("DELETE", "/api/parameters/*", "parameters", of_parameters.delete),
         )
-        for method, path, kind, handler in rows:
+        methods: dict[str, list[str]] = {}
+        for method, path, _, _ in rows:
+            methods.setdefault(path, []).extend((method, "HEAD") if method == "GET" else (method,))
+        others = tuple(
+            (
+                "*",
+                path,
+                "server",
+                _unknown if path == "/api/*" else partial(_not_allowed, ", ".join(sorted(known))),
+            )
+            for path, known in methods.items()
+        )
+        for method, path, kind, handler in (*rows, *others):
             counted = partial(self._counted, page(handler), (kind, method))
             yield Route(path, counted, Audience.ADMITTED, method, refusal, presses_stop)
 
@@ -198,8 +211,19 @@ _MAX_DOCUMENTS: Final = 50
 
 
 def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:
+    path = request.path[:200]
+    kind, _, rest = path.removeprefix("/api/").partition("/")
+    near = nearest(kind, ("topics", "services", "actions", "parameters", "types", "openapi.json"))
+    instead = f"/api/{near}" + (f"/{rest}" if rest else "") if near else "/api says what there is"
+    raise HttpProblem("not-found", f"there is no {path} here", instead=instead)
+
+
+def _not_allowed(allowed: str, request: HttpRequest, reader: GraphView) -> HttpResponse:
     raise HttpProblem(
-        "not-found", f"there is no {request.path[:200]} here", instead="/api says what there is"
+        "method-not-allowed",
+        f"{request.method} is not possible for {request.path[:200]}",
+        instead=f"use {allowed}",
+        headers={"Allow": allowed},
     )
 
 

@@ -221,6 +221,10 @@ class _Description:
             "201": {"description": "the goal was sent", "headers": location, "content": _written(goal)}
         }
         found[f"{path}/goals"] = {
+            "get": self._operation(
+                f"list_goals{name}", "actions", f"Goals of this client for {name}",
+                _ok({"type": "array", "items": goal}),
+            ),
             "post": self._operation(
                 f"send_goal{name}", "actions", f"Send a goal to {name}", created,
                 body=self.schemas.reference(type.goal, incoming=True),

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import msgspec
 
 from rwt.access.client_graph import UnknownTopicType
-from rwt.access.errors import AccessError, GateRefused, NotAllowed, NotAuthenticated, QuotaExceeded
+from rwt.access.errors import (
+    AccessError,
+    GateRefused,
+    NotAllowed,
+    NotAuthenticated,
+    OriginRefused,
+    QuotaExceeded,
+)
 from rwt.delivery.shared_publishers import IncompatiblePolicies
 from rwt_graph.errors import InvalidGraphName, TypeConflict
 from rwt_participant.errors import (
@@ -25,9 +32,11 @@ from rwt_participant.errors import (
     TimedOut,
     UnknownType,
 )
+from rwt_participant.spelling import did_you_mean
 from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
+    from rwt.access.graph_view import GraphView
     from rwt_transports.errors import Refused
     from rwt_transports.http.routes import HttpRequest
 
@@ -50,6 +59,9 @@ KINDS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         ),
         "not-authenticated": ProblemKind(401, "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
         "not-allowed": ProblemKind(403, "The role does not allow this", "ask for a role that does"),
+        "origin-refused": ProblemKind(
+            403, "Pages of this site may not do this", "list the site in `origins.allow` of the server"
+        ),
         "gate-refused": ProblemKind(
             403, "A rule of the gate does not let this through", "do what the rule asks for"
         ),
@@ -151,13 +163,16 @@ REFUSALS: Final = (HttpProblem, RobotError, AccessError)
 """Exceptions of a page whose texts are sent to the client."""
 
 
-def problem_of(error: Exception) -> HttpProblem:
-    """Return the problem for one of :data:`REFUSALS`."""
+def problem_of(error: Exception, reader: GraphView) -> HttpProblem:
+    """Return the problem for one of :data:`REFUSALS`; names a similar topic that the reader sees."""
     if isinstance(error, HttpProblem):
         return error
     kind = next((kind for known, kind in _OF_ERROR if isinstance(error, known)), "invalid-request")
     where = _pointer(error.path) if isinstance(error, InvalidMessage) else ""
-    return HttpProblem(kind, str(error), where=where)
+    meant = ""
+    if isinstance(error, UnknownTopicType):
+        meant = did_you_mean(error.topic, (each.name for each in reader.topics()))
+    return HttpProblem(kind, f"{error}{meant}", where=where)
 
 
 def _pointer(path: str) -> str:
@@ -184,5 +199,6 @@ def answer(request: HttpRequest, problem: HttpProblem) -> HttpResponse:
 
 def refusal(request: HttpRequest, refused: Refused) -> HttpResponse:
     """Return the response to a request that was refused before it reached its page."""
-    kind = _OF_STATUS.get(refused.status, "invalid-request")
+    of_status = _OF_STATUS.get(refused.status, "invalid-request")
+    kind = "origin-refused" if isinstance(refused, OriginRefused) else of_status
     return answer(request, HttpProblem(kind, refused.reason, headers=refused.headers))

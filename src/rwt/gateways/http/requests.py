@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qs, unquote
@@ -39,6 +40,23 @@ each needs many times its size in memory.
 _CBOR_LIMITS: Final = WireLimits(max_depth=100, structure_bytes=64 * 1024)
 
 _MAX_PARAMETERS: Final = 20
+
+#: Text of msgspec about malformed JSON, with the byte at which it ends.
+_BYTE: Final = re.compile(r"JSON is malformed: (.*) \(byte (\d+)\)")
+
+
+def malformed(body: bytes) -> HttpProblem | None:
+    """Return the problem with a body that is not JSON, with line and column; None if it is."""
+    try:
+        msgspec.json.decode(body, type=msgspec.Raw)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        found = _BYTE.fullmatch(str(error))
+        if found is None:
+            return HttpProblem("invalid-message", f"not valid JSON: {error}")
+        before = body[: int(found[2])]
+        line, column = before.count(b"\n") + 1, len(before) - before.rfind(b"\n")
+        return HttpProblem("invalid-message", f"not valid JSON: {found[1]}: line {line}, column {column}")
+    return None
 
 
 def name_below(request: HttpRequest, prefix: str, what: str) -> str:
@@ -131,8 +149,13 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
     body = request.body
     if media_of(request) == CBOR and body:
         return Payload.from_value(type, _cbor_map(body), now)
-    if not body:
-        return Payload.from_json(type, b"{}", now)
+    try:
+        return await _from_json(type, body or b"{}", now)
+    except InvalidMessage as error:
+        raise malformed(body) or error from None
+
+
+async def _from_json(type: MessageType, body: bytes, now: Callable[[], int]) -> Payload:
     if len(body) < IN_STEPS:
         return Payload.from_json(type, body, now)
     is_dense = body.count(b"{") + body.count(b"[") > _MAX_BRACKETS

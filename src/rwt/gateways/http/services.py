@@ -12,6 +12,7 @@ from rwt.gateways.http.problems import CallWaits, HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
 from rwt_participant.errors import ProviderNotFound
+from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable
@@ -50,7 +51,8 @@ class ServicePages:
         name = name_below(request, PATH, "service")
         service = reader.service(name)
         if service is None:
-            raise HttpProblem("not-found", f"no service {name} is here")
+            meant = did_you_mean(name, (each.name for each in reader.services()))
+            raise HttpProblem("not-found", f"no service {name} is here{meant}")
         return value_response(request, name_and_type(reader, service))
 
     async def call(self, request: HttpRequest, reader: GraphView) -> HttpResponse:

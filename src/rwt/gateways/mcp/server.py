@@ -216,7 +216,7 @@ def _not_offered(tool: Tool[Any], agent: Agent) -> str:
 
 
 def _described(tool: Tool[Any]) -> types.Tool:
-    looks = tool.act is None
+    looks = tool.act is None or tool.only_looks
     return types.Tool(
         name=tool.name,
         title=tool.title,

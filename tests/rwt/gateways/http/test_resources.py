@@ -222,3 +222,69 @@ async def test_nothing_is_left_of_requests_that_are_over(server: Server, client:
     assert "rwt_http_streams 0" in metrics and "rwt_http_goals 0" in metrics
     assert 'rwt_topic_received_messages_total{gateway="http",topic="/open/heard"} 1' in metrics
     assert 'rwt_http_requests_total{resource="topics",method="POST"} 2' in metrics
+
+
+@pytest.mark.parametrize("path", ["/api", "/api/topics", "/api/openapi.json", "/api/types/std_msgs/String"])
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH"])
+async def test_a_method_that_is_not_possible(client: httpx.AsyncClient, path: str, method: str) -> None:
+    answer = await client.request(method, path)
+    assert problem(answer) == (405, "method-not-allowed")
+    assert answer.headers["allow"] == "GET, HEAD"
+    assert answer.json()["instead"] == "use GET, HEAD"
+    assert problem(await client.request(method, "/api/topcs")) == (404, "not-found")
+
+
+@pytest.mark.parametrize(
+    ("path", "key", "near"),
+    [
+        ("/api/topcs/open/label", "instead", "/api/topics/open/label"),
+        ("/api/service", "instead", "/api/services"),
+        ("/api/topics/open/labl?wait=0", "detail", "did you mean /open/label?"),
+        ("/api/services/open/ad", "detail", "did you mean /open/add?"),
+        ("/api/actions/open/coun", "detail", "did you mean /open/count?"),
+    ],
+)
+async def test_a_path_that_nearly_exists(client: httpx.AsyncClient, path: str, key: str, near: str) -> None:
+    answer = await client.get(path)
+    assert problem(answer) == (404, "not-found")
+    assert answer.json()[key].endswith(near)
+
+
+@pytest.mark.parametrize(
+    ("body", "where"),
+    [
+        (b'{"a": 1,\n "b": }', "line 2, column 7"),
+        (b'{"a": 1', "Input data was truncated"),
+        (b"{'a': 1}", "line 1, column 2"),
+    ],
+)
+async def test_where_a_body_is_no_json(client: httpx.AsyncClient, body: bytes, where: str) -> None:
+    answer = await client.post(
+        "/api/services/open/add", content=body, headers={"Content-Type": "application/json"}
+    )
+    assert problem(answer) == (422, "invalid-message")
+    assert answer.json()["detail"].startswith("not valid JSON: ")
+    assert where in answer.json()["detail"]
+
+
+async def test_no_content_has_no_type(client: httpx.AsyncClient) -> None:
+    answer = await client.post("/api/topics/open/label?type=std_msgs/String", json={"data": "x"})
+    assert (answer.status_code, answer.content) == (204, b"")
+    assert "content-type" not in answer.headers
+
+
+async def test_a_page_of_another_site_is_told_so(client: httpx.AsyncClient) -> None:
+    headers = {"Origin": "http://evil.example"}
+    answer = await client.post("/api/services/open/add", json={}, headers=headers)
+    assert problem(answer) == (403, "origin-refused")
+    assert "http://evil.example" in answer.json()["detail"]
+    assert "origins.allow" in answer.json()["instead"]
+
+
+async def test_goals_of_a_client_are_listed(client: httpx.AsyncClient) -> None:
+    path = "/api/actions/open/count/goals"
+    assert (await client.get(path)).json() == []
+    sent = [(await client.post(path, json={"order": order})).json()["id"] for order in (1, 200)]
+    assert [goal["id"] for goal in (await client.get(path)).json()] == sent
+    assert (await client.get(path, headers={"RWT-Session": "another"})).json() == []
+    await client.delete(f"{path}/{sent[1]}")

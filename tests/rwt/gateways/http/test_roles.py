@@ -80,7 +80,7 @@ async def test_pages_of_others_may_not_act(server: Server, client: httpx.AsyncCl
         ("DELETE", "/api/parameters/x"),
     ):
         answer = await client.request(method, path, content=b"{}", headers=foreign)
-        assert problem(answer) == (403, "not-allowed")
+        assert problem(answer) == (403, "origin-refused")
         asked = await client.options(path, headers=foreign)
         assert asked.status_code == 403 and "access-control-allow-origin" not in asked.headers
     own = {"Origin": str(client.base_url).rstrip("/")}

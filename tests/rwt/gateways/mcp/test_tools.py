@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -231,3 +232,15 @@ async def test_frames_are_listed_and_looked_up() -> None:
             assert [round(each, 6) for each in found["point"]] == [1.0, 1.0, 0.0]
             assert await refused(agent, "look_up_transform", target="map", source="nought", timeout=0.1)
         node.close()
+
+
+async def test_what_tools_say_of_themselves() -> None:
+    async with _agent("gateway") as (agent, _):
+        tools = {tool.name: tool for tool in (await agent.list_tools()).tools}
+    looks = {name for name, tool in tools.items() if tool.annotations and tool.annotations.read_only_hint}
+    assert tools.keys() - looks == {
+        "publish", "call_service", "send_goal", "cancel_goal", "set_parameter", "drive",
+    } & tools.keys()  # fmt: skip
+    assert "check_goal" in looks and "send_goal" not in looks
+    # Some models do not support tuples of JSON Schema.
+    assert not [name for name, tool in tools.items() if "prefixItems" in json.dumps(tool.input_schema)]

@@ -24,6 +24,7 @@ from rwt_transports.schemes import url_forms
 if TYPE_CHECKING:
     from rwt.nodes.recording import RecordingOptions, Split
     from rwt.server import Server
+    from rwt.settings import Settings
     from rwt.settings.sources import LoadedSettings
 
 _EXAMPLES = """\
@@ -118,6 +119,11 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         "--gate",
         choices=("enforce", "observe"),
         help="enforce the rules under `gate`, or only log what they would reject",
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="check the settings and files that they name, without serving",
     )
     _add_graph_options(parser)
     add_settings_options(parser)
@@ -230,7 +236,27 @@ def _run(arguments: argparse.Namespace) -> int:
             record_options=_record_options(arguments),
             introspection=arguments.introspection,
         )
+        if arguments.check:
+            _check(settings)
+            return 0
         return server.run(on_up=_on_up, in_worker=_in_worker)
+
+
+def _check(settings: Settings) -> None:
+    """Check what a server reads when it starts.
+
+    Raises:
+        SettingsError, CommandError: it would not start.
+    """
+    from rwt.cli.commands.gate.trial import Trial
+    from rwt.composition.extensions import load_encodings
+    from rwt.tls.tls import server_tls
+
+    if not settings.tls.auto:  # It would create a certificate.
+        server_tls(settings.tls)
+    load_encodings(settings.encodings)
+    Trial(settings)  # Roles, tokens and rules of the gate.
+    print("the settings are valid; not checked: whether addresses are free, and other machines")
 
 
 @contextmanager

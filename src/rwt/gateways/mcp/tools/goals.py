@@ -142,6 +142,7 @@ CHECK_GOAL: Final = Tool(
     CheckGoalArguments,
     _check_goal,
     act="goals",
+    only_looks=True,
 )
 
 

@@ -39,6 +39,7 @@ class Tool(Generic[A]):
         arguments: pydantic model of the arguments.
         run: implementation.
         act: required right; None for a tool that only reads.
+        only_looks: True if the tool changes nothing of the robot, although it requires a right.
         reads_recordings: True if the tool needs the setting `mcp.recordings`.
     """
 
@@ -48,6 +49,7 @@ class Tool(Generic[A]):
     arguments: type[A]
     run: Callable[[Agent, A], Awaitable[Answer]]
     act: Act | None = None
+    only_looks: bool = False
     reads_recordings: bool = False
 
     @cached_property

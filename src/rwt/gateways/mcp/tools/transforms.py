@@ -45,8 +45,12 @@ class TransformArguments(Arguments):
     target: Annotated[Name, Field(description="frame of the result, such as map")]
     source: Annotated[Name, Field(description="frame to locate, such as base_link")]
     point: Annotated[
-        tuple[float, float, float] | None,
-        Field(description="x, y, z in metres of a point in the source frame, converted to the target frame"),
+        list[float] | None,
+        Field(
+            min_length=3,
+            max_length=3,
+            description="x, y, z in metres of a point in the source frame, converted to the target frame",
+        ),
     ] = None
     timeout: Annotated[Seconds, Field(description="seconds to wait for the transforms")] = 5.0
 
@@ -65,7 +69,8 @@ async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
         "degrees": {"roll": roll, "pitch": pitch, "yaw": yaw},
     }
     if asked.point is not None:
-        about["point"] = [float(each) for each in found.transform.apply(asked.point)]
+        x, y, z = asked.point
+        about["point"] = [float(each) for each in found.transform.apply((x, y, z))]
     return (as_text(about),)
 
 
