@@ -109,8 +109,8 @@ def shrink(message):
     for field, type in message.get_fields_and_field_types().items():
         value = getattr(message, field)
         if 'uint64' in type:
-            most = 2**63 - 1
-            setattr(message, field, min(value, most) if isinstance(value, int) else [min(int(i), most) for i in value])
+            smaller = lambda number: min(int(number), 2**63 - 1)
+            setattr(message, field, smaller(value) if isinstance(value, int) else [smaller(i) for i in value])
         for each in value if isinstance(value, list) else [value]:
             if hasattr(each, 'get_fields_and_field_types'): shrink(each)
 for each in sent: shrink(each)
@@ -169,7 +169,7 @@ class Rosbridge:
         return Payload.from_value(self.type, of_cbor(message["msg"]))
 
     def publish(self, payload: Payload) -> None:
-        value = json.loads(payload.json())
+        value = json.loads(bytes(payload.json()))
         self.say(op="publish", topic=self.ours, msg=value)
 
 
