@@ -94,7 +94,7 @@ $(ROS2)/.$(ROS2_DISTRO):
 test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
 	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
 		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
-		$(ROS2)/bin/python -m pytest tests/ros2 $(ARGS)
+		$(ROS2)/bin/python -m pytest tests/ros2 tests/contract/graph $(ARGS)
 
 # The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,
 # and pulseaudio for those of sound.
