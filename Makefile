@@ -93,8 +93,8 @@ $(ROS2)/.$(ROS2_DISTRO):
 
 test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
 	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
-		PYTHONPATH=src:rwt-rclpy/src:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
-		$(ROS2)/bin/python -m pytest tests/ros2 $(ARGS)
+		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+		$(ROS2)/bin/python -m pytest tests/ros2 tests/contract/graph $(ARGS)
 
 # Tests of the ROS 1 graph against real ROS 1 programs, which Debian 12 packages for its own Python; apt needs root.
 ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconfigure geometry-msgs nav-msgs rosbag \

@@ -11,7 +11,7 @@ from rwt_graph.errors import TypeConflict
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, QoS, Reliability
 from tests.ros2.program import NODE
-from tests.ros2.values import comparable
+from tests.ros2.values import TYPES, comparable
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -20,19 +20,6 @@ if TYPE_CHECKING:
     from tests.ros2.program import Program
 
 pytestmark = pytest.mark.anyio
-
-TYPES = [
-    *(
-        "Arrays",
-        "BasicTypes",
-        "BoundedPlainSequences",
-        "BoundedSequences",
-        "Builtins",
-        "Constants",
-        "Defaults",
-    ),
-    *("Empty", "MultiNested", "Nested", "Strings", "UnboundedSequences", "WStrings"),
-]
 
 _DEPTHS = "qos.QoSProfile(depth={}, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)"
 

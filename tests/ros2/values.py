@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
+
+#: Messages of `test_msgs`, which has every kind of field.
+TYPES: Final = [
+    *(
+        "Arrays",
+        "BasicTypes",
+        "BoundedPlainSequences",
+        "BoundedSequences",
+        "Builtins",
+        "Constants",
+        "Defaults",
+    ),
+    *("Empty", "MultiNested", "Nested", "Strings", "UnboundedSequences", "WStrings"),
+]
 
 
 def comparable(value: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rwt_participant.errors import ProviderGone
@@ -16,27 +15,51 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@dataclass(eq=False, slots=True)
 class RemoteService(Generic[T]):
     """Service that one or more other processes offer.
 
     Attributes:
-        open: pending calls.
+        open: pending calls of all providers that are present.
         offers: providers by key, the oldest first, each with the backend's own description.
     """
 
-    open: set[MemoryCall] = field(default_factory=set)
-    offers: dict[Hashable, tuple[ServiceInfo, T]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.offers: dict[Hashable, tuple[ServiceInfo, T]] = {}
+        self.open: set[MemoryCall] = set()
+        # Pending calls, with the providers that may have received them: later ones have not.
+        self._asked: list[tuple[set[MemoryCall], set[Hashable]]] = []
 
     @property
     def first(self) -> tuple[ServiceInfo, T]:
         """Return the oldest provider, which determines type and node of the service."""
         return next(iter(self.offers.values()))
 
+    def add(self, key: Hashable, info: ServiceInfo, description: T) -> None:
+        """Add a provider."""
+        self.offers[key] = (info, description)
+        self._asked = [entry for entry in self._asked if entry[0]]
+        self.open = set()
+        self._asked.append((self.open, set(self.offers)))
+
+    def remove(self, key: Hashable, why: str) -> bool:
+        """Remove a provider; end the calls that no other provider has received. False if it is unknown."""
+        if self.offers.pop(key, None) is None:
+            return False
+        for calls, providers in tuple(self._asked):
+            providers.discard(key)
+            if not providers:
+                _end(calls, why)
+        return True
+
     def lose(self, why: str) -> None:
-        """End the pending calls with :exc:`ProviderGone`."""
-        while self.open:
-            self.open.pop().end_with(ProviderGone(why))
+        """End all pending calls."""
+        for calls, _ in self._asked:
+            _end(calls, why)
+
+
+def _end(calls: set[MemoryCall], why: str) -> None:
+    while calls:
+        calls.pop().end_with(ProviderGone(why))
 
 
 class RemoteServiceTable(Generic[T]):
@@ -48,19 +71,18 @@ class RemoteServiceTable(Generic[T]):
 
     def found(self, key: Hashable, info: ServiceInfo, description: T) -> None:
         """Add a provider."""
-        service = self._services.setdefault(info.name, RemoteService())
-        service.offers[key] = (info, description)
+        self._services.setdefault(info.name, RemoteService()).add(key, info, description)
         self._changes.note()
 
     def lost(self, key: Hashable, name: str) -> None:
-        """Remove a provider; with the last one of a service, its pending calls end."""
+        """Remove a provider, and end the calls that no other one has received."""
         service = self._services.get(name)
-        if service is None or service.offers.pop(key, None) is None:
+        if service is None:
             return
-        self._changes.note()
-        if not service.offers:
-            del self._services[name]
-            service.lose(f"Service {name} was unadvertised")
+        if len(service.offers) == 1 and key in service.offers:
+            del self._services[name]  # First: callers whose calls end may call again.
+        if service.remove(key, f"Service {name} was unadvertised"):
+            self._changes.note()
 
     def close(self) -> None:
         """End all pending calls."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
-from rwt_graph.errors import Ros2Error
+from rwt_graph.errors import InvalidGraphName, Ros2Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros2.ament import add_installed
 from rwt_graph.ros2.connection import Connection
@@ -91,7 +91,11 @@ class Ros2Graph(MemoryGraph):
     def participant(self, name: str) -> MemoryParticipant:
         participant = super().participant(name)
         if self._connection is not None:
-            self._connection.node_of(participant.owner)
+            try:
+                self._connection.node_of(participant.owner)
+            except ValueError as error:
+                participant.close()
+                raise InvalidGraphName(f"{name} is not a node name in ROS 2: {error}") from None
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:

@@ -237,7 +237,9 @@ class Ros2Topics:
         text = f"{topic.name} is not exchanged with ROS 2: {error}"
         if text not in self._unavailable:
             self._unavailable.add(text)
-            logger.warning("%s", text)
+            # Only this process may use the topic, such as the server's own nodes.
+            is_expected = not (topic.remote_publishers or topic.remote_subscribers)
+            logger.log(logging.INFO if is_expected else logging.WARNING, "%s", text)
 
     def _follow_publishers(self, connection: Connection, topic: Topic, channel: Channel) -> None:
         for publisher in channel.writers.keys() - set(topic.publishers):

@@ -30,7 +30,7 @@ class Server:
         self.on_goal: Callable[[ServerGoal], None] = lambda goal: goal.accept()
         self.participant = harness.graph.participant(node)
         self.registration: Registration = self.participant.advertise_action(
-            "/fib", harness.graph.registry.action("example_interfaces/Fibonacci"), self._on_goal
+            "/fib", harness.graph.registry.action(harness.fibonacci), self._on_goal
         )
 
     def _on_goal(self, goal: ServerGoal) -> None:

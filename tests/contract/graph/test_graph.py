@@ -21,7 +21,7 @@ pytestmark = pytest.mark.anyio
 async def test_nodes_and_what_they_take_part_in(harness: Harness) -> None:
     registry = harness.graph.registry
     string, trigger = registry.message("std_msgs/String"), registry.service("std_srvs/Trigger")
-    fibonacci = registry.action("example_interfaces/Fibonacci")
+    fibonacci = registry.action(harness.fibonacci)
     a, twin, b = (harness.graph.participant(name) for name in ("/a", "/a", "/b"))
     a.advertise("/y", string)
     twin.advertise("/x", string)
@@ -48,7 +48,7 @@ async def test_services_actions_and_topics_are_listed_by_name(harness: Harness) 
     a = harness.graph.participant("/a")
     for name in ("/b", "/a"):
         a.advertise_service(name, registry.service("std_srvs/Trigger"), lambda _: None)
-        a.advertise_action(name, registry.action("example_interfaces/Fibonacci"), lambda _: None)
+        a.advertise_action(name, registry.action(harness.fibonacci), lambda _: None)
         a.advertise(name, registry.message("std_msgs/String"))
     await harness.settle()
     graph = harness.graph
@@ -61,7 +61,7 @@ async def test_services_actions_and_topics_are_listed_by_name(harness: Harness) 
 async def test_the_version_grows_with_all_that_is_listed(harness: Harness) -> None:
     graph, registry = harness.graph, harness.graph.registry
     string, trigger = registry.message("std_msgs/String"), registry.service("std_srvs/Trigger")
-    fibonacci = registry.action("example_interfaces/Fibonacci")
+    fibonacci = registry.action(harness.fibonacci)
     a, other = graph.participant("/a"), graph.participant("/b")
     undo: list[Callable[[], None]] = []
     steps: list[Callable[[], Registration | Publisher | Subscription]] = [

@@ -156,7 +156,7 @@ async def test_calls_in_flight_fail_when_the_provider_goes(
 
 
 async def test_a_second_provider_replaces_the_first(harness: Harness, trigger: ServiceType) -> None:
-    first, second = harness.graph.participant("/1"), harness.graph.participant("/2")
+    first, second = harness.graph.participant("/n1"), harness.graph.participant("/n2")
     old = first.advertise_service("/s", trigger, lambda _: None)
     await harness.settle()
     before, after = Replies(), Replies()
@@ -171,7 +171,7 @@ async def test_a_second_provider_replaces_the_first(harness: Harness, trigger: S
     assert after == ["new"]
     info = harness.graph.service("/s")
     assert info is not None
-    assert (info.node, info.type) == ("/2", trigger)
+    assert (info.node, info.type) == ("/n2", trigger)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ async def test_a_displaced_provider_is_restored_when_the_newer_ones_have_gone(
 async def test_a_displaced_provider_does_not_take_calls_of_another_type(
     harness: Harness, trigger: ServiceType
 ) -> None:
-    first, second = harness.graph.participant("/1"), harness.graph.participant("/2")
+    first, second = harness.graph.participant("/n1"), harness.graph.participant("/n2")
     other = harness.graph.registry.service("std_srvs/Empty")
     taken: list[str] = []
     first.advertise_service("/s", trigger, lambda call: taken.append(call.request.type.name))

@@ -207,12 +207,6 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
         "--zenoh-config", metavar="FILE", help="a Zenoh configuration file, for TLS, access control, …"
     )
     parser.add_argument("--domain", type=int, metavar="N", help="ROS_DOMAIN_ID of --graph zenoh (default 0)")
-    parser.add_argument(
-        "--use-sim-time",
-        action="store_true",
-        default=None,
-        help="take the time from /clock (--graph ros2)",
-    )
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -301,7 +295,6 @@ def _settings(arguments: argparse.Namespace) -> LoadedSettings:
         "zenoh.connect": tuple(arguments.zenoh_connect or ()) or None,
         "zenoh.config": arguments.zenoh_config,
         "zenoh.domain": arguments.domain,
-        "ros2.use_sim_time": arguments.use_sim_time,
     }
     loaded = settings_of(arguments, given)
     if arguments.tls is None:

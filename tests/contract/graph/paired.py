@@ -1,4 +1,4 @@
-"""Two Zenoh graphs behind one face: whoever provides is in one session, whoever consumes in the other."""
+"""Two graphs behind one face: providers are in the one, consumers in the other."""
 
 from __future__ import annotations
 
@@ -23,13 +23,10 @@ from rwt_graph.api import (
     Subscription,
     TopicInfo,
 )
-from rwt_graph.clock import SimulatedClock
-from rwt_graph.zenoh import ZenohGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
-from tests.zenoh_links import QUICK, Counting, Ripple, free_endpoint
 
 
 class SplitParticipant(Participant):
@@ -87,14 +84,13 @@ class PairedGraph(Graph):
     """Two graphs of one clock, each connected to the other. What it knows is what the consumers' graph
     knows."""
 
-    def __init__(self, registry: Registry, clock: SimulatedClock) -> None:
-        endpoint = free_endpoint()
-        self.provider = ZenohGraph(registry, clock, listen=[endpoint], config=QUICK)
-        self.consumer = ZenohGraph(registry, clock, connect=[endpoint], config=QUICK)
-        self._counts = Counting(self.provider), Counting(self.consumer)
-        self.ripple = Ripple((self.provider, self.consumer), self._counts)
-        self.distro, self.registry, self.clock = registry.distro, registry, clock
-        self.parameters = self.provider.parameters
+    def __init__(self, provider: MemoryGraph, consumer: MemoryGraph) -> None:
+        self.provider, self.consumer = provider, consumer
+        self.distro, self.registry, self.clock = provider.distro, provider.registry, provider.clock
+        self.parameters = provider.parameters
+
+    async def start(self) -> None:
+        """Called when both graphs run."""
 
     def participant(self, name: str) -> Participant:
         return SplitParticipant(self.provider.participant(name), self.consumer.participant(name))
@@ -141,7 +137,7 @@ class PairedGraph(Graph):
         await self.provider.__aenter__()
         try:
             await self.consumer.__aenter__()
-            await self.ripple.start()
+            await self.start()
         except BaseException:
             await self.__aexit__()
             raise

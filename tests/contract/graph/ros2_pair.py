@@ -1,0 +1,100 @@
+"""Two graphs on a real ROS 2, in one process; only where its `rclpy` is installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from typing import TYPE_CHECKING
+
+import anyio
+
+from rwt_interfaces.registry import Registry
+from tests.contract.graph.paired import PairedGraph
+from tests.waiting import PATIENCE
+
+if TYPE_CHECKING:
+    from rwt_graph.clock import SimulatedClock
+    from rwt_graph.ros2 import Ros2Graph
+
+HAS_ROS = importlib.util.find_spec("rclpy") is not None and "AMENT_PREFIX_PATH" in os.environ
+
+_NO_ERRORS = "services of ROS 2 have no errors: a caller receives no answer"
+_NO_CANCEL = "services of ROS 2 have no cancel: a provider does not learn that a call has ended"
+_REASONS = "the reason is a message of its own, which a new subscription may miss"
+
+#: What ROS 2 cannot do, by test.
+DIFFERENCES = {
+    "test_a_rejected_goal": _REASONS,
+    "test_a_server_that_raises_rejects": _REASONS,
+    "test_answers_come_in_any_order": _NO_ERRORS,
+    "test_a_provider_that_raises_fails_the_call_without_telling_why": _NO_ERRORS,
+    "test_a_timeout_is_never_early_and_at_most_20_ms_late": _NO_CANCEL,
+    "test_a_cancelled_call_hears_nothing": _NO_CANCEL,
+    "test_open_calls_of_a_node_that_leaves_end": _NO_CANCEL,
+    "test_a_provider_learns_once_that_a_call_has_ended": _NO_CANCEL,
+    "test_kept_samples_are_forgotten_after_their_lifespan": "DDS measures a lifespan in real time",
+    "test_subscriber_count_and_endpoints": "subscribers of one process share one subscription",
+}
+
+#: Seconds without any sample or change, after which nothing is on the way: DDS has no mark of an end.
+_QUIET_SECONDS = 0.15
+
+
+class Ros2Pair(PairedGraph):
+    """Two graphs on ROS 2, each a participant of its own."""
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        from rwt_graph.ros2 import Ros2Graph, add_installed
+
+        registry = Registry()
+        add_installed(registry)
+
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        domain = 101 + os.getpid() % 100
+        pair = Ros2Graph(registry, clock, domain=domain), Ros2Graph(registry, clock, domain=domain)
+        super().__init__(*pair)
+        self._activity = 0
+        for graph in pair:
+            self._count(graph)
+
+    def _count(self, graph: Ros2Graph) -> None:
+        run = graph.run_on_graph
+
+        def counted(call: object) -> None:
+            self._activity += 1
+            run(call)  # type: ignore[arg-type] # Passed on.
+
+        graph.run_on_graph = counted  # type: ignore[method-assign] # Discovery calls it with each change.
+
+    async def start(self) -> None:
+        for graph in (self.provider, self.consumer):
+            wakeups = graph._connection.wakeups  # type: ignore[attr-defined] # A Ros2Graph.
+            for wakeup in wakeups._wakeups.values():
+                self._watch(wakeup)
+            add = wakeups.add
+
+            def watched(kind: object, endpoint: object, drain: object, add: object = add) -> object:
+                wakeup = add(kind, endpoint, drain)  # type: ignore[operator] # The method.
+                self._watch(wakeup)
+                return wakeup
+
+            wakeups.add = watched
+        await self.settle()
+
+    def _watch(self, wakeup: object) -> None:
+        drain = wakeup.drain  # type: ignore[attr-defined] # A Wakeup.
+
+        def counted() -> bool:
+            self._activity += 1
+            return bool(drain())
+
+        wakeup.drain = counted  # type: ignore[attr-defined] # A Wakeup.
+
+    async def settle(self) -> None:
+        """Return when nothing has happened for a while."""
+        with anyio.fail_after(PATIENCE):
+            quiet = 0.0
+            while quiet < _QUIET_SECONDS:
+                before = self._activity
+                await anyio.sleep(0.01)
+                quiet = quiet + 0.01 if before == self._activity else 0.0
