@@ -63,11 +63,11 @@ def own_address(master: str, environment: Mapping[str, str] = os.environ) -> Add
     for variable in ("ROS_HOSTNAME", "ROS_IP"):
         host = environment.get(variable)
         if host:
-            return Address(host, "127.0.0.1" if _is_loopback(host) else "", variable)
+            return Address(host, "127.0.0.1" if is_loopback(host) else "", variable)
     host = _local_address(master)
-    if _is_loopback(host):
+    if is_loopback(host):
         name = socket.gethostname()
-        if not _is_loopback(name):
+        if not is_loopback(name):
             return Address(name, "", "the name of this host")
         return Address(host, "127.0.0.1", "the address of the master")
     return Address(host, "", "the address from which the master is reached")
@@ -82,7 +82,7 @@ def _local_address(master: str) -> str:
         return "127.0.0.1"
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
     """Return True if a host is this one, or if its name does not resolve."""
     if host == "localhost":
         return True
