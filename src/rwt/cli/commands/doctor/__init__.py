@@ -91,7 +91,7 @@ def add_doctor_command(commands: Commands) -> None:
     parser = commands.add_parser(
         "doctor",
         description="Connect to a rosbridge server, this one or any other, and report what is wrong and what"
-        " to do:\nversion, clock, latency, encodings, rosapi, permissions; of a ROS 1 master, unreachable nodes.",
+        " to do:\nversion, clock, latency, encodings, rosapi, permissions; nodes of a ROS 1 master.",
         epilog=epilog(
             "rwt doctor ws://robot:9090\nrwt doctor ros1://robot:11311\nrwt doctor --stop-latency",
             '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
