@@ -233,6 +233,13 @@ async def test_a_subscriber_that_stalls_is_bounded_and_affects_no_other(ros: Ros
     await until(lambda: 8 in stalled.run("result = received"))
 
 
+async def test_the_first_message_of_a_new_publisher_is_not_lost(ros: Ros, graph: Ros1Graph) -> None:
+    program = ros.program()
+    program.run(SUBSCRIBE)
+    graph.node("talker").publish("/chatter", {"data": "first"}, "std_msgs/String")
+    await until(lambda: program.run("result = received") == ["first"])
+
+
 async def test_leaving_unregisters_everything(ros: Ros, graph: Ros1Graph) -> None:
     node = graph.node("short")
     node.advertise("/chatter", "std_msgs/String")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
-from rwt.settings.models import GRAPHS
+from rwt.settings.models import GRAPHS, ROS1_GRAPHS
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
@@ -59,7 +59,7 @@ def make_graph(
     else:
         _check_registry(registry, settings)
     zenoh = settings.zenoh
-    is_ros1 = settings.graph.partition(":")[0] == "ros1"
+    is_ros1 = settings.graph.partition(":")[0] in ROS1_GRAPHS
     if (is_ros1 or settings.graph in ("memory", "ros2")) and (zenoh.listen or zenoh.connect):
         raise SettingsError(
             '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
@@ -74,7 +74,7 @@ def make_graph(
     if is_ros1:
         from rwt_graph.ros1 import Ros1Graph  # Imported only if configured.
 
-        return Ros1Graph(registry, clock, master=settings.graph if ":" in settings.graph else None)
+        return Ros1Graph(registry, clock, master=settings.graph if settings.graph != "ros1" else None)
     if settings.graph != "zenoh":
         # An entry point is a factory, like the argument `graph` of `Server`.
         make = extension_for("graph", "rwt.graphs", settings.graph, GRAPHS)

@@ -44,7 +44,8 @@ T = TypeVar("T", str, tuple[str, ...])
 
 NODES: Final = ("rosapi", "tf2_web_republisher", "web_video_server")
 GATEWAYS: Final = ("foxglove", "http", "mcp")
-GRAPHS: Final = ("memory", "ros1", "ros2", "zenoh")
+GRAPHS: Final = ("memory", "ros1", "ros1-master", "ros2", "zenoh")
+ROS1_GRAPHS: Final = ("ros1", "ros1-master")
 
 
 def _either(names: Iterable[str]) -> str:
@@ -324,7 +325,8 @@ class Settings(BridgeSettings):
         Field(
             description="`zenoh` shares the graph with other processes and needs the extra `zenoh`;"
             " `ros2` joins the installed ROS 2; `ros1://robot:11311` joins a ROS 1 master,"
-            ' `ros1` that of ROS_MASTER_URI, both with `distro = "noetic"` by default'
+            " `ros1` that of ROS_MASTER_URI, and `ros1-master://0.0.0.0:11311` is a master itself, all with"
+            ' `distro = "noetic"` by default'
         ),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
@@ -340,13 +342,13 @@ class Settings(BridgeSettings):
     @model_validator(mode="before")
     @classmethod
     def _ros1_is_noetic(cls, given: object) -> object:
-        if isinstance(given, dict) and str(given.get("graph")).partition(":")[0] == "ros1":
+        if isinstance(given, dict) and str(given.get("graph")).partition(":")[0] in ROS1_GRAPHS:
             return {"distro": "noetic", **given}
         return given
 
     @model_validator(mode="after")
     def _graph_fits_distro(self) -> Settings:
-        if self.graph.partition(":")[0] == "ros1" and DISTROS[self.distro].serialisation != "ros1":
+        if self.graph.partition(":")[0] in ROS1_GRAPHS and DISTROS[self.distro].serialisation != "ros1":
             raise ValueError(f'`distro`: {self.distro!r} cannot join ROS 1: expected "noetic"')
         return self
 

@@ -35,18 +35,20 @@ def master_uri(given: str | None, environment: Mapping[str, str] = os.environ) -
     """Return the URI of the master: the given one, else `ROS_MASTER_URI`, else that of this host.
 
     Args:
-        given: `http://host:port` or `ros1://host:port`; without port, 11311.
+        given: `http://host:port`, `ros1://host:port` or `ros1-master://host:port`; without port, 11311.
 
     Raises:
         Ros1Error: it is not a URI.
     """
+    if given == "ros1-master":
+        given = f"{given}://127.0.0.1"
     text = given or environment.get("ROS_MASTER_URI") or DEFAULT_MASTER
     try:
         parts = urlsplit(text)
         port = parts.port or _DEFAULT_PORT
     except ValueError:
         parts, port = urlsplit(""), 0
-    if parts.scheme not in ("http", "ros1") or not parts.hostname:
+    if parts.scheme not in ("http", "ros1", "ros1-master") or not parts.hostname:
         raise Ros1Error(f"{text!r} is not the address of a ROS 1 master: expected ros1://host:11311")
     host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
     return f"http://{host}:{port}/"
@@ -61,11 +63,11 @@ def own_address(master: str, environment: Mapping[str, str] = os.environ) -> Add
     for variable in ("ROS_HOSTNAME", "ROS_IP"):
         host = environment.get(variable)
         if host:
-            return Address(host, "127.0.0.1" if _is_loopback(host) else "", variable)
+            return Address(host, "127.0.0.1" if is_loopback(host) else "", variable)
     host = _local_address(master)
-    if _is_loopback(host):
+    if is_loopback(host):
         name = socket.gethostname()
-        if not _is_loopback(name):
+        if not is_loopback(name):
             return Address(name, "", "the name of this host")
         return Address(host, "127.0.0.1", "the address of the master")
     return Address(host, "", "the address from which the master is reached")
@@ -80,7 +82,7 @@ def _local_address(master: str) -> str:
         return "127.0.0.1"
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
     """Return True if a host is this one, or if its name does not resolve."""
     if host == "localhost":
         return True

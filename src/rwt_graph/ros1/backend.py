@@ -11,10 +11,12 @@ from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros1.actions import Ros1Actions
 from rwt_graph.ros1.addresses import master_uri, own_address
 from rwt_graph.ros1.discovery import Discovery
+from rwt_graph.ros1.master import Master
 from rwt_graph.ros1.parameters import MasterParameters
 from rwt_graph.ros1.services import Ros1Services
 from rwt_graph.ros1.session import Session
 from rwt_graph.ros1.topics import Ros1Topics
+from rwt_graph.ros1.wire.rpc import address_of
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
 from rwt_participant.qos import DEFAULT_QOS, QoS
@@ -46,7 +48,8 @@ class Ros1Graph(MemoryGraph):
     Args:
         registry: interfaces of a ROS 1 distribution; by default the standard ones.
         clock: the wall clock by default.
-        master: `ros1://host:port`; by default `ROS_MASTER_URI`.
+        master: `ros1://host:port`; by default `ROS_MASTER_URI`. With `ros1-master://host:port`, the graph is
+            the master itself and listens there: other programs need no ROS core.
 
     Raises:
         Ros1Error: the registry is of ROS 2, or `master` is not an address.
@@ -59,6 +62,8 @@ class Ros1Graph(MemoryGraph):
         if self.distro.serialisation != "ros1":
             raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
         self.master = master_uri(master)
+        self._is_master = master is not None and master.startswith("ros1-master")
+        self._own_master: Master | None = None
         self.parameters = self._master_parameters = MasterParameters()
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
@@ -75,7 +80,7 @@ class Ros1Graph(MemoryGraph):
         """Run on the current event loop, and join ROS 1.
 
         Raises:
-            Ros1Error: no socket can be opened.
+            Ros1Error: no socket can be opened, or the port of the own master is in use.
             NotRunning: the graph was entered before.
         """
         await super().__aenter__()
@@ -87,10 +92,15 @@ class Ros1Graph(MemoryGraph):
         return self
 
     async def _join(self) -> None:
+        address = own_address(self.master)
         try:
-            session = self._session = Session(self, self.master, own_address(self.master))
+            session = self._session = Session(self, self.master, address)
+            if self._is_master:
+                bind, port = address_of(self.master)
+                self._own_master = Master(session.sockets, address.host, bind, port)
+                self._collect_logs()
         except OSError as error:
-            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+            raise Ros1Error(f"cannot accept connections of ROS 1 at {self.master}: {error}") from error
         parameters = self._master_parameters
         session.on_parameter = parameters.on_update
 
@@ -117,6 +127,13 @@ class Ros1Graph(MemoryGraph):
         self.spawn(partial(parameters.run, session), "parameters of ROS 1")
         self.spawn(session.keep_sweeping, "connections of ROS 1")
 
+    def _collect_logs(self) -> None:
+        """Repeat the messages of `/rosout` on `/rosout_agg`, as ROS 1's node of that name does."""
+        node = self.participant("/rosout")
+        type = self.registry.message(self.distro.rosout_type)
+        collected = node.advertise("/rosout_agg", type)
+        node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
+
     async def __aexit__(self, *exc: object) -> None:
         session = self._session
         try:
@@ -129,4 +146,6 @@ class Ros1Graph(MemoryGraph):
             self._ros_services.close()
             if session is not None:
                 session.close()
+            if self._own_master is not None:
+                self._own_master.close()
             await super().__aexit__(*exc)

@@ -7,6 +7,8 @@ node of the first of them makes.
 from __future__ import annotations
 
 import logging
+import time
+from collections import deque
 from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -37,6 +39,12 @@ _MOST_PUBLISHERS: Final = 500
 _SHORTEST_DELAY: Final = 0.25
 _LONGEST_DELAY: Final = 30.0
 
+#: Seconds in which a new publication keeps messages for subscribers that are about to connect, as rosbridge
+#: does (ADV-08), and maximum number and bytes of these messages.
+_STARTUP_SECONDS: Final = 1.0
+_STARTUP_MESSAGES: Final = 100
+_STARTUP_BYTES: Final = 64 * 1024
+
 #: Maximum characters of a definition in a log line.
 _SHOWN_CHARS: Final = 1000
 
@@ -58,6 +66,8 @@ class Publication:
         self._node = node
         self._discovery = discovery
         self._definition = type.registry.full_text(type)
+        self._startup_end = time.monotonic() + _STARTUP_SECONDS
+        self._startup: deque[tuple[bytes | memoryview, ...]] = deque(maxlen=_STARTUP_MESSAGES)
 
     def add(self, publisher: MemoryPublisher) -> None:
         """Send the samples of a publisher, and those that it retains."""
@@ -110,6 +120,9 @@ class Publication:
         self._discovery.found_subscriber(self.name, link.caller, self.type)
         for publisher in self.publishers:
             self._send_retained(publisher, link)
+        if not is_latched and time.monotonic() < self._startup_end:
+            for frame in self._startup:
+                link.stream.send(frame)
 
     def _send_retained(self, publisher: MemoryPublisher, link: Link) -> None:
         retained = () if publisher.cache is None else publisher.cache.samples()
@@ -117,8 +130,14 @@ class Publication:
             link.stream.send(_frame(sample.payload))
 
     def _send(self, sample: Sample) -> None:
-        if self.links:
+        is_startup = self._startup_end and time.monotonic() < self._startup_end
+        if not is_startup and self._startup_end:
+            self._startup_end = 0.0
+            self._startup.clear()
+        if self.links or is_startup:
             frame = _frame(sample.payload)
+            if is_startup and sum(map(len, frame)) <= _STARTUP_BYTES:
+                self._startup.append(tuple(map(bytes, frame)))
             for link in tuple(self.links):
                 link.stream.send(frame)
 

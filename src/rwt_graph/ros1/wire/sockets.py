@@ -214,11 +214,11 @@ class Stream:
             sent = self._send_now(parts)
             if sent == size or self.closed:
                 return
-            self._queue.append((size - sent, _without(parts, sent)))
+            self._queue.append((size - sent, _without(_kept(parts), sent)))
             self._queued = size - sent
             self._sockets.spawn(self._flush, "a slow reader on ROS 1")
             return
-        self._queue.append((size, tuple(map(memoryview, parts))))
+        self._queue.append((size, tuple(map(memoryview, _kept(parts)))))
         self._queued += size
         # The first frame may have been sent in part, and the last is the newest.
         while self._queued > self._most_queued and len(self._queue) > 2:
@@ -271,6 +271,11 @@ class Stream:
             self.closed = True
             self._queue.clear()
             self._sockets.close(self._socket)
+
+
+def _kept(parts: tuple[bytes | memoryview, ...]) -> tuple[bytes, ...]:
+    """Return parts without views, whose buffers may be used again once the sender has returned."""
+    return tuple(map(bytes, parts))
 
 
 def _without(parts: tuple[bytes | memoryview, ...], count: int) -> tuple[memoryview, ...]:

@@ -91,14 +91,16 @@ def add_doctor_command(commands: Commands) -> None:
     parser = commands.add_parser(
         "doctor",
         description="Connect to a rosbridge server, this one or any other, and report what is wrong and what"
-        " to do:\nversion, clock, latency, encodings, rosapi, permissions.",
+        " to do:\nversion, clock, latency, encodings, rosapi, permissions; nodes of a ROS 1 master.",
         epilog=epilog(
-            "rwt doctor ws://robot:9090\nrwt doctor --stop-latency",
+            "rwt doctor ws://robot:9090\nrwt doctor ros1://robot:11311\nrwt doctor --stop-latency",
             '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
             '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
         ),
     )
-    parser.add_argument("target", metavar="URL", nargs="?", help="URL of the robot, like --url")
+    parser.add_argument(
+        "target", metavar="URL", nargs="?", help="URL of the robot, like --url, or ros1://HOST:PORT"
+    )
     parser.add_argument(
         "--stop-latency",
         action="store_true",
@@ -123,13 +125,18 @@ def _run(arguments: Arguments) -> int:
             if not output.json:
                 _print(finding, output)
 
-        await (_measure_stops(report) if arguments.stop_latency else _examine(arguments, report))
+        if arguments.stop_latency:
+            await _measure_stops(report)
+        elif (arguments.url or "").startswith("ros1:"):
+            await _examine_ros1(arguments.url, report)
+        else:
+            await _examine(arguments, report)
 
     run_async(program)
     problems = [finding for finding in findings if finding.verdict == "problem"]
     if output.json:
         record = {
-            "url": "" if arguments.stop_latency else url_of(arguments),
+            "url": "" if arguments.stop_latency else arguments.url or url_of(arguments),
             "ok": not problems,
             "findings": [asdict(each) for each in findings],
         }
@@ -223,6 +230,46 @@ def _ice_finding(seen: Probe) -> Finding:
     else:
         advice = "compare `webrtc.servers` of the robot, and allow UDP to it in firewalls"
     return Finding("ICE server", "warning", text, advice)
+
+
+async def _examine_ros1(url: str, report: Callable[[Finding], None]) -> None:
+    from rwt_graph.errors import Ros1Error
+    from rwt_graph.ros1.addresses import master_uri, own_address
+    from rwt_graph.ros1.diagnosis import examine_nodes
+
+    try:
+        master = master_uri(url)
+    except Ros1Error as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from error
+    try:
+        nodes = await examine_nodes(master)
+    except Ros1Error as error:
+        report(Finding("connection", "problem", str(error), "start `roscore`, and compare host and port"))
+        return
+    report(Finding("connection", "ok", f"the master at {master} answers and lists {len(nodes)} nodes"))
+    address = own_address(master)
+    text = f"the robot's nodes are told to connect to this machine at {address.host}, {address.source}"
+    report(Finding("address", "note", text, "set ROS_IP if that is not an address the robot reaches"))
+    for node in nodes:
+        if node.problem is None:
+            report(Finding("node", "ok", f"{node.name} answers"))
+            continue
+        host = node.uri.removeprefix("http://").partition(":")[0]
+        why, advice = {
+            "unresolved": (
+                f"its host name {host} does not resolve here: topics are listed, and nothing is received",
+                f"add the address of {host} to /etc/hosts here, or start the node with ROS_IP set to it",
+            ),
+            "loopback": (
+                f"it registered {host}, which is this machine and not the robot",
+                "start the node with ROS_IP set to the robot's address in this network",
+            ),
+            "silent": (
+                "it does not answer",
+                "remove it with `rosnode cleanup` if it has crashed; otherwise look for a firewall",
+            ),
+        }[node.problem]
+        report(Finding("node", "problem", f"{node.name} ({node.uri}) cannot be reached: {why}", advice))
 
 
 def _connected(url: str, token: bool, path: str) -> Finding:

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import json
+import socket
+from typing import Any
+
+import anyio.to_thread
+import pytest
+
+from rwt.cli import main
+from rwt_graph.ros1 import Ros1Graph
+from rwt_graph.ros1.diagnosis import NodeReport, examine_nodes
+from rwt_graph.ros1.wire import rpc
+
+pytestmark = pytest.mark.anyio
+
+UNRESOLVED = "http://robot-of-nobody.invalid:4567/"
+
+
+async def test_nodes_that_cannot_be_reached_are_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_IP", "127.0.0.1")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    gone = f"http://127.0.0.1:{port}/"
+    async with Ros1Graph(master=f"ros1-master://127.0.0.1:{port + 1 if port < 65535 else port - 1}") as graph:
+        for name, uri in (("/desktop", UNRESOLVED), ("/crashed", gone)):
+            await rpc.call(graph.master, "registerPublisher", name, "/chatter", "std_msgs/String", uri)
+        reports = {each.name: each for each in await examine_nodes(graph.master)}
+        assert reports["/desktop"] == NodeReport("/desktop", UNRESOLVED, "unresolved")
+        assert reports["/crashed"] == NodeReport("/crashed", gone, "silent")
+        url = graph.master.replace("http:", "ros1:")
+        code = await anyio.to_thread.run_sync(main, ["doctor", url, "--json"])
+    record: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert code == 1
+    problems = [each["text"] for each in record["findings"] if each["verdict"] == "problem"]
+    assert len(problems) == 2
+    assert "robot-of-nobody.invalid does not resolve here" in problems[1]

@@ -1,0 +1,238 @@
+"""Peers that break the rules, against a graph that is its own master. ROS is not needed."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from functools import partial
+from typing import Any
+
+import anyio
+import anyio.abc
+import pytest
+
+from rwt_graph.errors import Ros1Error
+from rwt_graph.ros1 import Ros1Graph, discovery
+from rwt_graph.ros1.wire import links, rpc, xmlrpc
+from rwt_graph.ros1.wire.tcpros import decode_header, encode_header, length_prefix
+from tests.waiting import until
+
+pytestmark = [
+    pytest.mark.anyio,
+    pytest.mark.parametrize("anyio_backend", ["asyncio", "trio"]),
+]
+
+Serve = Callable[[anyio.abc.SocketStream], Awaitable[None]]
+
+STRING = {
+    "callerid": "/hostile",
+    "topic": "/chatter",
+    "type": "std_msgs/String",
+    "md5sum": "992ce8a1687cec8c8bd883ec73ca41d1",
+    "message_definition": "string data\n",
+}
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.fixture
+async def graph(anyio_backend: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Ros1Graph]:
+    """A graph that is the master."""
+    monkeypatch.setenv("ROS_IP", "127.0.0.1")
+    monkeypatch.setattr(discovery, "_POLL_SECONDS", 0.05)
+    async with Ros1Graph(master=f"ros1-master://127.0.0.1:{free_port()}") as joined:
+        yield joined
+
+
+@pytest.fixture
+async def tasks(graph: Ros1Graph) -> AsyncIterator[anyio.abc.TaskGroup]:
+    async with anyio.create_task_group() as group:
+        yield group
+        group.cancel_scope.cancel()
+
+
+class Hostile:
+    """A node that answers calls as a node does, and connections of subscribers as `serve` does."""
+
+    def __init__(self, graph: Ros1Graph, serve: Serve) -> None:
+        self._graph = graph
+        self._serve = serve
+        self.uri = ""
+        self.port = 0
+
+    async def run(self, *, task_status: anyio.abc.TaskStatus[None]) -> None:
+        data = await anyio.create_tcp_listener(local_host="127.0.0.1")
+        self.port = data.extra(anyio.abc.SocketAttribute.local_port)
+        assert self._graph._session is not None
+        server = rpc.RpcServer(self._graph._session.sockets, "127.0.0.1", self._dispatch)
+        self.uri = f"http://127.0.0.1:{server.port}/"
+        try:
+            async with data:
+                task_status.started()
+                await data.serve(self._serve)
+        finally:
+            server.close()
+
+    def _dispatch(self, method: str, params: tuple[Any, ...]) -> Any:
+        return [1, "", ["TCPROS", "127.0.0.1", self.port] if method == "requestTopic" else 0]
+
+    async def publish(self, topic: str = "/chatter", type: str = "std_msgs/String") -> None:
+        await rpc.call(self._graph.master, "registerPublisher", "/hostile", topic, type, self.uri)
+
+
+async def receive_header(stream: anyio.abc.SocketStream) -> dict[str, str]:
+    received = b""
+    while len(received) < 4 or len(received) < 4 + int.from_bytes(received[:4], "little"):
+        received += await stream.receive()
+    return decode_header(received[4:])
+
+
+def sends(*chunks: bytes) -> Serve:
+    """A publisher that sends these bytes after the subscriber's header, and then waits."""
+
+    async def serve(stream: anyio.abc.SocketStream) -> None:
+        async with stream:
+            await receive_header(stream)
+            for chunk in chunks:
+                await stream.send(chunk)
+            with pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
+                await stream.receive()
+
+    return serve
+
+
+GOOD = encode_header(STRING) + length_prefix(6) + length_prefix(2) + b"hi"
+
+
+async def start(graph: Ros1Graph, tasks: anyio.abc.TaskGroup, serve: Serve) -> Hostile:
+    hostile = Hostile(graph, serve)
+    await tasks.start(hostile.run)
+    return hostile
+
+
+@pytest.mark.parametrize(
+    ("chunks", "text"),
+    [
+        ((b"\xff\xff\xff\xff",), "4294967295 bytes"),
+        ((encode_header(STRING), b"\xff\xff\xff\xff"), ""),
+        ((length_prefix(10) + b"not a head",), "malformed"),
+        ((encode_header({**STRING, "md5sum": "0" * 32}),), "MD5 sum"),
+        ((encode_header({**STRING, "type": "other/Type", "md5sum": "1"}),), "MD5 sum"),
+        (
+            (
+                encode_header(
+                    {**STRING, "type": "std_msgs/Int8", "md5sum": "27ffa0c9c4b8fb8492252bcad9e5c57b"}
+                ),
+            ),
+            "has type",
+        ),
+        ((encode_header({**STRING, "md5sum": "1", "message_definition": "int8 a\n" * 60_000}),), "too large"),
+        ((encode_header({"error": "go away"}),), "go away"),
+        ((encode_header(STRING), length_prefix(3) + b"abc"), "failed"),
+    ],
+)
+async def test_a_hostile_publisher_hurts_nobody_else(
+    graph: Ros1Graph,
+    tasks: anyio.abc.TaskGroup,
+    chunks: tuple[bytes, ...],
+    text: str,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    hostile = await start(graph, tasks, sends(*chunks))
+    texts: list[str] = []
+    node = graph.node("listener")
+    node.subscribe("/chatter", lambda each: texts.append(each.data), "std_msgs/String")
+    await hostile.publish()
+    if text:
+        await until(lambda: text in caplog.text)
+    good = await start(graph, tasks, sends(GOOD))
+    await rpc.call(graph.master, "registerPublisher", "/good", "/chatter", "std_msgs/String", good.uri)
+    await until(lambda: "hi" in texts)
+
+
+async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(links, "CONNECT_SECONDS", 0.1)
+    graph.node("talker").advertise("/chatter", "std_msgs/String")
+    assert graph._session is not None
+    node = graph._session.nodes["/talker"]
+    host, port = rpc.address_of(node.service_uri, "rosrpc")
+    async with await anyio.connect_tcp(host, port) as stream:
+        await stream.send(b"\x10")  # A drip.
+        with anyio.fail_after(20):
+            with pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
+                await stream.receive()
+
+
+@pytest.mark.parametrize(
+    "request_bytes",
+    [
+        b"GET / HTTP/1.1\r\nHost: a\r\n\r\n",
+        b"\0" * 100_000,
+        b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 99999999999\r\n\r\n" + b"x" * 1000,
+        b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n<a/>\n",
+    ],
+)
+async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_bytes: bytes) -> None:
+    graph.node("talker").advertise("/chatter", "std_msgs/String")
+    assert graph._session is not None
+    uri = graph._session.nodes["/talker"].uri
+    async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
+        await stream.send(request_bytes)
+        assert await rpc.call(uri, "getName", "/me") == "/talker"
+    for wrong in (("requestTopic", "/me"), ("publisherUpdate", "/me", "/chatter", 5), ("nothing", "/me")):
+        with pytest.raises(Ros1Error):
+            await rpc.call(uri, *wrong)
+
+
+async def test_connections_to_one_node_are_limited(graph: Ros1Graph) -> None:
+    graph.node("talker").advertise("/chatter", "std_msgs/String")
+    assert graph._session is not None
+    uri = graph._session.nodes["/talker"].uri
+    streams = [await anyio.connect_tcp(*rpc.address_of(uri)) for _ in range(80)]
+    with pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
+        await streams[-1].receive()
+    for stream in streams:
+        await stream.aclose()
+    await anyio.sleep(0.1)
+    assert await rpc.call(uri, "getName", "/me") == "/talker"
+
+
+async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.LogCaptureFixture) -> None:
+    state = [[[f"/t{number}", ["/many"]] for number in range(10_000)], [], []]
+    types = [[f"/t{number}", "std_msgs/String"] for number in range(10_000)]
+    answers = {"getSystemState": state, "getTopicTypes": types}
+    assert graph._session is not None
+    fake = rpc.RpcServer(
+        graph._session.sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})]
+    )
+    async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
+        await until(lambda: len(other.topics()) > 10_000)
+        assert [node.name for node in other.nodes() if node.name == "/many"] == ["/many"]
+    fake.close()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [0, [1, "", 5], [1, "", [[], []]], [[]], [1, "", [[["/a", 5], 7], [["/b", [1, {}]]], [[]]]], {"a": 1}],
+)
+async def test_a_hostile_master_is_survived(
+    graph: Ros1Graph, answer: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    assert graph._session is not None
+    fake = rpc.RpcServer(graph._session.sockets, "127.0.0.1", lambda _method, _params: answer)
+    async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
+        node = other.node("both")
+        heard: list[str] = []
+        node.subscribe("/chatter", lambda each: heard.append(each.data), "std_msgs/String")
+        node.advertise("/chatter", "std_msgs/String").publish({"data": "here"})
+        await until(partial(bool, heard))
+        await anyio.sleep(0.2)
+    fake.close()
+    assert xmlrpc.BODY_BYTES < 2**25
