@@ -118,7 +118,9 @@ async function buildAll() {
     .replace("APP_SCRIPT", `web/${basename(script)}`)
     .replace("APP_STYLE", `web/${basename(cssBundle)}`);
   writeFileSync(join(out, "index.html"), document);
-  writeFileSync(join(out, "web", "icon.svg"), readFileSync(join(here, "src", "app", "icon.svg")));
+  for (const name of ["icon.svg", "app.webmanifest"]) {
+    writeFileSync(join(out, "web", name), readFileSync(join(here, "src", "app", name)));
+  }
   await buildForOtherPages();
   writeLicenses();
   writeManifest();

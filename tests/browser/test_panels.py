@@ -30,12 +30,14 @@ KINDS = (
     *(
         "scene",
         "camera",
+        "wall",
         "teleop",
         "goal",
         "approvals",
         "device",
         "topics",
         "plot",
+        "values",
         "services",
         "actions",
         "parameters",
@@ -480,6 +482,7 @@ async def test_axe_finds_nothing(browser: Browser, theme: str, width: int, heigh
                 "topics": {"topic": "/odom"},
                 "services": {"name": "/add_two_ints"},
                 "actions": {"name": "/fibonacci"},
+                "values": {"fields": [{"topic": "/odom", "path": "pose.pose.position.x"}]},
             }
             config = configs.get(kind, {})
             await page.goto(f"{served.url}healthz")
@@ -616,3 +619,59 @@ async def test_meshes_load_without_warnings(browser: Browser) -> None:
             await page.wait(f"{meshes} > 3")
             await page.calm()
             assert [each for each in await page.evaluate("warned") if "Loader" in each] == []
+
+
+async def test_fields_are_shown_as_gauges_and_states(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        node = server.node("arm")
+        level = node.advertise("/level", "std_msgs/Float64", qos=LATCHED)
+        state = node.advertise("/state", "std_msgs/String", qos=LATCHED)
+        level.publish({"data": -2.5})
+        state.publish({"data": "idle"})
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 500) as page:
+            fields = [{"topic": "/level", "path": "data"}, {"topic": "/state", "path": "data"}]
+            await open_panels(page, url, [("values", {"fields": fields})])
+            await page.wait(f"{text('.gauge b')} === '\u22122.5'")
+            await page.wait(f"{text('.states b')} === 'idle'")
+            level.publish({"data": 10.0})
+            state.publish({"data": "moving"})
+            await page.wait(f"{text('.gauge')}.includes('\u22122.5 \u2026 10')")
+            await page.wait(f"{text('.states b')} === 'moving' && {text('.states')}.includes('1 changes')")
+            assert await violations(page) == []
+            await page.click('[aria-label="Remove /state data"]')
+            await page.wait("!document.querySelector('.states')")
+
+
+async def test_the_wall_shows_chosen_cameras(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "wall", size=(900, 600)) as (_, page):
+        names = "[...document.querySelectorAll('.wall figcaption')].map((it) => it.textContent).join(' ')"
+        await page.wait(f"{names} === '/camera/image_raw /camera/depth/image_raw'")
+        await page.wait("[...document.querySelectorAll('.wall canvas')].every((it) => it.width > 4)")
+        await page.click(".wall summary")
+        await page.click(".wall label:has-text('/camera/depth/image_raw')")
+        await page.wait(f"{names} === '/camera/image_raw'")
+
+
+async def test_the_side_draws_topics_opens_them_and_searches(browser: Browser) -> None:
+    async with stand("jazzy", browser.built) as served, browser.page(served.url, 1300, 800) as page:
+        scene = "document.querySelector('.scene-view')?.robotScene"
+        await page.wait(f"{scene}?.rows.value.some(({{ topic, layer }}) => topic === '/scan' && layer)")
+        await page.click('[aria-label="Draw /scan in 3D"]')
+        await page.wait(f"{scene}.rows.value.some(({{ topic, layer }}) => topic === '/scan' && !layer)")
+        await page.evaluate(
+            "dispatchEvent(new KeyboardEvent('keydown', { key: 'k', ctrlKey: true, cancelable: true }))"
+        )
+        await page.wait("document.activeElement === document.querySelector('.side input')")
+        for key in "param":
+            await page.keyboard("press", key)
+        await page.wait("document.querySelectorAll('.side .topic').length < 10")
+        await page.click(".side-panel >> text=Parameters")
+        await page.wait("document.querySelector('.panel-parameters')?.checkVisibility()")
+        await page.evaluate(
+            "((i) => { i.value = '/odom'; i.dispatchEvent(new Event('input', { bubbles: true })) })"
+            "(document.querySelector('.side input'))"
+        )
+        await page.click(".side .topic-name")
+        await page.wait(f"{text('.panel-topics .detail h2')} === '/odom'")
+        assert await violations(page) == []

@@ -3,6 +3,7 @@ import type { FromWorker, ToWorker } from "../src/decode/protocol";
 import { keepAsking } from "../src/robot/asking";
 import { BlockedError } from "../src/robot/commands";
 import { Drive } from "../src/robot/drive";
+import { type Holder, personText } from "../src/robot/gate";
 import { RobotSession } from "../src/robot/session";
 import { Stop } from "../src/robot/stop";
 import type { WorkerPort } from "../src/robot/transport";
@@ -576,10 +577,17 @@ describe("a session", () => {
       test("it is shown who drives, and the lease is given back when somebody has it", async () => {
         stop.gate.giveBack("/cmd_vel");
         expect(called()).not.toContain("/gate/release_lease");
-        gate("/gate/leases", { leases: [{ topic: "/cmd_vel", holder: "rosbridge:1", role: "operator" }] });
-        expect(stop.gate.holders.value.get("/cmd_vel")).toEqual({ name: "rosbridge:1", role: "operator" });
+        const anna = { role: "operator", user: "anna", device: "Firefox, Android" };
+        const ben = { role: "operator", user: "", device: "" };
+        const lease = { topic: "/cmd_vel", holder: "rosbridge:1", ...anna };
+        gate("/gate/leases", { leases: [{ ...lease, requests: [{ client: "rosbridge:2", ...ben }] }] });
+        const holder = stop.gate.holders.value.get("/cmd_vel") as Holder;
+        expect(holder).toMatchObject({ name: "rosbridge:1", ...anna });
+        expect([holder, ...holder.requests].map(personText)).toEqual(["anna (Firefox, Android)", "operator"]);
+        // Once for the name of this page's client, which no lease is given back by.
+        expect(called().filter((name) => name === "/gate/release_lease")).toHaveLength(1);
         stop.gate.giveBack("/cmd_vel");
-        expect(called()).toContain("/gate/release_lease");
+        expect(called().filter((name) => name === "/gate/release_lease")).toHaveLength(2);
       });
     });
   });

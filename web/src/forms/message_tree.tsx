@@ -1,6 +1,7 @@
 /** A message as a tree that can be unfolded. Every text is escaped by construction, and long ones are cut. */
 
 import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
 import { t } from "../i18n/text";
 
 const MOST_TEXT = 300;
@@ -62,10 +63,18 @@ function isShort(value: unknown): boolean {
 
 function Branch({ name, value, depth }: { name: string; value: unknown; depth: number }) {
   const open = useSignal(depth < 2 && isShort(value));
+  const was = useRef(value);
+  useEffect(() => {
+    was.current = value;
+  }, [value]);
   if (!isCompound(value)) {
     return (
       <li>
-        <span class="tree-name">{name}</span> <code>{shortValue(value)}</code>
+        {/* A new element for a new value: its style shows the change. */}
+        <span class="tree-name">{name}</span>{" "}
+        <code key={shortValue(value)} class={was.current === value ? "" : "changed"}>
+          {shortValue(value)}
+        </code>
       </li>
     );
   }

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { useTexts } from "../i18n/context";
+import { holdHandlers } from "./hold";
 
 /** Milliseconds for which the control is held. */
 const HOLD = 1000;
@@ -25,29 +26,13 @@ export function ReleaseButton({ onRelease }: { onRelease: () => void }) {
     }, HOLD);
   };
   useEffect(() => letGo, []);
-  const isPress = (event: KeyboardEvent) => event.key === " " || event.key === "Enter";
   return (
     <button
       type="button"
       part="release"
       class={holding.value ? "release holding" : "release"}
       data-scan="hold"
-      onPointerDown={(event) => {
-        if (event.button !== 0) return;
-        event.currentTarget.setPointerCapture(event.pointerId);
-        hold();
-      }}
-      onPointerUp={letGo}
-      onPointerCancel={letGo}
-      onLostPointerCapture={letGo}
-      onContextMenu={(event) => event.preventDefault()}
-      onKeyDown={(event) => {
-        if (!isPress(event)) return;
-        event.preventDefault();
-        if (!event.repeat) hold();
-      }}
-      onKeyUp={(event) => isPress(event) && letGo()}
-      onBlur={letGo}
+      {...holdHandlers(hold, letGo)}
     >
       {t("stop.release")}
     </button>

@@ -177,6 +177,12 @@ export const de: Record<TextKey, string> = {
   "camera.raw": "Rohe Nachrichten",
   "camera.old": "Das Bild ist {seconds} s alt",
   "camera.still": "Standbild sichern",
+  "wall.title": "Kamerawand",
+  "wall.choose": "{count} von höchstens {most} Kameras",
+  "values.title": "Werte",
+  "values.choose":
+    "Fügen Sie ein Feld hinzu: Zahlen werden zu Anzeigen, Texte und Schalter zeigen ihre Zustände.",
+  "values.states": "{count} Wechsel; die letzten {seconds} s",
   "scene.title": "3D",
   "scene.keys":
     "3D-Ansicht; Pfeiltasten bewegen sie, mit Umschalttaste drehen sie, + und - vergrößern und verkleinern",

@@ -17,16 +17,20 @@ import { register } from "./registry";
 import { camera } from "./view/camera";
 import { plot } from "./view/plot";
 import { scene } from "./view/scene";
+import { values } from "./view/values";
+import { wall } from "./view/wall";
 
 const inOrder = [
   scene,
   camera,
+  wall,
   teleop,
   goal,
   approvals,
   device,
   topics,
   plot,
+  values,
   services,
   actions,
   parameters,

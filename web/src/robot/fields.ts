@@ -28,10 +28,19 @@ export function numberAt(message: unknown, path: string): number {
 
 /** The paths of all numbers in a message; of long lists the first ones. */
 export function numericPaths(message: unknown): string[] {
+  return pathsOf(message, ["number", "boolean"]);
+}
+
+/** The paths of all plain values in a message; of long lists the first ones. */
+export function leafPaths(message: unknown): string[] {
+  return pathsOf(message, ["number", "boolean", "string"]);
+}
+
+function pathsOf(message: unknown, types: readonly string[]): string[] {
   const found: string[] = [];
   const walk = (value: unknown, path: string, depth: number) => {
     if (found.length >= MOST_PATHS || depth > MOST_DEPTH) return;
-    if (typeof value === "number" || typeof value === "boolean") {
+    if (types.includes(typeof value)) {
       found.push(path);
       return;
     }

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { holdHandlers } from "../../forms/hold";
 import { useTexts } from "../../i18n/context";
 import { type Drive, NO_WISH, type Wish } from "../../robot/drive";
 
@@ -88,8 +89,6 @@ function HoldButton(props: { drive: Drive; name: string; sign: string; wish: Wis
   const t = useTexts();
   const { drive, name, sign, wish, disabled } = props;
   const control = `button ${name}`;
-  const letGo = () => drive.release(control);
-  const isPress = (event: KeyboardEvent) => event.key === " " || event.key === "Enter";
   return (
     <button
       type="button"
@@ -98,21 +97,10 @@ function HoldButton(props: { drive: Drive; name: string; sign: string; wish: Wis
       data-scan="hold"
       disabled={disabled}
       aria-label={t(`teleop.${name as "forward"}`)}
-      onPointerDown={(event) => {
-        event.currentTarget.setPointerCapture(event.pointerId);
-        drive.hold(control, wish);
-      }}
-      onPointerUp={letGo}
-      onPointerCancel={letGo}
-      onLostPointerCapture={letGo}
-      onContextMenu={(event) => event.preventDefault()}
-      onKeyDown={(event) => {
-        if (!isPress(event)) return;
-        event.preventDefault();
-        if (!event.repeat) drive.hold(control, wish);
-      }}
-      onKeyUp={(event) => isPress(event) && letGo()}
-      onBlur={letGo}
+      {...holdHandlers(
+        () => drive.hold(control, wish),
+        () => drive.release(control),
+      )}
     >
       <span aria-hidden="true">{sign}</span>
     </button>

@@ -15,7 +15,7 @@ import type { PanelContext, PanelKind } from "../registry";
 import { Series } from "./series";
 
 /** One line of the plot. */
-interface Line {
+export interface Line {
   topic: string;
   path: string;
   /** On the axis at the right. */
@@ -209,7 +209,13 @@ function PlotLine(props: { line: Line; colour: string; onRemove: () => void; onS
 }
 
 /** Choosing a topic, and then one of the numbers in its messages. */
-function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line) => void }) {
+/** A form that adds a field of a topic; `pathsOf` finds those that can be chosen. */
+export function AddLine(props: {
+  context: PanelContext;
+  pathsOf?: (message: Message) => string[];
+  onAdd: (line: Line) => void;
+}) {
+  const { context, pathsOf = numericPaths, onAdd } = props;
   const { session } = context;
   const topic = useSignal("");
   const path = useSignal("");
@@ -229,7 +235,7 @@ function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line
       { throttle: 500 },
     );
   }, [session, chosen, sample, path]);
-  const paths = sample.value ? numericPaths(sample.value) : [];
+  const paths = sample.value ? pathsOf(sample.value) : [];
   const search = useSignal("");
   const topics = [...session.graph.value.topics.keys()]
     .filter((name) => session.may("subscribe", name))

@@ -1,0 +1,96 @@
+"""The look of the dashboard, in sizes and themes and of each panel: compared with the documentation's images.
+
+Set the environment variable RECORD to record the images anew.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import anyio
+import numpy as np
+import pytest
+from PIL import Image
+
+from rwt import Server
+from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Picture
+from tests.browser.test_panels import KINDS, open_panels, violations
+
+pytestmark = pytest.mark.anyio
+
+IMAGES = Path(__file__).parents[2] / "docs" / "images" / "dashboard"
+SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
+#: Pixels on a side of the squares that are compared: smaller details, such as numbers, change.
+SQUARE = 12
+#: Share of squares that may differ by more than this, of 255: the robot's camera and rates do.
+MOST_DIFFERENT = 0.06
+DIFFERENT = 40
+CONFIGS: dict[str, dict[str, object]] = {
+    "teleop": {"topic": "/cmd_vel"},
+    "topics": {"topic": "/odom"},
+    "services": {"name": "/add_two_ints"},
+    "actions": {"name": "/fibonacci"},
+    "parameters": {"node": "/demo_robot"},
+    "values": {"fields": [{"topic": "/battery_state", "path": "percentage"}]},
+}
+
+
+def squares(picture: Image.Image) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Return the mean colours of small squares."""
+    size = (max(1, picture.width // SQUARE), max(1, picture.height // SQUARE))
+    return np.asarray(picture.convert("RGB").resize(size, Image.Resampling.BOX)).astype(float)
+
+
+def looks_like(path: Path) -> Callable[[Picture], bool]:
+    """Return a comparison with an image; on request, the image is recorded first."""
+
+    def compare(seen: Picture) -> bool:
+        with Image.open(seen.path) as picture:
+            if "RECORD" in os.environ:
+                path.parent.mkdir(exist_ok=True)
+                picture.convert("RGB").quantize(192).save(path, optimize=True)
+            with Image.open(path) as expected:
+                if picture.size != expected.size:
+                    return False
+                difference = np.abs(squares(picture) - squares(expected)).max(axis=2)
+        return bool((difference > DIFFERENT).mean() <= MOST_DIFFERENT)
+
+    return compare
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+@pytest.mark.parametrize("size", SIZES)
+async def test_the_page_looks_as_in_the_documentation(browser: Browser, size: str, theme: str) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", *SIZES[size]) as page:
+            page.forgive(LEFT_MESH, LEFT_STREAM)
+            await page.evaluate(f"localStorage.setItem('rwt-theme', {theme!r})")
+            await page.goto(url)
+            await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
+            if size == "phone":
+                await page.click("[role=tab] >> text=Drive")
+            await anyio.sleep(6)  # Rates of topics are known after a while.
+            name = f"{size}-{theme}"
+            await page.picture_when(f"look {name}", looks_like(IMAGES / f"{name}.png"))
+            assert await violations(page) == []
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+async def test_every_panel_looks_as_in_the_documentation(browser: Browser, theme: str) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 780, 420) as page:
+            page.forgive(LEFT_MESH, LEFT_STREAM)
+            await page.evaluate(
+                f"localStorage.setItem('rwt-theme', {theme!r}); localStorage.setItem('rwt-side', 'false')"
+            )
+            for kind in KINDS:
+                await page.goto(f"{url}healthz")
+                await open_panels(page, url, [(kind, CONFIGS.get(kind, {}))])
+                await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
+                await anyio.sleep(2)
+                name = f"{kind}-{theme}"
+                await page.picture_when(f"look {name}", looks_like(IMAGES / f"{name}.png"))

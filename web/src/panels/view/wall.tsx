@@ -1,0 +1,59 @@
+/** Several cameras side by side. */
+
+import { Check } from "../../forms/inputs";
+import { t } from "../../i18n/text";
+import { CAMERA_TYPES, cameraTopics } from "../../robot/camera";
+import { componentPanel } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+import { View } from "./camera";
+
+/** Cameras at a time: of streams over HTTP, a browser opens six at a server. */
+const MOST = 4;
+
+export const wall: PanelKind = {
+  name: "wall",
+  title: "wall.title",
+  supportedTypes: CAMERA_TYPES,
+  opens: () => false,
+  place: "main",
+  init: componentPanel(WallPanel),
+};
+
+function WallPanel({ context }: { context: PanelContext }) {
+  const { session, config, visible } = context;
+  const topics = cameraTopics(session);
+  // The same camera in another encoding is not shown by itself.
+  const usual = topics.filter((topic) => !/encoded$|\/compressed$/.test(topic));
+  const chosen = ((config.value.topics as string[] | undefined) ?? usual).slice(0, MOST);
+  if (!topics.length) return <p class="blank">{t("panel.nothing")}</p>;
+  return (
+    <div class="wall">
+      <details>
+        <summary>{t("wall.choose", { count: chosen.length, most: MOST })}</summary>
+        {topics.map((topic) => (
+          <Check
+            key={topic}
+            checked={chosen.includes(topic)}
+            disabled={!chosen.includes(topic) && chosen.length >= MOST}
+            onChange={(checked) => {
+              const rest = chosen.filter((each) => each !== topic);
+              config.value = { ...config.value, topics: checked ? [...rest, topic] : rest };
+            }}
+          >
+            {topic}
+          </Check>
+        ))}
+      </details>
+      <div class={chosen.length > 1 ? "wall-grid two" : "wall-grid"}>
+        {visible.value &&
+          session.hasAsked &&
+          chosen.map((topic) => (
+            <figure key={topic} class="camera">
+              <View context={context} topic={topic} />
+              <figcaption>{topic}</figcaption>
+            </figure>
+          ))}
+      </div>
+    </div>
+  );
+}
