@@ -19,23 +19,23 @@ class Entity(ABC):
 
     Attributes:
         callback_group: which callbacks may run beside its own.
-        wake: makes the executor look again; set by the node that it belongs to.
+        _rwt_wake: makes the executor look again; set by the node that it belongs to.
     """
 
     def __init__(self, callback_group: CallbackGroup | None) -> None:
         self.callback_group: Any = callback_group
-        self.wake: Callable[[], None] = _nothing
+        self._rwt_wake: Callable[[], None] = _nothing
         # rclpy's name: whether an executor has it in hand.
         self._executor_event = False
 
     @abstractmethod
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a callback is ready to run."""
 
     @abstractmethod
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """The callback to run now, which may return a coroutine; None when there is none after all."""
 
-    def due_in_ns(self) -> int | None:
+    def _rwt_due_in_ns(self) -> int | None:
         """Nanoseconds until it has work by itself; None when it waits for something else than time."""
         return None
