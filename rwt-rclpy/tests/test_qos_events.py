@@ -86,15 +86,19 @@ def test_a_lease_that_ends_is_told_once(node: Any, executor: Any) -> None:
 
 
 def test_what_joins_and_leaves_a_topic_is_told(node: Any, executor: Any) -> None:
+    from rclpy.duration import Duration
     from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+    from rclpy.qos import QoSProfile
+
+    qos = QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=60))
 
     matched: list[Any] = []
     alive: list[Any] = []
     publisher = node.create_publisher(
-        int32(), "a", 1, event_callbacks=PublisherEventCallbacks(matched=matched.append)
+        int32(), "a", qos, event_callbacks=PublisherEventCallbacks(matched=matched.append)
     )
     node.create_subscription(
-        int32(), "a", lambda _: None, 1, event_callbacks=SubscriptionEventCallbacks(liveliness=alive.append)
+        int32(), "a", lambda _: None, qos, event_callbacks=SubscriptionEventCallbacks(liveliness=alive.append)
     )
     spin(executor, 1.0)
     second = node.create_subscription(int32(), "a", lambda _: None, 1)
@@ -105,6 +109,25 @@ def test_what_joins_and_leaves_a_topic_is_told(node: Any, executor: Any) -> None
     assert [each.current_count for each in matched] == [1, 2]
     assert matched[-1].total_count == 2
     assert [each.alive_count for each in alive] == [1, 0]
+
+
+def test_incompatible_endpoints_are_warned_of_once(
+    node: Any, executor: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+
+    heard: list[Any] = []
+    publisher = node.create_publisher(int32(), "a", qos_profile_sensor_data)
+    subscription = node.create_subscription(int32(), "a", heard.append, 1)
+    publisher.publish(int32()())
+    spin(executor, 1.0)
+    node.create_publisher(int32(), "b", 1)
+    spin(executor, 1.0)
+    said = capsys.readouterr().err
+    assert not heard and publisher.get_subscription_count() == subscription.get_publisher_count() == 0
+    assert said.count("requesting incompatible QoS. No messages will be sent to it.") == 1
+    assert said.count("offering incompatible QoS. No messages will be received from it.") == 1
+    assert said.count("Last incompatible policy: RELIABILITY") == 2
 
 
 def test_a_content_filter_keeps_what_fits(rclpy: Any, node: Any, executor: Any) -> None:

@@ -108,7 +108,7 @@ def begin(at_wait):
         finally:
             node.destroy_node()
 
-    keeper = node.context.link.timekeeper
+    keeper = node.context._rwt_link.timekeeper
 
     def wait(condition, deadline):
         if threading.current_thread() is not spinner:
@@ -163,7 +163,7 @@ import rclpy
 
 rclpy.init()
 node = rclpy.create_node("talker")
-keeper = node.context.link.timekeeper
+keeper = node.context._rwt_link.timekeeper
 
 def send():
     with begun:

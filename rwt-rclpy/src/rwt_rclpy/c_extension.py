@@ -13,6 +13,7 @@ from rwt_rclpy.exceptions import InvalidHandle as InvalidHandle
 from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from rwt_rclpy.exceptions import RCLError as RCLError
 from rwt_rclpy.exceptions import RCLInvalidROSArgsError as RCLInvalidROSArgsError
+from rwt_rclpy.exceptions import RMWError as RMWError
 from rwt_rclpy.exceptions import TimerCancelledError as TimerCancelledError
 from rwt_rclpy.exceptions import UnknownROSArgsError as UnknownROSArgsError
 from rwt_rclpy.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError

@@ -29,6 +29,10 @@ class RCLError(RuntimeError):
     """Error that rcl would raise."""
 
 
+class RMWError(RuntimeError):
+    """Error that rmw would raise."""
+
+
 class InvalidHandle(Exception):
     """The entity was destroyed."""
 
@@ -149,7 +153,7 @@ class InvalidParameterValueException(ParameterException):
     """The parameter's range or a callback of the program rejected the value."""
 
     def __init__(self, parameter: str, value: Any, reason: str) -> None:
-        super().__init__(f"Invalid parameter value ({value}). Reason: {reason}", parameter)
+        super().__init__(f"Invalid parameter value ({value}) for parameter. Reason: {reason}", parameter)
 
 
 class ParameterImmutableException(ParameterException):

@@ -265,7 +265,7 @@ def test_all_feedback_comes_once_and_before_the_result(
     assert feedback == [0, 1, 2, 3, 4]
     spin_until(executor, lambda: len(late) == 5)
     for each in late:
-        it.context.link.run(each)
+        it.context._rwt_link.run(each)
     heard: list[Any] = []
     it.create_subscription(Int32, "/after", heard.append, 1)
     it.create_publisher(Int32, "/after", 1).publish(Int32())

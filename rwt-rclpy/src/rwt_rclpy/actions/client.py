@@ -127,7 +127,7 @@ class ActionClient(Entity):
         self._node = node
         self._action_type = action_type
         self._action_name = action_name
-        self._link = node.context.link
+        self._link = node.context._rwt_link
         self._name = node._rwt_resolved(action_name, "name")
         self._handle = Destroyable("action client", self._close)
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
@@ -159,30 +159,33 @@ class ActionClient(Entity):
             node._rwt_participant,
             kind,
             f"{self._name}/_action/{short}",
+            f"{self._name}/_action/{short}",
             profile,
             self.callback_group,
         )
-        client.wake = self._wake
+        client._rwt_wake = self._wake
         return client
 
     def _subscription(
         self, kind: Any, short: str, callback: Callable[..., object], profile: QoSProfile
     ) -> Subscription:
         name = f"{self._name}/_action/{short}"
-        subscription = Subscription(self._link, kind, name, callback, self.callback_group, profile, False, [])
-        subscription.wake = self._wake
+        subscription = Subscription(
+            self._link, kind, name, callback, self.callback_group, profile, False, [], lambda: 0
+        )
+        subscription._rwt_wake = self._wake
         interface, qos, participant = message_type(kind), graph_qos(profile), self._node._rwt_participant
-        subscription.opened(
-            self._link.run(lambda: participant.subscribe(name, subscription.on_sample, interface, qos))
+        subscription._rwt_opened(
+            self._link.run(lambda: participant.subscribe(name, subscription._rwt_on_sample, interface, qos))
         )
         return subscription
 
     def _wake(self) -> None:
-        self.wake()
+        self._rwt_wake()
 
     def _wait(self, future: Future) -> Any:
         wait = Wait(self._node.context)
-        future.resume_with(wait.wake)
+        future._rwt_resume_with(wait.wake)
         if not wait.until(future.done):
             raise ExternalShutdownException
         return future.result()
@@ -332,7 +335,7 @@ class ActionClient(Entity):
 
     def _later(self, call: Callable[[], object]) -> None:
         self._waiting.append(call)
-        self.wake()
+        self._rwt_wake()
 
     def _graph_feedback(self, goal_id: Any, payload: Payload) -> Any:
         callback = self._feedback_callbacks.get(bytes(goal_id.uuid))
@@ -387,23 +390,23 @@ class ActionClient(Entity):
 
     # Interface of executors
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a response, feedback or a state is pending."""
         if not self._handle:
             return False
-        return bool(self._waiting) or any(each.has_work() for each in self._parts())
+        return bool(self._waiting) or any(each._rwt_has_work() for each in self._parts())
 
     def _parts(self) -> tuple[Entity, ...]:
         # Feedback before results, after which it is not delivered any more.
         return (self._send, self._cancel, *self._subscriptions, self._result)
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the oldest one."""
         if self._waiting:
             return self._waiting.popleft()
         for part in self._parts():
-            if part.has_work():
-                call = part.take()
+            if part._rwt_has_work():
+                call = part._rwt_take()
                 if call is not None:
                     return call
         return None

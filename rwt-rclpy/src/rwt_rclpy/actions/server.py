@@ -112,9 +112,9 @@ class ServerGoalHandle:
         self._status = GoalStatus.ACCEPTED
         self._destroyed = False
         self._lock = threading.Lock()
-        self.expires_ns: int | None = None
+        self._rwt_expires_ns: int | None = None
         #: Releases the charge of the goal's client.
-        self.release: Release | None = None
+        self._rwt_release: Release | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ServerGoalHandle) and self.goal_id == other.goal_id
@@ -157,7 +157,7 @@ class ServerGoalHandle:
                     f" event {event.name}"
                 )
             self._status = after
-        self._action_server.publish_status()
+        self._action_server._rwt_publish_status()
         if not self.is_active:
             self._action_server.notify_goal_done(self)
 
@@ -173,7 +173,7 @@ class ServerGoalHandle:
         if not isinstance(feedback, server.action_type.Feedback):
             raise TypeError(f"Expected {server.action_type.Feedback}, got {type(feedback)}")
         if not self._destroyed:
-            server.send_feedback(self, feedback)
+            server._rwt_send_feedback(self, feedback)
 
     def succeed(self, response: Any = None) -> None:
         """End the goal as succeeded. Raises RCLError if its state does not allow this."""
@@ -254,7 +254,7 @@ class ActionServer(Entity):
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._handle = Destroyable("action server", self._close)
         self._waiting: deque[Callable[[], Any]] = deque()
-        self._link = node.context.link
+        self._link = node.context._rwt_link
         self._logger = node.get_logger().get_child("action_server")
         name = self._name = node._rwt_resolved(action_name, "name")
         impl = action_type.Impl
@@ -283,18 +283,18 @@ class ActionServer(Entity):
         registration = participant.advertise_action(self._name, interface, self._on_graph_goal)
         for service in self._services:
             kind = service_type(service.srv_type)
-            service.opened(participant.advertise_service(service.srv_name, kind, service.on_call))
+            service._rwt_opened(participant.advertise_service(service.srv_name, kind, service._rwt_on_call))
         return registration
 
     def _service(
         self, kind: Any, name: str, callback: Callable[..., Any], profile: QoSProfile
     ) -> RequestQueue:
         service = RequestQueue(self._link, self._node, kind, name, callback, self.callback_group, profile)
-        service.wake = self._wake
+        service._rwt_wake = self._wake
         return service
 
     def _wake(self) -> None:
-        self.wake()
+        self._rwt_wake()
 
     @property
     def action_type(self) -> Any:
@@ -341,7 +341,7 @@ class ActionServer(Entity):
         handle = ServerGoalHandle(self, info, goal, graph_goal)
         self._goal_handles[goal_id] = handle
         self._result_futures[goal_id] = Future()
-        self.publish_status()
+        self._rwt_publish_status()
         return handle
 
     async def _on_send_goal(self, request: Any, header: RequestHeader) -> None:
@@ -352,7 +352,7 @@ class ActionServer(Entity):
         if handle is None:
             self._services[2].answer(response, header)
             return
-        handle.release = header.release
+        handle._rwt_release = header.release
         response.stamp = handle._goal_info.stamp
         self._services[2].send_response(response, header)
         await await_or_execute(self._handle_accepted_callback, handle)
@@ -365,7 +365,7 @@ class ActionServer(Entity):
 
     def _later(self, call: Callable[[], Any]) -> None:
         self._waiting.append(call)
-        self.wake()
+        self._rwt_wake()
 
     async def _consider(self, goal: ServerGoal, goal_id: bytes, message: Any) -> None:
         handle = await self._take_goal(goal_id, message, goal)
@@ -395,8 +395,6 @@ class ActionServer(Entity):
         chosen, response.return_code = self._to_cancel(request.goal_info)
         accepted = [handle for handle in chosen if await self._ask_to_cancel(handle)]
         response.goals_canceling = [handle._goal_info for handle in accepted]
-        if chosen and not accepted:
-            response.return_code = response.ERROR_REJECTED
         self._services[0].answer(response, header)
 
     def _to_cancel(self, info: Any) -> tuple[list[ServerGoalHandle], int]:
@@ -441,8 +439,6 @@ class ActionServer(Entity):
             self._logger.error(f"Error raised in execute callback: {error}")
             traceback.print_exc()
             result = self._action_type.Result()
-        if result is None:
-            result = self._action_type.Result()
         if handle.is_active:
             self._logger.warning(
                 "Goal state not set, assuming aborted. Goal ID: " + bytes(handle.goal_id.uuid).hex()
@@ -485,15 +481,15 @@ class ActionServer(Entity):
         self._charge_no_more(goal_handle)
         if self._result_timeout >= 0:
             now = self._clock.handle.now_ns()
-            goal_handle.expires_ns = now + int(self._result_timeout * 1e9)
-        self.wake()
+            goal_handle._rwt_expires_ns = now + int(self._result_timeout * 1e9)
+        self._rwt_wake()
 
     def _charge_no_more(self, handle: ServerGoalHandle) -> None:
-        release, handle.release = handle.release, None
+        release, handle._rwt_release = handle._rwt_release, None
         if release is not None:
             self._link.post(release)
 
-    def send_feedback(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
+    def _rwt_send_feedback(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
         """Send the feedback of a goal to all subscribers."""
         message: Any = self._action_type.Impl.FeedbackMessage()
         message.goal_id = goal_handle.goal_id
@@ -504,7 +500,7 @@ class ActionServer(Entity):
             payload = payload_of(feedback)
             self._link.post(lambda: goal.feedback(payload))
 
-    def publish_status(self) -> None:
+    def _rwt_publish_status(self) -> None:
         """Publish the states of all goals."""
         status = message_class("action_msgs/GoalStatus")
         self._status.publish(
@@ -518,28 +514,32 @@ class ActionServer(Entity):
 
     # What an executor asks
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a request is pending, or a result has expired."""
         if not self._handle:
             return False
-        return bool(self._waiting) or any(each.has_work() for each in self._services) or self._expired()
+        return bool(self._waiting) or any(each._rwt_has_work() for each in self._services) or self._expired()
 
     def _expired(self) -> bool:
-        due = self.due_in_ns()
+        due = self._rwt_due_in_ns()
         return due is not None and due <= 0
 
-    def due_in_ns(self) -> int | None:
+    def _rwt_due_in_ns(self) -> int | None:
         """Return the nanoseconds until a result expires."""
-        ends = [each.expires_ns for each in tuple(self._goal_handles.values()) if each.expires_ns is not None]
+        ends = [
+            each._rwt_expires_ns
+            for each in tuple(self._goal_handles.values())
+            if each._rwt_expires_ns is not None
+        ]
         return min(ends) - self._clock.handle.now_ns() if ends else None
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the oldest request."""
         if self._waiting:
             return self._waiting.popleft()
         for service in reversed(self._services):
-            if service.has_work():
-                call = service.take()
+            if service._rwt_has_work():
+                call = service._rwt_take()
                 if call is not None:
                     return call
         self._forget_expired()
@@ -548,7 +548,7 @@ class ActionServer(Entity):
     def _forget_expired(self) -> None:
         now = self._clock.handle.now_ns()
         for goal_id, handle in tuple(self._goal_handles.items()):
-            if handle.expires_ns is not None and handle.expires_ns <= now:
+            if handle._rwt_expires_ns is not None and handle._rwt_expires_ns <= now:
                 handle.destroy()
                 del self._goal_handles[goal_id]
                 self._result_futures.pop(goal_id, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from rwt_rclpy.clocks import timekeeper
@@ -24,6 +24,8 @@ class ClockChange(IntEnum):
     ROS_TIME_ACTIVATED = 2
     ROS_TIME_DEACTIVATED = 3
     SYSTEM_TIME_NO_CHANGE = 4
+
+    __str__ = Enum.__str__
 
 
 class JumpThreshold:
@@ -168,9 +170,9 @@ class ClockHandle(Destroyable):
         self.override_ns = time_ns
         for jump in told:
             if jump.post_callback is not None:
-                jump.post_callback(TimeJump(kind, Duration(nanoseconds=after - before)))
+                jump.post_callback(TimeJump(kind, Duration(nanoseconds=0 if change else after - before)))
         for watcher in tuple(self.watchers):
-            watcher.clock_changed()
+            watcher._rwt_clock_changed()
 
 
 class Clock:
@@ -260,7 +262,7 @@ class _Sleeper:
             self._woken = True
             self._condition.notify_all()
 
-    clock_changed = wake
+    _rwt_clock_changed = wake
 
     def _jumped(self, jump: TimeJump) -> None:
         if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
@@ -269,7 +271,7 @@ class _Sleeper:
 
     def sleep(self) -> bool:
         handle = self._clock.handle
-        self._context.wake_on_end(self)
+        self._context._rwt_wake_on_end(self)
         threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
         with self._clock.create_jump_callback(threshold, post_callback=self._jumped):
             handle.watchers.add(self)

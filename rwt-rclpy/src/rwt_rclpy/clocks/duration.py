@@ -6,6 +6,7 @@ import math
 from typing import Any, Final
 
 from rwt_rclpy.messages.loaded import message_class
+from rwt_rclpy.release import RELEASE
 
 S_TO_NS: Final = 1_000_000_000
 INT64_MAX: Final = 2**63 - 1
@@ -18,8 +19,6 @@ class Duration:
     Raises:
         OverflowError: it does not fit.
     """
-
-    __slots__ = ("_ns",)
 
     def __init__(self, *, seconds: float = 0, nanoseconds: float = 0) -> None:
         total = int(seconds * S_TO_NS) + int(nanoseconds)
@@ -38,19 +37,18 @@ class Duration:
     def __str__(self) -> str:
         return "Infinite" if self == Infinite else f"{self._ns} nanoseconds"
 
-    def __hash__(self) -> int:
-        return hash(self._ns)
+    __hash__ = None  # type: ignore[assignment]  # As in rclpy.
 
     def __eq__(self, other: object) -> bool:
         if isinstance(other, Duration):
             return self._ns == other._ns
-        message: Any = other
-        if isinstance(message, message_class("builtin_interfaces/Duration")):
-            return self._ns == int(message.sec * S_TO_NS + message.nanosec)
         return NotImplemented
 
-    def __ne__(self, other: object) -> bool:
-        return not self == other
+    def __copy__(self) -> Duration:
+        return Duration(nanoseconds=self._ns)
+
+    def __reduce__(self) -> str:
+        raise TypeError("cannot pickle a Duration")  # As in rclpy.
 
     def __lt__(self, other: object) -> bool:
         return self._ns < other._ns if isinstance(other, Duration) else NotImplemented
@@ -65,22 +63,24 @@ class Duration:
         return self._ns >= other._ns if isinstance(other, Duration) else NotImplemented
 
     def __add__(self, other: object) -> Duration:
-        return Duration(nanoseconds=self._ns + other._ns) if isinstance(other, Duration) else NotImplemented
+        if not isinstance(other, Duration) or not RELEASE.durations_calculate:
+            return NotImplemented
+        return Duration(nanoseconds=self._ns + other._ns)
 
     def __sub__(self, other: object) -> Duration:
-        return Duration(nanoseconds=self._ns - other._ns) if isinstance(other, Duration) else NotImplemented
+        if not isinstance(other, Duration) or not RELEASE.durations_calculate:
+            return NotImplemented
+        return Duration(nanoseconds=self._ns - other._ns)
 
     def __mul__(self, other: object) -> Duration:
         """Return a multiple; times infinity is :data:`Infinite`. Raises ValueError for NaN."""
-        if not isinstance(other, (int, float)) or isinstance(other, bool):
+        if not isinstance(other, (int, float)) or not RELEASE.durations_calculate:
             return NotImplemented
         if math.isnan(other):
             raise ValueError("a duration cannot be multiplied by NaN")
         if math.isinf(other):
             return Infinite if (other > 0) == (self._ns >= 0) else Duration(nanoseconds=INT64_MIN)
         return Duration(nanoseconds=int(self._ns * other))
-
-    __rmul__ = __mul__
 
     def to_msg(self) -> Any:
         """Return the duration as `builtin_interfaces.msg.Duration`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import Any, Final, overload
 
 from rwt_rclpy.clocks.duration import INT64_MAX, S_TO_NS, Duration
@@ -19,6 +19,8 @@ class ClockType(IntEnum):
     SYSTEM_TIME = 2
     STEADY_TIME = 3
 
+    __str__ = Enum.__str__
+
 
 class Time:
     """Point in time of a clock type. Times of different types cannot be compared.
@@ -27,8 +29,6 @@ class Time:
         ValueError: it is negative.
         OverflowError: it does not fit 64 bits of nanoseconds.
     """
-
-    __slots__ = ("_clock_type", "_ns")
 
     def __init__(
         self, *, seconds: float = 0, nanoseconds: float = 0, clock_type: ClockType = ClockType.SYSTEM_TIME
@@ -62,8 +62,13 @@ class Time:
     def __repr__(self) -> str:
         return f"Time(nanoseconds={self._ns}, clock_type={self._clock_type.name})"
 
-    def __hash__(self) -> int:
-        return hash((self._ns, self._clock_type))
+    __hash__ = None  # type: ignore[assignment]  # As in rclpy.
+
+    def __copy__(self) -> Time:
+        return Time(nanoseconds=self._ns, clock_type=self._clock_type)
+
+    def __reduce__(self) -> str:
+        raise TypeError("cannot pickle a Time")  # As in rclpy.
 
     def __add__(self, other: object) -> Time:
         if not isinstance(other, Duration):
@@ -84,7 +89,8 @@ class Time:
 
     def __sub__(self, other: object) -> Time | Duration:
         if isinstance(other, Time):
-            self._check(other)
+            if self._clock_type != other._clock_type:
+                raise TypeError("Can't subtract times with different clock types")
             return Duration(nanoseconds=self._ns - other._ns)
         if isinstance(other, Duration):
             left = self._ns - other.nanoseconds

@@ -11,8 +11,9 @@ from rwt_rclpy.clocks.clock import Clock, ClockChange, JumpThreshold, TimeJump
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.clocks.time import ClockType, Time
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.exceptions import InvalidHandle, ROSInterruptException
+from rwt_rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
 from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.release import RELEASE
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.callback_groups import CallbackGroup
@@ -107,7 +108,9 @@ class Timer(Entity):
     ) -> None:
         super().__init__(callback_group)
         if timer_period_ns < 0:
-            raise ValueError(f"a timer's period cannot be negative, and {timer_period_ns} ns is")
+            raise RCLError(f"timer period must be non-negative, and {timer_period_ns} ns is not")
+        if timer_period_ns >= 2**63:
+            raise TypeError(f"a timer's period of {timer_period_ns} ns does not fit 64 bits")
         self._clock = clock
         self._context = context
         self._handle = TimerHandle(clock, int(timer_period_ns), autostart)
@@ -128,9 +131,9 @@ class Timer(Entity):
         if not self._handle.canceled and (other_source or self._handle.is_beyond_a_period()):
             self._handle.reset()
 
-    def clock_changed(self) -> None:
+    def _rwt_clock_changed(self) -> None:
         """Wake waiting threads after the clock was set."""
-        self.wake()
+        self._rwt_wake()
 
     @property
     def handle(self) -> TimerHandle:
@@ -152,7 +155,7 @@ class Timer(Entity):
     def timer_period_ns(self, value: float) -> None:
         self._handle.check()
         self._handle.period_ns = int(value)
-        self.wake()
+        self._rwt_wake()
 
     @property
     def callback(self) -> Callable[..., object] | None:
@@ -197,7 +200,7 @@ class Timer(Entity):
         """Restart the period."""
         with self._handle:
             self._handle.reset()
-        self.wake()
+        self._rwt_wake()
 
     def time_since_last_call(self) -> int:
         """Return the nanoseconds since the last call, or since creation."""
@@ -211,17 +214,17 @@ class Timer(Entity):
 
     # Interface of executors
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if the timer is due."""
         return self._handle.is_timer_ready()
 
-    def due_in_ns(self) -> int | None:
+    def _rwt_due_in_ns(self) -> int | None:
         """Return the nanoseconds until it is due; None if that does not depend on elapsed time alone."""
         if self._clock.handle.override_ns is not None:
             return None
         return self._handle.until_next()
 
-    def take(self) -> Callable[[], Coroutine[Any, Any, object] | object] | None:
+    def _rwt_take(self) -> Callable[[], Coroutine[Any, Any, object] | object] | None:
         """Return the due call."""
         if not self._handle or self._handle.canceled:
             return None
@@ -235,6 +238,8 @@ class Timer(Entity):
 def _takes_info(callback: Callable[..., object]) -> bool:
     """True if a callback has a parameter for a :class:`TimerInfo`: one that is annotated so, or without a
     default."""
+    if not RELEASE.has_timer_info:
+        return False
     try:
         parameters = inspect.signature(callback).parameters.values()
     except (TypeError, ValueError):

@@ -70,7 +70,7 @@ def serve_graph(arguments: Arguments, stack: ExitStack, *urls: str) -> MemoryGra
     from rwt_graph import MemoryGraph
     from rwt_rclpy.messages.loaded import classes
 
-    graph = MemoryGraph(classes().registry)
+    graph = MemoryGraph(classes().registry, dds_rules=True)
     with command_errors():
         server = Server(*urls, *arguments.serve, graph=graph)
         stack.enter_context(server)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from contextlib import ExitStack
 
@@ -28,6 +29,11 @@ def add_run_command(commands: Commands) -> None:
     )
     add_graph_options(parser)
     parser.add_argument(
+        "--distro",
+        choices=("jazzy", "kilted"),
+        help="release of ROS 2 whose rclpy is followed (default jazzy)",
+    )
+    parser.add_argument(
         "program",
         nargs=argparse.REMAINDER,
         metavar="FILE | PACKAGE EXECUTABLE",
@@ -37,6 +43,8 @@ def add_run_command(commands: Commands) -> None:
 
 
 def _run(arguments: Arguments) -> int:
+    if arguments.distro:  # Read when rclpy is imported, here and in processes that are started.
+        os.environ["ROS_DISTRO"] = arguments.distro
     import rwt_rclpy
     from rwt_participant.errors import RobotError
     from rwt_rclpy.running import run_program

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed, ProviderNotFound
+from rwt_participant.errors import CallFailed
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
 from rwt_rclpy.endpoints.qos import QoSProfile
@@ -22,6 +22,7 @@ from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.executors import ExternalShutdownException
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.logs.logger import get_logger
+from rwt_rclpy.release import RELEASE
 
 if TYPE_CHECKING:
     from rwt_graph.api import Participant
@@ -40,8 +41,9 @@ class Client(Entity):
     """Client of a service, created by :meth:`Node.create_client`.
 
     Attributes:
+        logger_name: name of the logger of its node.
         srv_type: class of the service.
-        srv_name: absolute name of the service.
+        srv_name: the name that was asked for.
         qos_profile: quality of service.
     """
 
@@ -53,6 +55,7 @@ class Client(Entity):
         participant: Participant,
         srv_type: Any,
         srv_name: str,
+        full_name: str,
         qos_profile: QoSProfile,
         callback_group: Any,
     ) -> None:
@@ -69,7 +72,9 @@ class Client(Entity):
         self._steps: StepPublisher | None = None
         self.srv_type = srv_type
         self.srv_name = srv_name
+        self._name = full_name
         self.qos_profile = qos_profile
+        self.logger_name = ""
 
     def _close(self) -> None:
         self._pending_requests.clear()
@@ -83,35 +88,36 @@ class Client(Entity):
     def service_name(self) -> str:
         """Absolute name of the service."""
         self._handle.check()
-        return self.srv_name
+        return self._name
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Call the service and wait for the response, while an executor spins in another thread.
 
         Returns:
-            The response; None after the timeout.
+            The response; None when none came in time, on ROS 2 Jazzy.
 
         Raises:
             TypeError: the request is of another class.
-            CallFailed: the service reported failure.
+            TimeoutError: no response came in time, from ROS 2 Kilted on.
             ExternalShutdownException: the context ended before the response arrived.
             InvalidHandle: the client was destroyed.
         """
         wait = Wait(self.context)
         future = self.call_async(request)
-        future.resume_with(wait.wake)
+        future._rwt_resume_with(wait.wake)
         if wait.until(future.done, timeout_sec):
             return future.result()
         self.remove_pending_request(future)
         if not self.context.ok():
             raise ExternalShutdownException
+        if RELEASE.calls_raise_timeout:
+            raise TimeoutError
         return None
 
     def call_async(self, request: Any) -> Future:
         """Call the service; the future gets the response from the executor.
 
-        As on ROS, it is never done if no node offers the service. If the service reports failure,
-        which ROS does not support, it gets a :exc:`CallFailed`.
+        As on ROS, it is never done if no node offers the service, or if the service fails.
 
         Raises:
             TypeError: the request is of another class.
@@ -125,15 +131,15 @@ class Client(Entity):
             with self._lock:
                 number = next(self._numbers)
                 self._pending_requests[number] = future
-            future.resume_with(lambda: self._forget(number))
+            future._rwt_resume_with(lambda: self._forget(number))
             if self._steps is not None:
                 self._steps.publish(REQUEST_SENT, number, request=request)
 
             def on_reply(reply: Payload | CallFailed) -> None:
                 self._replies.append((number, reply.detach() if isinstance(reply, Payload) else reply))
-                self.wake()
+                self._rwt_wake()
 
-            self._link.post(lambda: self._participant.call_service(self.srv_name, payload, on_reply))
+            self._link.post(lambda: self._participant.call_service(self._name, payload, on_reply))
             return future
 
     def _forget(self, number: int) -> None:
@@ -152,7 +158,7 @@ class Client(Entity):
     def service_is_ready(self) -> bool:
         """True if a node offers the service."""
         with self._handle:
-            return self._link.run(lambda: self._link.graph.service(self.srv_name)) is not None
+            return self._link.run(lambda: self._link.graph.service(self._name)) is not None
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until a node offers the service. Returns False after the timeout."""
@@ -165,8 +171,8 @@ class Client(Entity):
         introspection_state: ServiceIntrospectionState,
     ) -> None:
         """Start or stop publishing service events."""
-        self._steps = self._node.step_publisher(
-            self, self.srv_name, clock, service_event_qos_profile, introspection_state, self._steps
+        self._steps = self._node._rwt_step_publisher(
+            self, self._name, clock, service_event_qos_profile, introspection_state, self._steps
         )
 
     def destroy(self) -> None:
@@ -175,11 +181,11 @@ class Client(Entity):
 
     # Interface of executors
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a response is pending."""
         return bool(self._replies)
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return a function that passes the oldest response to its future."""
         try:
             number, reply = self._replies.popleft()
@@ -197,10 +203,8 @@ class Client(Entity):
                 if self._steps is not None:
                     self._steps.publish(RESPONSE_RECEIVED, number, response=response)
                 future.set_result(response)
-            elif isinstance(reply, ProviderNotFound):
-                get_logger("rclpy").warning(f"{reply}: as on ROS, the call stays without a response")
-            else:
-                future.set_exception(reply)
+            else:  # ROS has no way to say this, so the call stays without a response.
+                get_logger("rclpy").debug(f"{self._name}: {reply}")
 
         return settle
 

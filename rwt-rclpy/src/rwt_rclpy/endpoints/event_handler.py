@@ -77,13 +77,13 @@ class EventHandler(Entity):
     def happened(self, info: Any) -> None:
         """Schedule the callback; a newer event replaces a pending one."""
         self._pending = info
-        self.wake()
+        self._rwt_wake()
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if an event is pending."""
         return self._pending is not None and bool(self._handle)
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback with the event."""
         info, self._pending = self._pending, None
         return None if info is None else lambda: self.callback(info)
@@ -91,3 +91,7 @@ class EventHandler(Entity):
     def destroy(self) -> None:
         """Destroy the handler."""
         self._handle.destroy_when_not_in_use()
+
+
+class LostHandler(EventHandler):
+    """Reports dropped messages."""

@@ -2,6 +2,7 @@
 
 Deadlines and leases are due at a time, for which executors wait like for a timer. Changes of the endpoints
 of a topic are polled :data:`LOOKS_PER_SECOND` times per second, only while a program has a callback for them.
+Incompatible endpoints are noticed when the executor next wakes after a change of the graph.
 """
 
 from __future__ import annotations
@@ -14,16 +15,20 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_rclpy.clocks.duration import S_TO_NS, Duration, Infinite
 from rwt_rclpy.endpoints.event_handler import (
     EventHandler,
+    LostHandler,
     OnEvent,
     QoSDeadlineInfo,
+    QoSIncompatibleInfo,
     QoSLivelinessChangedInfo,
     QoSMatchedInfo,
 )
-from rwt_rclpy.endpoints.qos import LivelinessPolicy
+from rwt_rclpy.endpoints.qos import LivelinessPolicy, QoSPolicyKind, graph_qos
 
 if TYPE_CHECKING:
     from rwt_rclpy.clocks.timekeeper import Timekeeper
     from rwt_rclpy.endpoints.qos import QoSProfile
+    from rwt_rclpy.logs.logger import RcutilsLogger
+    from rwt_rclpy.nodes.graph_queries import GraphQueries
 
 #: Rate at which the endpoints of a topic are counted, in Hz.
 LOOKS_PER_SECOND: Final = 10
@@ -35,13 +40,42 @@ class Watched:
 
     Attributes:
         profile: quality of service.
-        others: returns the number of endpoints at the other end of its topic.
+        name: the absolute name of its topic.
+        topic: the name that was asked for.
+        publishers: True if it is a subscription, whose others are publishers.
+        queries: answers questions about the graph.
         timekeeper: source of time.
+        logger: the logger of its node.
     """
 
     profile: QoSProfile
-    others: Callable[[], int]
+    name: str
+    topic: str
+    publishers: bool
+    queries: GraphQueries
     timekeeper: Timekeeper
+    logger: RcutilsLogger
+
+    def incompatible(self) -> list[tuple[str, ...]]:
+        """Return the incompatible policies of each endpoint that it is not connected to."""
+        return self.queries.incompatible(self.name, graph_qos(self.profile), publishers=self.publishers)
+
+    def matched(self) -> int:
+        """Return the number of endpoints that it is connected to."""
+        return len(self.queries.ends(self.name, publishers=self.publishers)) - len(self.incompatible())
+
+    def warn_of_incompatible(self, event: QoSIncompatibleInfo) -> None:
+        """Log a warning about an endpoint that it is not connected to."""
+        other, verb, way = (
+            ("publisher", "offering", "received from")
+            if self.publishers
+            else ("subscription", "requesting", "sent to")
+        )
+        self.logger.warning(
+            f"New {other} discovered on topic '{self.topic}', {verb} incompatible QoS."
+            f" No messages will be {way} it."
+            f" Last incompatible policy: {QoSPolicyKind(event.last_policy_kind).name}"
+        )
 
 
 class DeadlineHandler(EventHandler):
@@ -59,17 +93,17 @@ class DeadlineHandler(EventHandler):
         waited = self._next_ns is not None
         self._next_ns = self._keeper.steady_ns() + self._period_ns
         if not waited:
-            self.wake()
+            self._rwt_wake()
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a deadline was missed."""
         return self._next_ns is not None and bool(self._handle) and self._keeper.steady_ns() >= self._next_ns
 
-    def due_in_ns(self) -> int | None:
+    def _rwt_due_in_ns(self) -> int | None:
         """Return the nanoseconds until the deadline; None before the first message."""
         return None if self._next_ns is None else self._next_ns - self._keeper.steady_ns()
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback with the number of missed deadlines."""
         late = None if self._next_ns is None else self._keeper.steady_ns() - self._next_ns
         if late is None or late < 0 or self._next_ns is None:
@@ -88,9 +122,9 @@ class LeaseHandler(DeadlineHandler):
         super().__init__(group, callback, kind, watched)
         self._period_ns = watched.profile.liveliness_lease_duration.nanoseconds
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback, once for each loss."""
-        if not self.has_work():
+        if not self._rwt_has_work():
             return None
         self._next_ns = None
         self._missed += 1
@@ -103,7 +137,7 @@ class MatchedHandler(EventHandler):
 
     def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
         super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
-        self._others = watched.others
+        self._others = watched.matched
         self._keeper = watched.timekeeper
         self._look_ns = self._keeper.steady_ns()
         self._told = 0
@@ -113,7 +147,7 @@ class MatchedHandler(EventHandler):
     def active(self) -> None:
         """No-op: messages do not change the number of endpoints."""
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if the number of matched endpoints has changed since the last event."""
         now = self._keeper.steady_ns()
         if now >= self._look_ns and self._handle:
@@ -121,11 +155,11 @@ class MatchedHandler(EventHandler):
             self._now = self._others()
         return self._now != self._told and bool(self._handle)
 
-    def due_in_ns(self) -> int | None:
+    def _rwt_due_in_ns(self) -> int | None:
         """Return the nanoseconds until the next poll."""
         return self._look_ns - self._keeper.steady_ns() if self._handle else None
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback with the new number."""
         change, self._told = self._now - self._told, self._now
         if not change:
@@ -137,6 +171,39 @@ class MatchedHandler(EventHandler):
         more = max(0, change)
         self._total += more
         return QoSMatchedInfo(self._total, more, now, change)
+
+
+class IncompatibleHandler(EventHandler):
+    """Reports endpoints with incompatible quality of service."""
+
+    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
+        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+        self._watched = watched
+        self._version = -1
+        self._now = 0
+        self._total = 0
+        self._told = 0
+
+    def _rwt_has_work(self) -> bool:
+        """True if an incompatible endpoint has joined since the last event."""
+        version = self._watched.queries.version
+        if version != self._version:
+            self._version = version
+            self._look()
+        return super()._rwt_has_work()
+
+    def _look(self) -> None:
+        found = self._watched.incompatible()
+        joined, self._now = len(found) - self._now, len(found)
+        if joined > 0:
+            self._total += joined
+            kind = QoSPolicyKind[found[-1][-1].upper()]
+            self._pending = QoSIncompatibleInfo(self._total, self._total - self._told, kind)
+
+    def _rwt_take(self) -> Callable[[], object] | None:
+        """Return the callback with the number of incompatible endpoints."""
+        self._told = self._total
+        return super()._rwt_take()
 
 
 class LivelinessHandler(MatchedHandler):
@@ -154,7 +221,7 @@ def _is_a_span(duration: Duration) -> bool:
 def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> EventHandler:
     """Return the handler of a kind of event; it never calls if the profile does not request the event."""
     profile = watched.profile
-    made: type[DeadlineHandler] | type[MatchedHandler] | None = None
+    made: type[DeadlineHandler | MatchedHandler | IncompatibleHandler] | None = None
     # By name: events of publishers and of subscriptions share numbers, and so are equal.
     match kind.name:
         case "RCL_PUBLISHER_OFFERED_DEADLINE_MISSED" | "RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED":
@@ -163,9 +230,12 @@ def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched)
             by_hand = profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
             made = LeaseHandler if by_hand and _is_a_span(profile.liveliness_lease_duration) else None
         case "RCL_SUBSCRIPTION_LIVELINESS_CHANGED":
-            made = LivelinessHandler
+            made = LivelinessHandler if _is_a_span(profile.liveliness_lease_duration) else None
         case "RCL_PUBLISHER_MATCHED" | "RCL_SUBSCRIPTION_MATCHED":
             made = MatchedHandler
+        case "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS" | "RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS":
+            made = IncompatibleHandler
     if made is None:
-        return EventHandler(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+        kept = LostHandler if kind.name == "RCL_SUBSCRIPTION_MESSAGE_LOST" else EventHandler
+        return kept(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
     return made(group, callback, kind, watched)

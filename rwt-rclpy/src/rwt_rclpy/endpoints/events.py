@@ -1,7 +1,6 @@
 """`rclpy.event_handler`: events of publishers and subscriptions besides messages.
 
-Deadlines, liveliness, matching and lost messages are reported; see :mod:`rwt_rclpy.endpoints.event_watches`.
-No pair of endpoints is incompatible in a graph without DDS, so that those events never come.
+See :mod:`rwt_rclpy.endpoints.event_watches`. A topic has one type: events of incompatible types never come.
 """
 
 from __future__ import annotations
@@ -80,12 +79,19 @@ class _EventCallbacks:
 
     def create_event_handlers(self, callback_group: Any, watched: Watched) -> list[EventHandler]:
         """Return a handler for each callback."""
-        callbacks = ((getattr(self, name), kind) for name, kind in self._types.items())
+        defaults = {}
+        if self.use_default_callbacks:
+            defaults = {"incompatible_qos": watched.warn_of_incompatible, "incompatible_type": _ignore}
+        callbacks = ((getattr(self, name) or defaults.get(name), kind) for name, kind in self._types.items())
         return [
             make_handler(callback_group, callback, kind, watched)
             for callback, kind in callbacks
             if callback is not None
         ]
+
+
+def _ignore(event: object) -> None:
+    """No-op."""
 
 
 class SubscriptionEventCallbacks(_EventCallbacks):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 from rwt_interfaces.payload import Payload
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.event_watches import DeadlineHandler
 from rwt_rclpy.endpoints.events import QoSPublisherEventType
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.messages.classes import Message
@@ -22,6 +23,7 @@ class Publisher:
     """Publisher of messages of one type, created by :meth:`Node.create_publisher`.
 
     Attributes:
+        logger_name: name of the logger of its node.
         msg_type: class of the messages.
         topic: requested name.
         qos_profile: quality of service.
@@ -45,7 +47,9 @@ class Publisher:
         self.msg_type = msg_type
         self.topic = topic
         self.qos_profile = qos_profile
+        self.logger_name = ""
         self.event_handlers = event_handlers
+        self._watching = [each for each in event_handlers if isinstance(each, DeadlineHandler)]
 
     def _close(self) -> None:
         self._link.post(self._publisher.close)
@@ -67,11 +71,11 @@ class Publisher:
         else:
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         self._link.publish(self._publisher, payload)
-        for handler in self.event_handlers:
+        for handler in self._watching:
             handler.active()
 
     def get_subscription_count(self) -> int:
-        """Number of subscriptions of the topic."""
+        """Return the number of subscriptions that the publisher is connected to."""
         with self._handle:
             return self._link.run(lambda: self._publisher.subscriber_count)
 
@@ -95,7 +99,7 @@ class Publisher:
     def assert_liveliness(self) -> None:
         """Assert liveliness, as every message does."""
         self._handle.check()
-        for handler in self.event_handlers:
+        for handler in self._watching:
             if handler.event_type is QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST:
                 handler.active()
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from enum import Enum, IntEnum
 from typing import Any, Final
 
 from rwt_participant import qos as program
-from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.clocks.duration import Duration, Infinite
 
 #: rmw's duration for "best available".
 BEST_AVAILABLE_NS: Final = 9223372036854775806
@@ -319,6 +320,35 @@ class QoSCompatibility(IntEnum):
     ERROR = 2
 
 
+#: Texts of rmw about a policy that one side leaves open: the value that the other side has, and the sentence.
+_OPEN: Final = (
+    (
+        "reliability",
+        "WARNING: Publisher reliability is {} and subscription reliability is {};",
+        (ReliabilityPolicy.RELIABLE, "WARNING: Reliable subscription, but publisher is {};"),
+        (ReliabilityPolicy.BEST_EFFORT, "WARNING: Best effort publisher, but subscription is {};"),
+    ),
+    (
+        "durability",
+        "WARNING: Publisher durabilty is {} and subscription durability is {};",
+        (DurabilityPolicy.TRANSIENT_LOCAL, "WARNING: Transient local subscription, but publisher is {};"),
+        (DurabilityPolicy.VOLATILE, "WARNING: Volatile publisher, but subscription is {};"),
+    ),
+    (
+        "liveliness",
+        "WARNING: Publisher liveliness is {} and subscription liveliness is {};",
+        (
+            LivelinessPolicy.MANUAL_BY_TOPIC,
+            "WARNING: Subscription's liveliness is manual by topic, but publisher's is {};",
+        ),
+        (
+            LivelinessPolicy.AUTOMATIC,
+            "WARNING: Publisher's liveliness is automatic, but subscription's is {};",
+        ),
+    ),
+)
+
+
 def qos_check_compatible(
     publisher_qos: QoSProfile, subscription_qos: QoSProfile
 ) -> tuple[QoSCompatibility, str]:
@@ -329,25 +359,20 @@ def qos_check_compatible(
     errors = _errors(publisher_qos, subscription_qos)
     if errors:
         return QoSCompatibility.ERROR, "".join(f"ERROR: {each};" for each in errors)
-    unsure = [
-        f"{side} {name} is {policy.name.lower().replace('_', ' ')}"
-        for name in ("reliability", "durability", "liveliness")
-        for side, policy in (
-            ("Publisher", getattr(publisher_qos, name)),
-            ("Subscription", getattr(subscription_qos, name)),
-        )
-        if policy.name in ("SYSTEM_DEFAULT", "UNKNOWN") and _unsure(name, publisher_qos, subscription_qos)
-    ]
-    if unsure:
-        return QoSCompatibility.WARNING, "".join(f"WARNING: {each};" for each in unsure)
-    return QoSCompatibility.OK, ""
+    warned = "".join(_open_policies(publisher_qos, subscription_qos))
+    return (QoSCompatibility.WARNING if warned else QoSCompatibility.OK), warned
 
 
-def _unsure(name: str, publisher: QoSProfile, subscription: QoSProfile) -> bool:
-    """True if an unknown policy may be insufficient."""
-    if name == "liveliness":
-        return {publisher.liveliness, subscription.liveliness} != {LivelinessPolicy.SYSTEM_DEFAULT}
-    return True
+def _open_policies(publisher: QoSProfile, subscription: QoSProfile) -> Iterator[str]:
+    for name, both, (requested, of_publisher), (offered, of_subscription) in _OPEN:
+        own, other = getattr(publisher, name), getattr(subscription, name)
+        is_open = [each.name in ("SYSTEM_DEFAULT", "UNKNOWN") for each in (own, other)]
+        if all(is_open):
+            yield both.format(own.short_key, other.short_key)
+        elif is_open[0] and other is requested:
+            yield of_publisher.format(own.short_key)
+        elif is_open[1] and own is offered:
+            yield of_subscription.format(other.short_key)
 
 
 def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
@@ -362,17 +387,24 @@ def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
         and subscription.durability is DurabilityPolicy.TRANSIENT_LOCAL
     ):
         errors.append("Volatile publisher and transient local subscription")
+    errors += _shorter("deadline", publisher.deadline, subscription.deadline, " deadline")
     if (
         publisher.liveliness is LivelinessPolicy.AUTOMATIC
         and subscription.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
     ):
         errors.append("Publisher's liveliness is automatic and subscription's is manual by topic")
-    for name, text in (("deadline", "deadline"), ("liveliness_lease_duration", "liveliness lease duration")):
-        offered = _span(getattr(publisher, name))
-        asked = _span(getattr(subscription, name))
-        if asked is not None and (offered is None or offered > asked):
-            errors.append(f"Subscription's {text} is shorter than the publisher's")
-    return errors
+    leases = publisher.liveliness_lease_duration, subscription.liveliness_lease_duration
+    return errors + _shorter("liveliness lease duration", *leases, "")
+
+
+def _shorter(name: str, offered: Duration, requested: Duration, noun: str) -> list[str]:
+    if BEST_AVAILABLE_NS in (offered.nanoseconds, requested.nanoseconds):
+        return []
+    if requested.nanoseconds and not offered.nanoseconds:
+        return [f"Subscription has a {name}, but publisher does not"]
+    if requested.nanoseconds and requested < offered:
+        return [f"Subscription {name} is less than publisher{noun}"]
+    return []
 
 
 def _span(duration: Duration) -> int | None:
@@ -399,19 +431,24 @@ def graph_qos(profile: QoSProfile) -> program.QoS:
         }.get(profile.durability, program.Durability.VOLATILE),
         deadline=None if (ns := _span(profile.deadline)) is None else min(ns / 1e9, seconds),
         lifespan=None if (ns := _span(profile.lifespan)) is None else min(ns / 1e9, seconds),
+        manual_liveliness=profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC,
+        lease=None if (ns := _span(profile.liveliness_lease_duration)) is None else min(ns / 1e9, seconds),
     )
 
 
 def profile_of(qos: program.QoS) -> QoSProfile:
-    """Return the graph's quality of service as a profile."""
+    """Return the quality of service of an endpoint in the graph, whose history others do not see in ROS 2."""
     return QoSProfile(
-        history=HistoryPolicy.KEEP_ALL
-        if qos.history is program.History.KEEP_ALL
-        else HistoryPolicy.KEEP_LAST,
-        depth=qos.depth or 1,
+        history=HistoryPolicy.UNKNOWN,
+        depth=0,
         reliability=ReliabilityPolicy[qos.reliability.name],
         durability=DurabilityPolicy[qos.durability.name],
-        deadline=Duration(seconds=qos.deadline or 0),
-        lifespan=Duration(seconds=qos.lifespan or 0),
-        liveliness=LivelinessPolicy.AUTOMATIC,
+        deadline=_duration(qos.deadline),
+        lifespan=_duration(qos.lifespan),
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC if qos.manual_liveliness else LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=_duration(qos.lease),
     )
+
+
+def _duration(seconds: float | None) -> Duration:
+    return Duration(seconds=seconds) if seconds else Infinite

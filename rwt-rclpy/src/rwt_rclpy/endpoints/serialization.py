@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_rclpy.endpoints.type_support import message_type
+from rwt_rclpy.endpoints.type_support import message_type as type_behind
+from rwt_rclpy.exceptions import RMWError
 from rwt_rclpy.messages.classes import Message
 
 
@@ -15,19 +17,19 @@ def serialize_message(message: Any) -> bytes:
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
-    """Return a message from CDR. Raises InvalidMessage if it does not fit the type."""
-    payload = Payload.from_cdr(_type(message_type), bytes(serialized_message))
-    return message_of(payload, message_type)
-
-
-def _type(cls: Any) -> Any:
-    return message_type(cls)
+    """Return a message from CDR. Raises RMWError for what is none of that type."""
+    try:
+        return message_of(
+            Payload.from_cdr(type_behind(message_type), bytes(serialized_message)), message_type
+        )
+    except InvalidMessage as error:
+        raise RMWError(f"failed to deserialize ROS message: {error}") from error
 
 
 def payload_of(message: Message) -> Payload:
     """Return a message in the graph's form: large arrays are copied once, and not traversed."""
     cls = type(message)
-    return Payload(message_type(cls), None, cls._rwt_to_graph(message))
+    return Payload(type_behind(cls), None, cls._rwt_to_graph(message))
 
 
 def message_of(payload: Payload, cls: type[Message]) -> Any:

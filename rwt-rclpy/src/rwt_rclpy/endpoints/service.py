@@ -52,6 +52,7 @@ class Service(Entity):
     """Service of a node, created by :meth:`Node.create_service`.
 
     Attributes:
+        logger_name: name of the logger of its node.
         srv_type: class of the service.
         srv_name: requested name.
         callback: takes a request and a response to fill, and returns the response.
@@ -80,8 +81,9 @@ class Service(Entity):
         self.srv_name = srv_name
         self.callback = callback
         self.qos_profile = qos_profile
+        self.logger_name = ""
 
-    def opened(self, registration: Any) -> None:
+    def _rwt_opened(self, registration: Any) -> None:
         """Set the endpoint of the graph."""
         self._registration = registration
 
@@ -101,11 +103,11 @@ class Service(Entity):
             name: str = self._registration.name
             return name
 
-    def on_call(self, call: ServiceCall) -> None:
+    def _rwt_on_call(self, call: ServiceCall) -> None:
         """Queue a request for the executor, on the graph's thread."""
         # Charged as long as it is kept, even if its caller no longer waits.
         self._calls.append(RequestHeader(call, next(self._numbers), hold_for_asker(0)))
-        self.wake()
+        self._rwt_wake()
 
     def send_response(self, response: Any, header: RequestHeader) -> None:
         """Answer a request. Raises TypeError for another class, InvalidHandle after :meth:`destroy`."""
@@ -124,7 +126,7 @@ class Service(Entity):
         introspection_state: ServiceIntrospectionState,
     ) -> None:
         """Start or stop publishing service events."""
-        self._steps = self._node.step_publisher(
+        self._steps = self._node._rwt_step_publisher(
             self, self.service_name, clock, service_event_qos_profile, introspection_state, self._steps
         )
 
@@ -134,17 +136,14 @@ class Service(Entity):
 
     # Interface of executors
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a request is pending."""
         return bool(self._calls) and bool(self._handle)
 
-    def take(self) -> Callable[[], object] | None:
-        """Return the callback with the oldest request whose caller still waits."""
+    def _rwt_take(self) -> Callable[[], object] | None:
+        """Return the callback with the oldest request, which another server may have answered, as on ROS."""
         while self._calls:
             header = self._calls.popleft()
-            if header.call.done:
-                self._link.post(header.release)
-                continue
             try:
                 request = message_of(header.call.request, self.srv_type.Request)
             except InvalidMessage as error:
@@ -178,7 +177,7 @@ class Service(Entity):
         self._link.post(header.release)
 
     def _fail(self, error: Exception, header: RequestHeader) -> None:
-        # The caller gets the failure, and the exception ends the spin, as on ROS.
+        # The exception ends the spin, as on ROS. Callers other than rclpy's hear of it.
         reason = f"{type(error).__name__} in the service's callback"
         self._link.post(lambda: header.call.fail(reason))
         self._link.post(header.release)

@@ -12,6 +12,7 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.content_filter import ContentFilter, ContentFilterOptions, InvalidFilter
 from rwt_rclpy.endpoints.event_handler import EventHandler, QoSMessageLostInfo
+from rwt_rclpy.endpoints.event_watches import DeadlineHandler
 from rwt_rclpy.endpoints.events import QoSSubscriptionEventType
 from rwt_rclpy.endpoints.qos import HistoryPolicy, QoSProfile
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
@@ -48,6 +49,7 @@ class Subscription(Entity):
     """Subscription of messages of one type, created by :meth:`Node.create_subscription`.
 
     Attributes:
+        logger_name: name of the logger of its node.
         msg_type: class of the messages.
         topic: requested name.
         raw: True if the callback gets CDR.
@@ -66,6 +68,7 @@ class Subscription(Entity):
         qos_profile: QoSProfile,
         raw: bool,
         event_handlers: list[EventHandler],
+        publisher_count: Callable[[], int],
         content_filter: ContentFilterOptions | None = None,
     ) -> None:
         super().__init__(callback_group)
@@ -85,12 +88,15 @@ class Subscription(Entity):
         self.topic = topic
         self.raw = raw
         self.qos_profile = qos_profile
+        self.logger_name = ""
         self.event_handlers = event_handlers
+        self._watching = [each for each in event_handlers if isinstance(each, DeadlineHandler)]
+        self._publisher_count = publisher_count
         self._filter: ContentFilter | None = None
         if content_filter is not None:
             self.set_content_filter(content_filter.filter_expression, content_filter.expression_parameters)
 
-    def opened(self, subscription: Any) -> None:
+    def _rwt_opened(self, subscription: Any) -> None:
         """Set the endpoint of the graph."""
         self._subscription = subscription
 
@@ -122,10 +128,9 @@ class Subscription(Entity):
             return name
 
     def get_publisher_count(self) -> int:
-        """Number of publishers of the topic."""
+        """Return the number of publishers that the subscription is connected to."""
         with self._handle:
-            info = self._link.run(lambda: self._link.graph.topic(self._subscription.topic))
-            return 0 if info is None else len(info.publishers)
+            return self._publisher_count()
 
     def destroy(self) -> None:
         """Leave the topic; see :meth:`Node.destroy_subscription`."""
@@ -133,7 +138,7 @@ class Subscription(Entity):
             handler.destroy()
         self._handle.destroy_when_not_in_use()
 
-    def on_sample(self, sample: Sample) -> None:
+    def _rwt_on_sample(self, sample: Sample) -> None:
         """Queue a sample for the executor, on the graph's thread."""
         samples = self._samples
         if len(samples) == samples.maxlen:
@@ -141,9 +146,9 @@ class Subscription(Entity):
             self._tell_of_loss()
         self._received += 1
         samples.append((sample.detach(), self._received))
-        for handler in self.event_handlers:
+        for handler in self._watching:
             handler.active()
-        self.wake()
+        self._rwt_wake()
 
     def _tell_of_loss(self) -> None:
         for handler in self.event_handlers:
@@ -183,11 +188,11 @@ class Subscription(Entity):
 
     # Interface of executors
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a message is pending."""
         return bool(self._samples)
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback with the oldest message that has not expired."""
         taken = self._take()
         if taken is None:
@@ -219,7 +224,7 @@ class Subscription(Entity):
                 "source_timestamp": sample.stamp_ns,
                 "received_timestamp": keeper.system_ns(),
                 "publication_sequence_number": number,
-                "reception_sequence_number": number,
+                "reception_sequence_number": None,
             }
 
     def __enter__(self) -> Self:

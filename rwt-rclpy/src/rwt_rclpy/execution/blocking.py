@@ -20,9 +20,9 @@ class Wait:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._keeper = context.link.timekeeper
+        self._keeper = context._rwt_link.timekeeper
         self._condition = self._keeper.condition()
-        context.wake_on_end(self)
+        context._rwt_wake_on_end(self)
 
     def wake(self) -> None:
         """Check the condition again."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol, Self
 
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.exceptions import RCLError
+from rwt_rclpy.exceptions import RCLError, RCLInvalidROSArgsError
 from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 from rwt_rclpy.names.arguments import RosArguments, parse_arguments
 
@@ -66,7 +66,7 @@ class Context:
         return self._handle
 
     @property
-    def link(self) -> Link:
+    def _rwt_link(self) -> Link:
         """Return the graph of its domain. Raises RuntimeError before :meth:`init`."""
         if self._handle is None:
             raise RuntimeError("the context is not initialized: call rclpy.init() first")
@@ -99,8 +99,16 @@ class Context:
             given = sys.argv if args is None else args
             for each in given:
                 each.encode()  # With a wrong locale it contains surrogates, which are invalid in names.
-            arguments = parse_arguments(given)
+            try:
+                arguments = parse_arguments(given)
+            except RCLInvalidROSArgsError as error:
+                raise RCLError(
+                    str(error)
+                ) from error  # The program's arguments are rcl's, a node's are rclpy's.
             arguments.refuse_unknown()
+            config = arguments.log_config_file
+            if config is not None and not config.is_file():
+                raise RCLError(f"--log-config-file {config}: the file does not exist")
             _refuse_enclaves()
             self._handle = ContextHandle(arguments, domain)
             _initialised.add(self)
@@ -150,7 +158,7 @@ class Context:
             self._handle.shutdown()
         self._call_callbacks()
 
-    def shutdown_by_signal(self) -> None:
+    def _rwt_shutdown_by_signal(self) -> None:
         """Shut down from outside: spinning and waiting functions raise ExternalShutdownException."""
         if self._handle is not None:
             self._handle.shutdown()
@@ -178,7 +186,7 @@ class Context:
         if weak in self._callbacks:
             self._callbacks.remove(weak)
 
-    def wake_on_end(self, waker: Wakeable) -> None:
+    def _rwt_wake_on_end(self, waker: Wakeable) -> None:
         """Wake waiting threads when the context ends for any reason."""
         with self._lock:
             self._wakers.add(waker)

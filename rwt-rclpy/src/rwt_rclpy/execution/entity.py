@@ -19,23 +19,23 @@ class Entity(ABC):
 
     Attributes:
         callback_group: group of its callbacks.
-        wake: wakes the executor; set by the entity's node.
+        _rwt_    wake: wakes the executor; set by the entity's node.
     """
 
     def __init__(self, callback_group: CallbackGroup | None) -> None:
         self.callback_group: Any = callback_group
-        self.wake: Callable[[], None] = _nothing
+        self._rwt_wake: Callable[[], None] = _nothing
         # rclpy's name: True while an executor handles it.
         self._executor_event = False
 
     @abstractmethod
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if a callback is ready to run."""
 
     @abstractmethod
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback to run now, which may return a coroutine; None if there is none."""
 
-    def due_in_ns(self) -> int | None:
+    def _rwt_due_in_ns(self) -> int | None:
         """Return the nanoseconds until it is ready; None if that does not depend on time."""
         return None

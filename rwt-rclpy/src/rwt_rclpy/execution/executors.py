@@ -21,6 +21,7 @@ from rwt_rclpy.execution.context import Context, get_default_context
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.interruption import UNINTERRUPTED
 from rwt_rclpy.execution.task import Future, Task, Work
+from rwt_rclpy.release import RELEASE
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.node import Node
@@ -97,6 +98,8 @@ class Executor:
 
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = get_default_context() if context is None else context
+        if self._context.handle is None:
+            raise RELEASE.error_without_context("an executor needs a context that was initialized")
         self._keeper = timekeeper.current()
         self._condition = self._keeper.condition()
         self._woken = False
@@ -110,7 +113,7 @@ class Executor:
         self._in_callback = threading.local()
         self._batch: deque[tuple[Entity, Node]] = deque()
         self._sigint_gc = None
-        self._context.wake_on_end(self)
+        self._context._rwt_wake_on_end(self)
 
     @property
     def context(self) -> Context:
@@ -119,11 +122,16 @@ class Executor:
 
     def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
         """Schedule a function, a coroutine function or a coroutine in the executor."""
+        self._require_running()
         task = Task(callback, args, kwargs, executor=self)
         with self._tasks_lock:
             self._tasks.append((task, None, None))
         self.wake()
         return task
+
+    def _require_running(self) -> None:
+        if self._is_shutdown and not RELEASE.executors_outlive_shutdown:
+            raise AttributeError("the executor was shut down")
 
     def create_future(self) -> Future:
         """Return a future whose callbacks this executor runs."""
@@ -148,6 +156,7 @@ class Executor:
 
     def add_node(self, node: Node) -> bool:
         """Add a node. Returns False if the executor has it already."""
+        self._require_running()
         with self._nodes_lock:
             if node in self._nodes:
                 return False
@@ -201,7 +210,7 @@ class Executor:
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done, at most for some seconds."""
-        future.resume_with(self.wake)
+        future._rwt_resume_with(self.wake)
         deadline = self._deadline(timeout_sec)
         while self._context.ok() and not future.done() and not self._is_shutdown and not future.cancelled():
             left = None if deadline is None else max(0.0, (deadline - self._keeper.steady_ns()) / 1e9)
@@ -267,9 +276,9 @@ class Executor:
         with self._tasks_lock:
             if not self._tasks:
                 return None
-            self._tasks = [entry for entry in self._tasks if not entry[0].done()]
-            # Newest first, as in rclpy, but none twice before all others have run.
-            for entry in reversed(self._tasks):
+            self._tasks = [entry for entry in self._tasks if not entry[0].done() and not entry[0].cancelled()]
+            # None twice before each had its turn.
+            for entry in self._tasks if RELEASE.tasks_are_fifo else reversed(self._tasks):
                 task, _, node = entry
                 if task not in self._had_turn and task.can_run() and (node is None or node in nodes):
                     self._had_turn.add(task)
@@ -298,11 +307,11 @@ class Executor:
         for node in nodes:
             for entity in node._rwt_entities:
                 try:
-                    if entity.has_work():
+                    if entity._rwt_has_work():
                         if self.can_execute(entity):
                             self._batch.append((entity, node))
                         continue
-                    due = entity.due_in_ns()
+                    due = entity._rwt_due_in_ns()
                 except InvalidHandle:
                     continue  # The entity was destroyed meanwhile.
                 if due is not None and (soonest is None or due < soonest):
@@ -313,13 +322,13 @@ class Executor:
         """Take a callback of an entity, if it is still ready and may run."""
         group = entity.callback_group
         try:
-            if not entity.has_work() or not group.beginning_execution(entity):
+            if not entity._rwt_has_work() or not group.beginning_execution(entity):
                 return None
         except InvalidHandle:
             return None
         call: Callable[[], object] | None = None
         try:
-            call = entity.take()
+            call = entity._rwt_take()
         except InvalidHandle:
             return None
         finally:
@@ -386,7 +395,7 @@ class SingleThreadedExecutor(Executor):
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
         """Run one callback, waiting for one or for the future."""
-        future.resume_with(self.wake)
+        future._rwt_resume_with(self.wake)
         self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
 
 
@@ -467,7 +476,7 @@ class MultiThreadedExecutor(Executor):
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
         """Hand one callback to the pool, waiting for one or for the future."""
-        future.resume_with(self.wake)
+        future._rwt_resume_with(self.wake)
         self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = False) -> bool:

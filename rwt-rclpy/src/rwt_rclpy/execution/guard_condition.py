@@ -36,17 +36,17 @@ class GuardCondition(Entity):
         """Schedule the callback. Raises :exc:`InvalidHandle` after :meth:`destroy`."""
         self._handle.check()
         self._triggered = True
-        self.wake()
+        self._rwt_wake()
 
     def destroy(self) -> None:
         """Destroy the guard condition."""
         self._handle.destroy_when_not_in_use()
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if the condition was triggered."""
         return self._triggered and bool(self._handle)
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback."""
         self._triggered = False
         return self.callback

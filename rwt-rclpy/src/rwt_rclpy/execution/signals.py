@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from enum import IntFlag
+from enum import Enum, IntFlag
 from functools import partial
 from queue import SimpleQueue
 from types import FrameType
@@ -27,6 +27,8 @@ class SignalHandlerOptions(IntFlag):
     SIGINT = 1
     SIGTERM = 2
     ALL = 3
+
+    __str__ = Enum.__str__
 
 
 _OPTIONS = {signal.SIGINT: SignalHandlerOptions.SIGINT, signal.SIGTERM: SignalHandlerOptions.SIGTERM}
@@ -77,7 +79,7 @@ def _end_contexts() -> None:
     while True:
         _received.get()
         for context in initialised_contexts():
-            context.shutdown_by_signal()
+            context._rwt_shutdown_by_signal()
 
 
 class SignalHandlerGuardCondition(GuardCondition):

@@ -130,7 +130,7 @@ class Future:
             self._callbacks = [each for each in self._callbacks if each != callback]
             return len(self._callbacks) != count
 
-    def resume_with(self, resume: Callable[[], None]) -> None:
+    def _rwt_resume_with(self, resume: Callable[[], None]) -> None:
         """Call a function once it is done or cancelled, on the thread that sets it; now if it is already."""
         with self._lock:
             if not self._done and not self._cancelled:
@@ -169,7 +169,7 @@ class Task(Future):
 
     def __call__(self) -> None:
         """Run or continue until it ends or waits."""
-        if self._done or self._executing or not self._task_lock.acquire(blocking=False):
+        if self._done or self._cancelled or self._executing or not self._task_lock.acquire(blocking=False):
             return
         try:
             self._executing = True
@@ -203,7 +203,7 @@ class Task(Future):
         else:
             if isinstance(awaited, Future):
                 self._waits = True
-                awaited.resume_with(self._go_on)
+                awaited._rwt_resume_with(self._go_on)
 
     def _go_on(self) -> None:
         self._waits = False

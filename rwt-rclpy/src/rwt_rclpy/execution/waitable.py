@@ -111,7 +111,7 @@ class WaitSet:
 
     def is_ready(self, kind: str, index: int) -> bool:
         """True if an entity has work."""
-        return self.entities[kind][index].has_work()
+        return self.entities[kind][index]._rwt_has_work()
 
 
 class WaitableEntity(Entity):
@@ -121,14 +121,14 @@ class WaitableEntity(Entity):
         super().__init__(waitable.callback_group)
         self.waitable = waitable
 
-    def has_work(self) -> bool:
+    def _rwt_has_work(self) -> bool:
         """True if the waitable is ready with a wait set of its entities."""
         wait_set = WaitSet()
         with self.waitable:
             self.waitable.add_to_wait_set(wait_set)
             return self.waitable.is_ready(wait_set)
 
-    def take(self) -> Callable[[], object] | None:
+    def _rwt_take(self) -> Callable[[], object] | None:
         """Return a function that executes the data that the waitable has taken."""
         data = self.waitable.take_data()
         return lambda: self.waitable.execute(data)

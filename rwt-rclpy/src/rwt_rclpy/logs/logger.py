@@ -66,9 +66,9 @@ class RcutilsLogger:
             raise ValueError("Child logger name must not be empty.")
         return RcutilsLogger(f"{self.name}{output.SEPARATOR}{name}" if self.name else name)
 
-    def set_level(self, level: int) -> bool:
+    def set_level(self, level: int) -> None:
         """Set the level."""
-        return output.set_level(self.name, LoggingSeverity(level))
+        output.set_level(self.name, LoggingSeverity(level))
 
     def get_effective_level(self) -> LoggingSeverity:
         """Return the effective level: the logger's own, or that of a logger above."""
@@ -99,6 +99,7 @@ class RcutilsLogger:
         severity = LoggingSeverity(severity)
         name = kwargs.pop("name", self.name)
         _check(kwargs)
+        kwargs = {option: value for option, value in kwargs.items() if value is not False}
         frame = _caller()
         key = (frame.f_code.co_filename, frame.f_lineno, frame.f_lasti)
         call = self.contexts.get(key)
@@ -109,7 +110,7 @@ class RcutilsLogger:
         if kwargs and not call.passes():
             return False
         output.write(
-            severity, name, str(message), frame.f_code.co_name, frame.f_code.co_filename, frame.f_lineno
+            severity, name, _text(message), frame.f_code.co_name, frame.f_code.co_filename, frame.f_lineno
         )
         return True
 
@@ -136,6 +137,17 @@ class RcutilsLogger:
     def fatal(self, message: str, **kwargs: Any) -> bool:
         """Log a fatal error."""
         return self.log(message, LoggingSeverity.FATAL, **kwargs)
+
+
+def _text(message: object) -> str:
+    """Return a message as rclpy's C part takes it. Raises TypeError for what is not text."""
+    if message is None:
+        return "(null)"
+    if not isinstance(message, (str, bytes)):
+        raise TypeError(
+            f"a message of a logger is a str, not {type(message).__name__}; use str() or an f-string"
+        )
+    return message.decode() if isinstance(message, bytes) else message
 
 
 def _check(options: dict[str, Any]) -> None:
@@ -204,7 +216,7 @@ def clear_config() -> None:
     output.clear_levels()
 
 
-set_logger_level: Callable[..., bool] = output.set_level
+set_logger_level: Callable[..., None] = output.set_level
 get_logger_effective_level = output.effective_level
 get_logger_level = output.get_level
 get_logging_severity_from_string = output.level_from_string

@@ -79,7 +79,7 @@ def configure(arguments: RosArguments) -> None:
     _enabled.rosout = arguments.rosout
 
 
-def set_level(name: str, level: int, detailed_error: bool = False) -> bool:
+def set_level(name: str, level: int, detailed_error: bool = False) -> None:
     """Set the level of a logger, and of those below it without their own."""
     level = LoggingSeverity(level)
     with _lock:
@@ -87,7 +87,6 @@ def set_level(name: str, level: int, detailed_error: bool = False) -> bool:
             _levels.pop(name, None)
         else:
             _levels[name] = int(level) if level or not name else int(LoggingSeverity.INFO)
-    return True
 
 
 def get_level(name: str) -> LoggingSeverity:
@@ -131,7 +130,16 @@ def logging_directory() -> Path:
 def add_rosout(name: str, on_line: OnLine) -> None:
     """Pass the lines of a logger, and of those below it, to `on_line`, too."""
     with _lock:
-        _rosout.setdefault(name, []).append(on_line)
+        taken = _rosout.setdefault(name, [])
+        taken.append(on_line)
+    if len(taken) > 1:
+        message = (
+            f"Publisher already registered for node name: '{name}'. If this is due to multiple nodes with the"
+            f" same name then all logs for the logger named '{name}' will go out over the existing publisher."
+            " As soon as any node with that name is destructed it will unregister the publisher, preventing any"  # noqa: E501 - wording of rcl
+            " further logs for that name from being published on the rosout topic."
+        )
+        write(LoggingSeverity.WARN, "rcl.logging_rosout", message, "add_rosout", __file__, 0)
 
 
 def remove_rosout(name: str, on_line: OnLine) -> None:

@@ -58,7 +58,6 @@ class Message(metaclass=InterfaceMeta):
     SLOT_TYPES: ClassVar[tuple[SlotType, ...]] = ()
     _rwt_fields: ClassVar[tuple[MessageField, ...]] = ()
     _rwt_defaults: ClassVar[tuple[tuple[str, Callable[[], Any]], ...]] = ()
-    _rwt_name: ClassVar[str] = ""
     _rwt_to_graph: ClassVar[Convert]
     _rwt_from_graph: ClassVar[Convert]
     __hash__ = None  # type: ignore[assignment]  # A message is mutable and equal by its fields.
@@ -74,7 +73,7 @@ class Message(metaclass=InterfaceMeta):
                 setattr(self, field.name, kwargs.pop(field.name))
             else:
                 setattr(self, f"_{field.name}", field.default())
-        if kwargs:
+        if kwargs and self._check_fields:
             known = ", ".join(self._fields_and_field_types) or "none"
             raise AssertionError(
                 f"{type(self).__name__} has no field {', '.join(sorted(kwargs))}; its fields are {known}"
@@ -99,7 +98,8 @@ class Message(metaclass=InterfaceMeta):
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{field.name}={self._shown(field)}" for field in self._rwt_fields)
-        return f"{self._rwt_name}({shown})"
+        package = type(self).__module__.rpartition(".")[0]
+        return f"{package}.{type(self).__name__}({shown})"
 
     def _shown(self, field: MessageField) -> str:
         value = getattr(self, field.name)
@@ -185,20 +185,24 @@ class MessageClasses:
         package, kind, short = self.registry.full_name(message.name).split("/")
         definition = message.definition
         fields = tuple(message_field(field, self._nested) for field in definition.fields)
-        constants = {python_name(each.name): each.value for each in definition.constants}
-        defaults = {f"{field.name.upper()}__DEFAULT": field.default for field in fields if field.has_default}
+        constants = {
+            python_name(each.name): bytes([int(each.value)]) if each.type.name == "byte" else each.value
+            for each in definition.constants
+        }
+        defaults = {
+            f"{field.name.upper()}__DEFAULT": field.default() for field in fields if field.has_default
+        }
         meta = type(
             f"Metaclass_{short}",
             (InterfaceMeta,),
             {
                 "_TYPE_SUPPORT": message,
-                **{name: property(_constant(value)) for name, value in constants.items()},
-                **{name: property(_made(default)) for name, default in defaults.items()},
+                **{name: property(_constant(value)) for name, value in {**constants, **defaults}.items()},
             },
         )
         base = short.rsplit("_", 1)[0] if "_" in short else short
         namespace = {
-            "__doc__": f"Message {package}/{kind}/{short}.",
+            "__doc__": f"Message class '{short}'.",
             "__slots__": tuple(f"_{field.name}" for field in fields),
             "__module__": f"{package}.{kind}.{module_of(base)}",
             "__hash__": None,
@@ -206,11 +210,12 @@ class MessageClasses:
             "_rwt_fields": fields,
             "_rwt_defaults": tuple((f"_{field.name}", field.default) for field in fields),
             "_fields_and_field_types": {field.name: field.type_text for field in fields},
-            "_rwt_name": f"{package}.{kind}.{short}",
             **constants,
+            **defaults,
             **{field.name: _property(field) for field in fields},
         }
         cls: type[Message] = meta(short, (Message,), namespace)
+        cls.__slots__ = [*cls.__slots__, "_check_fields"]  # type: ignore[assignment]  # As rosidl lists them.
         cls._rwt_to_graph = staticmethod(_writer(message, fields))
         cls._rwt_from_graph = staticmethod(_reader(message, fields, cls))
         return cls
@@ -267,10 +272,6 @@ def _holder(
 
 def _constant(value: Any) -> Callable[[type], Any]:
     return lambda cls: value
-
-
-def _made(default: Callable[[], Any]) -> Callable[[type], Any]:
-    return lambda cls: default()
 
 
 def _property(field: MessageField) -> property:

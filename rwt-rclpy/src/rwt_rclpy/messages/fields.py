@@ -253,8 +253,6 @@ def _check_message(name: str, cls: type, value: Any) -> Any:
 
 
 def _check_bool(name: str, value: Any) -> Any:
-    if isinstance(value, np.bool_):
-        return bool(value)
     if not isinstance(value, bool):
         raise _wrong(name, "bool", value)
     return value
@@ -268,10 +266,7 @@ def _check_octet(name: str, value: Any) -> Any:
 
 def _check_float(name: str, bound: float, value: Any) -> Any:
     if not isinstance(value, float):
-        if not isinstance(value, np.floating):
-            hint = f"float (write {value}.0)" if type(value) is int else "float"
-            raise _wrong(name, hint, value)
-        value = float(value)
+        raise _wrong(name, f"float (write {value}.0)" if type(value) is int else "float", value)
     if abs(value) > bound and not math.isinf(value):
         raise _wrong(name, f"a float within ±{bound:g}", value)
     return value
@@ -279,9 +274,7 @@ def _check_float(name: str, bound: float, value: Any) -> Any:
 
 def _check_int(name: str, kind: str, low: int, high: int, value: Any) -> Any:
     if not isinstance(value, int):
-        if not isinstance(value, np.integer):
-            raise _wrong(name, f"int ({kind})", value)
-        value = int(value)
+        raise _wrong(name, f"int ({kind})", value)
     if not low <= value <= high:
         raise _wrong(name, f"{kind}, an integer in [{low}, {high}]", value)
     return value
@@ -306,7 +299,7 @@ def _numbers(field: Field, element: BasicType) -> MessageField:
     octets = written.name in ("uint8", "char") and written.bound is None
     given = () if field.default is None else _as_tuple(field.default)
     if written.length is not None:
-        dtype = np.dtype(code)
+        dtype = np.dtype({"float": "float32", "double": "float64"}.get(kind, kind))
         start = np.zeros(written.length, dtype) if field.default is None else np.array(given, dtype)
         return MessageField(
             field.name,
@@ -350,8 +343,6 @@ def _as_tuple(default: object) -> tuple[Any, ...]:
 
 
 def _store_numbers(code: str, value: Any) -> array[Any]:
-    if isinstance(value, array) and value.typecode == code:
-        return value
     if isinstance(value, np.ndarray):
         return array(code, np.ascontiguousarray(value.ravel(), np.dtype(code)).tobytes())
     return array(code, value)
@@ -363,15 +354,13 @@ def _check_numbers(name: str, code: str, bound: int | None, check_one: Check, va
     if isinstance(value, array):
         if value.typecode != code:
             raise _wrong(name, f"an array.array of typecode {code!r}", value)
-        return value
+        return value[:]
     if isinstance(value, (bytes, bytearray, memoryview)) and code == "B":
         return array(code, bytes(value))
-    if isinstance(value, np.ndarray):
-        if value.dtype != np.dtype(code):
-            raise _wrong(name, f"a numpy array of dtype {np.dtype(code)}", value)
-        return _store_numbers(code, value)
     _check_sequence(name, value)
-    return array(code, [check_one(item) for item in value])
+    for item in value:
+        check_one(item)
+    return array(code, value)
 
 
 def _check_sequence(name: str, value: Any) -> None:
@@ -380,7 +369,7 @@ def _check_sequence(name: str, value: Any) -> None:
 
 
 def _store_fixed(dtype: np.dtype[Any], value: Any) -> np.ndarray:
-    return value if isinstance(value, np.ndarray) and value.dtype == dtype else np.array(value, dtype)
+    return np.array(value, dtype)
 
 
 def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check, value: Any) -> np.ndarray:
@@ -389,7 +378,7 @@ def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check,
             raise _wrong(name, f"a numpy array of dtype {dtype}", value)
         if value.size != length:
             raise _wrong(name, f"a numpy array of {length} elements", value)
-        return value
+        return value.copy()
     if isinstance(value, (bytes, bytearray, memoryview, array)):
         value = list(value)
     _check_sequence(name, value)

@@ -30,7 +30,7 @@ class AbstractNestableType(AbstractType):
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class BasicType(AbstractNestableType):
     """Number, boolean or octet; one of :data:`BASIC_TYPES`."""
 
@@ -41,7 +41,7 @@ class BasicType(AbstractNestableType):
             raise AssertionError(f"{self.typename!r} is not a basic type of IDL")
 
 
-@dataclass(frozen=True, slots=True, init=False)
+@dataclass(frozen=True, slots=True, init=False, repr=False)
 class NamespacedType(AbstractNestableType):
     """Message type; `namespaces` is its package and folder."""
 
@@ -79,17 +79,17 @@ class AbstractWString(AbstractGenericString):
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class UnboundedString(AbstractString):
     """``string``."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class UnboundedWString(AbstractWString):
     """``wstring``."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class BoundedString(AbstractString):
     """``string<=N``."""
 
@@ -100,7 +100,7 @@ class BoundedString(AbstractString):
         return True
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class BoundedWString(AbstractWString):
     """``wstring<=N``."""
 
@@ -133,7 +133,7 @@ class AbstractSequence(AbstractNestedType):
         return False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Array(AbstractNestedType):
     """``T[N]``."""
 
@@ -145,14 +145,14 @@ class Array(AbstractNestedType):
         return True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class UnboundedSequence(AbstractSequence):
     """``T[]``."""
 
     value_type: AbstractNestableType
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BoundedSequence(AbstractSequence):
     """``T[<=N]``."""
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rwt_graph import MemoryGraph
-from rwt_graph.clock import SimulatedClock, WallClock
+from rwt_graph.clock import SimulatedClock
 from rwt_graph.errors import NotRunning
 from rwt_rclpy.clocks.timekeeper import Timekeeper, VirtualTime, current, keep_time_by
 from rwt_rclpy.messages.loaded import classes
@@ -110,7 +110,7 @@ class Domains:
         with self._lock:
             found = self._links.get(domain)
             if found is None:
-                found = self._links[domain] = Link(MemoryGraph(classes().registry, WallClock()))
+                found = self._links[domain] = Link(MemoryGraph(classes().registry, dds_rules=True))
             return found
 
     @property
@@ -161,7 +161,7 @@ class VirtualDomain:
 
     def __init__(self, start_ns: int = 1_700_000_000_000_000_000) -> None:
         self.time = VirtualTime(SimulatedClock(start_ns))
-        self.graph = MemoryGraph(classes().registry, self.time.clock)
+        self.graph = MemoryGraph(classes().registry, self.time.clock, dds_rules=True)
         self._before: tuple[Timekeeper, Link | None] | None = None
 
     def __enter__(self) -> VirtualDomain:

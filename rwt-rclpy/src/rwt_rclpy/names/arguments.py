@@ -14,9 +14,14 @@ from typing import Any, Final
 
 import yaml
 
-from rwt_rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
+from rwt_rclpy.exceptions import NameValidationException, RCLInvalidROSArgsError, UnknownROSArgsError
 from rwt_rclpy.names import bounded_yaml
-from rwt_rclpy.names.validation import expand_topic_name, wrong_in_topic_name
+from rwt_rclpy.names.validation import (
+    expand_topic_name,
+    validate_namespace,
+    validate_node_name,
+    wrong_in_topic_name,
+)
 
 LEVELS: Final = {"unset": 0, "debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 _SWITCHES: Final = {
@@ -27,12 +32,11 @@ _SWITCHES: Final = {
     "--enable-external-lib-logs": ("external", True),
     "--disable-external-lib-logs": ("external", False),
 }
+_PARAMETER_NAME: Final = re.compile(r"[^\s]+\Z")
 _WITH_VALUE: Final = frozenset(
     {"-r", "--remap", "-p", "--param", "--params-file", "--log-level", "--log-config-file", "-e", "--enclave",
      "--log-file-name"}
 )  # fmt: skip
-#: `1e3` is a number in YAML 1.2 and in ROS 2's parser.
-_FLOAT = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,8 @@ class RosArguments:
         stdout: True to print logs.
         unknown: unknown ROS arguments.
         others: arguments outside of ``--ros-args``.
+        log_config_file: configuration of a logging backend, which is not used.
+        below: arguments of the program, whose parameters those of a node override.
     """
 
     remaps: list[Remap] = field(default_factory=list)
@@ -73,6 +79,8 @@ class RosArguments:
     stdout: bool = True
     unknown: list[str] = field(default_factory=list)
     others: list[str] = field(default_factory=list)
+    log_config_file: Path | None = None
+    below: RosArguments | None = None
 
     def refuse_unknown(self) -> None:
         """Raise :exc:`UnknownROSArgsError` if there is an unknown ROS argument."""
@@ -101,13 +109,19 @@ class RosArguments:
         return None
 
     def parameters_of(self, full_node_name: str) -> dict[str, Any]:
-        """Return the values of a node's parameters."""
+        """Return the values that a node's parameters get.
+
+        Patterns count in the order in which they first appear, as in rcl, and the later ones win.
+        """
+        by_pattern: dict[str, dict[str, Any]] = {}
+        for pattern, parameter, value in self.parameters:
+            by_pattern.setdefault(pattern or "/**", {})[parameter] = value
         name = full_node_name.rpartition("/")[2]
-        return {
-            parameter: value
-            for pattern, parameter, value in self.parameters
-            if _names_node(pattern, full_node_name, name)
-        }
+        found = {} if self.below is None else self.below.parameters_of(full_node_name)
+        for pattern, values in by_pattern.items():
+            if _names_node(pattern, full_node_name, name):
+                found.update(values)
+        return found
 
 
 def _names_node(pattern: str, full: str, short: str) -> bool:
@@ -151,8 +165,10 @@ def parse_arguments(arguments: Sequence[str], *, ros_first: bool = False) -> Ros
 
 
 def remove_ros_args(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments of a command line that are not ROS's."""
-    return parse_arguments(arguments).others
+    """Return the arguments of a command line that are not ROS's. Raises UnknownROSArgsError."""
+    found = parse_arguments(arguments)
+    found.refuse_unknown()
+    return found.others
 
 
 def _take(found: RosArguments, argument: str, rest: list[str]) -> None:
@@ -177,9 +193,11 @@ def _take(found: RosArguments, argument: str, rest: list[str]) -> None:
         found.parameters.append(_parse_parameter(value_text))
     elif argument == "--params-file":
         found.parameters.extend(read_parameter_file(Path(value_text)))
+    elif argument == "--log-config-file":
+        found.log_config_file = Path(value_text)
     elif argument == "--log-level":
         logger, separator, level = value_text.rpartition(":=")
-        if level.lower() not in LEVELS:
+        if level.lower() not in LEVELS or (separator and not logger):
             raise RCLInvalidROSArgsError(
                 f"--log-level {value_text}: expected one of {', '.join(LEVELS)}, perhaps after LOGGER:="
             )
@@ -199,12 +217,17 @@ def parse_remap(text: str) -> Remap:
             kind, left = named, left.removeprefix(scheme)
     if ":" in left:
         node, _, left = left.partition(":")
-    if left in ("__node", "__name"):
-        return Remap(node, "node", "", new)
-    if left == "__ns":
-        return Remap(node, "ns", "", new)
+    if left in ("__node", "__name", "__ns"):
+        kind = "ns" if left == "__ns" else "node"
+        try:
+            (validate_namespace if kind == "ns" else validate_node_name)(new)
+        except NameValidationException as error:
+            raise RCLInvalidROSArgsError(
+                f"Failed to parse ROS arguments: the remap rule '{text}': {error}"
+            ) from None
+        return Remap(node, kind, "", new)
     for each in (left, new):
-        wrong = wrong_in_topic_name(each)
+        wrong = ("substitutions are not allowed",) if "{" in each else wrong_in_topic_name(each)
         if wrong is not None:
             raise RCLInvalidROSArgsError(
                 f"Failed to parse ROS arguments: the remap rule '{text}': {each}: {wrong[0]}"
@@ -221,18 +244,20 @@ def _parse_parameter(text: str) -> tuple[str, str, Any]:
     node, colon, name = left.partition(":")
     if not colon:
         node, name = "", left
+    if not _PARAMETER_NAME.match(name):
+        raise RCLInvalidROSArgsError(f"Failed to parse ROS arguments: '{name}' is not a name of a parameter")
     return node, name, parse_value(value)
 
 
 def parse_value(text: str) -> Any:
-    """Parse a parameter's value in YAML. Raises RCLInvalidROSArgsError."""
-    if _FLOAT.match(text) and not re.match(r"[-+]?\d+\Z", text):
-        return float(text)
+    """Return a parameter's value by the rules of rcl. Raises RCLInvalidROSArgsError."""
     try:
-        value = bounded_yaml.load(text)
+        value = bounded_yaml.load_parameters(text)
     except yaml.YAMLError as error:
         raise RCLInvalidROSArgsError(f"the value {text[:200]!r} cannot be read: {error}") from None
-    return "" if value is None and text.strip() == "" else value
+    if not text or isinstance(value, dict):
+        raise RCLInvalidROSArgsError(f"the value {text[:200]!r} is not a scalar or a list")
+    return value
 
 
 def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
@@ -242,36 +267,16 @@ def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
         RCLInvalidROSArgsError: the file is missing, or not of the form ``NODE: {ros__parameters: …}``.
     """
     try:
-        node = bounded_yaml.compose(path.read_text("utf-8"))
-        tree = None if node is None else _merged(node)
+        tree = bounded_yaml.load_parameters(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RCLInvalidROSArgsError(f"--params-file {path}: {error}") from None
     if tree is None:
         return []
-    if not isinstance(tree, dict):
+    if not isinstance(tree, dict) or "ros__parameters" in tree:
         raise RCLInvalidROSArgsError(f"--params-file {path}: expected NODE: with ros__parameters: below it")
     found: list[tuple[str, str, Any]] = []
     _collect_nodes(tree, "", found, path)
     return found
-
-
-def _merged(node: yaml.Node) -> Any:
-    """Return the content of a YAML node; repeated names are merged, as in ROS's own parser."""
-    if not isinstance(node, yaml.MappingNode):
-        return bounded_yaml.value_of(node)
-    found: dict[Any, Any] = {}
-    for key_node, value_node in node.value:
-        _put(found, bounded_yaml.key_of(key_node), _merged(value_node))
-    return found
-
-
-def _put(tree: dict[Any, Any], key: Any, value: Any) -> None:
-    present = tree.get(key)
-    if isinstance(present, dict) and isinstance(value, dict):
-        for name, inner in value.items():
-            _put(present, name, inner)
-    else:
-        tree[key] = value
 
 
 def _collect_nodes(tree: dict[Any, Any], prefix: str, found: list[tuple[str, str, Any]], path: Path) -> None:
@@ -293,7 +298,7 @@ def _collect_parameters(
 ) -> None:
     for key, value in tree.items():
         name = f"{prefix}.{key}" if prefix else str(key)
-        if isinstance(value, dict):
+        if isinstance(value, dict) and value:
             _collect_parameters(value, name, node, found)
         else:
-            found.append((node, name, value))
+            found.append((node, name, None if value == {} else value))

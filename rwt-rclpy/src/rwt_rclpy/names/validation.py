@@ -14,11 +14,16 @@ from rwt_rclpy.exceptions import (
     InvalidParameterException,
     InvalidServiceNameException,
     InvalidTopicNameException,
+    RCLError,
+    RMWError,
 )
 
 TOPIC_SEPARATOR_STRING: Final = "/"
 HIDDEN_TOPIC_PREFIX: Final = "_"
 _LONGEST: Final = 255
+#: What rmw leaves of 255 characters for its prefixes and suffixes.
+_LONGEST_TOPIC: Final = 247
+_LONGEST_NAMESPACE: Final = 245
 _BAD_TOKEN: Final = re.compile(r"(?:^|/)([0-9])")
 _NODE_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_]")
 _FULL_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/]")
@@ -41,12 +46,26 @@ def _numbers(name: str, kind: str) -> _Wrong:
     return None if found is None else (f"{kind} must not start with a number", found.start(1))
 
 
+def _end(name: str, kind: str) -> _Wrong:
+    return (f"{kind} must not end with a forward slash", len(name) - 1) if name[1:].endswith("/") else None
+
+
 def _slashes(name: str, kind: str) -> _Wrong:
-    if len(name) > 1 and name.endswith("/"):
-        return f"{kind} must not end with a forward slash", len(name) - 1
-    if "//" in name:
+    if "//" in name and not name.endswith("/"):
         return f"{kind} must not contain repeated '/'", name.index("//") + 1
-    return None
+    return _end(name, kind)
+
+
+def _length(name: str, kind: str, longest: int) -> _Wrong:
+    return (f"{kind} is longer than {longest} characters", longest) if len(name) > longest else None
+
+
+def _check_text(name: object, error: type[Exception]) -> None:
+    """Raise as rclpy does for a name that is None or not a string."""
+    if name is None:
+        raise error("the name is null")
+    if not isinstance(name, str):
+        raise TypeError(f"a name is a str, not {type(name).__name__}")
 
 
 def wrong_in_node_name(name: str) -> _Wrong:
@@ -71,6 +90,7 @@ def wrong_in_namespace(name: str) -> _Wrong:
         _slashes(name, "namespace")
         or _characters(_FULL_CHARACTERS, name, "namespace", "alphanumerics, '_', or '/'")
         or _numbers(name, "namespace tokens")
+        or _length(name, "namespace", _LONGEST_NAMESPACE)
     )
 
 
@@ -85,6 +105,7 @@ def wrong_in_full_name(name: str) -> _Wrong:
         or _slashes(name, "topic name")
         or _characters(_FULL_CHARACTERS, name, "topic name", "alphanumerics, '_', or '/'")
         or _numbers(name, "topic name tokens")
+        or _length(name, "topic name", _LONGEST_TOPIC)
     )
 
 
@@ -94,7 +115,7 @@ def wrong_in_topic_name(name: str) -> _Wrong:
         return "topic name must not be empty", 0
     wrong = (
         (("topic name must not end with a forward slash", 0) if name == "/" else None)
-        or _slashes(name, "topic name")
+        or _end(name, "topic name")
         or _characters(_TOPIC_CHARACTERS, name, "topic name", "alphanumerics, '_', '~', '{', or '}'")
         or _numbers(name, "topic name tokens")
     )
@@ -102,8 +123,6 @@ def wrong_in_topic_name(name: str) -> _Wrong:
         return wrong
     if "~" in name[1:]:
         return "tilde (~) may only be the first character", name.index("~", 1)
-    if name.startswith("~") and len(name) > 1 and name[1] != "/":
-        return "a tilde (~) must be followed by a forward slash", 1
     rest = _SUBSTITUTION.sub(lambda found: "_" * len(found.group()), name)
     for brace in "{}":
         if brace in rest:
@@ -113,6 +132,7 @@ def wrong_in_topic_name(name: str) -> _Wrong:
 
 def validate_node_name(node_name: str) -> bool:
     """Return True for a valid node name; raises InvalidNodeNameException for others."""
+    _check_text(node_name, RMWError)
     wrong = wrong_in_node_name(node_name)
     if wrong is not None:
         raise InvalidNodeNameException(node_name, *wrong)
@@ -121,6 +141,7 @@ def validate_node_name(node_name: str) -> bool:
 
 def validate_namespace(namespace: str) -> bool:
     """Return True for a valid namespace; raises InvalidNamespaceException for others."""
+    _check_text(namespace, RMWError)
     wrong = wrong_in_namespace(namespace)
     if wrong is not None:
         raise InvalidNamespaceException(namespace, *wrong)
@@ -134,6 +155,7 @@ def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
         InvalidTopicNameException: it is invalid for a topic.
         InvalidServiceNameException: it is invalid for a service.
     """
+    _check_text(name, RCLError)
     wrong = wrong_in_topic_name(name)
     if wrong is not None:
         raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
@@ -142,6 +164,7 @@ def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> bool:
     """Return True for an absolute name of a topic or service; raises like :func:`validate_topic_name`."""
+    _check_text(name, RMWError)
     wrong = wrong_in_full_name(name)
     if wrong is not None:
         raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
@@ -161,6 +184,7 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
     Raises:
         ValueError: the node's name, its namespace or the topic's name is invalid.
     """
+    _check_text(topic_name, RCLError)
     for what, wrong in (
         ("topic name", wrong_in_topic_name(topic_name)),
         ("node name", wrong_in_node_name(node_name)),
@@ -183,7 +207,7 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
     expanded = _SUBSTITUTION.sub(value, topic_name)
     if not expanded.startswith("/"):
         expanded = f"{node_namespace.rstrip('/')}/{expanded}"
-    return expanded.replace("//", "/")
+    return expanded
 
 
 def topic_or_service_is_hidden(name: str) -> bool:

@@ -6,8 +6,10 @@ import hashlib
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from rwt_participant.qos import QoS, incompatible_policies
 from rwt_rclpy.endpoints.qos import profile_of
-from rwt_rclpy.exceptions import NodeNameNonExistentError
+from rwt_rclpy.exceptions import NodeNameNonExistentError, RCLError
+from rwt_rclpy.names.validation import wrong_in_node_name
 from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum, TypeHash
 
 if TYPE_CHECKING:
@@ -17,6 +19,11 @@ if TYPE_CHECKING:
 NamesAndTypes = list[tuple[str, list[str]]]
 
 
+def _dds_type(name: str) -> str:
+    package, kind, short = name.split("/")
+    return f"{package}::{kind}::dds_::{short}_"
+
+
 class GraphQueries:
     """Queries of a graph, from any thread."""
 
@@ -24,8 +31,10 @@ class GraphQueries:
         self._link = link
         self._graph = link.graph
 
-    def topics(self) -> NamesAndTypes:
-        """Return all topics with their types."""
+    def topics(self, *, no_demangle: bool = False) -> NamesAndTypes:
+        """Return every topic with its types; with `no_demangle` under DDS's names, as rmw prefixes them."""
+        if no_demangle:
+            return [(f"rt{name}", [_dds_type(each) for each in types]) for name, types in self.topics()]
         return [(topic.name, self._types(topic)) for topic in self._link.run(self._graph.topics)]
 
     def _types(self, topic: TopicInfo) -> list[str]:
@@ -50,6 +59,8 @@ class GraphQueries:
         return [node.name for node in self._link.run(self._graph.nodes)]
 
     def _node(self, name: str, namespace: str) -> NodeInfo:
+        if (wrong := wrong_in_node_name(name)) is not None:
+            raise RCLError(wrong[0])
         full = f"{namespace.rstrip('/')}/{name}"
         for node in self._link.run(self._graph.nodes):
             if node.name == full:
@@ -78,16 +89,29 @@ class GraphQueries:
         wanted = self._node(name, namespace).actions
         return [(action, [kind]) for action, kind, _ in self.actions() if action in wanted]
 
-    def count(self, topic: str, *, publishers: bool) -> int:
-        """Return the number of publishers or subscriptions of a topic."""
+    @property
+    def version(self) -> int:
+        """Number that grows with every change of the graph."""
+        return self._graph.version
+
+    def ends(self, topic: str, *, publishers: bool) -> tuple[EndpointInfo, ...]:
+        """Return the publishers or subscriptions of a topic."""
         info = self._link.run(lambda: self._graph.topic(topic))
         if info is None:
-            return 0
-        return len(info.publishers if publishers else info.subscribers)
+            return ()
+        return info.publishers if publishers else info.subscribers
+
+    def incompatible(self, topic: str, own: QoS, *, publishers: bool) -> list[tuple[str, ...]]:
+        """Return the policies by which endpoints are incompatible with one that has `own`, for each."""
+        if not self._graph.dds_rules:
+            return []
+        ends = self.ends(topic, publishers=publishers)
+        pairs = ((end.qos, own) if publishers else (own, end.qos) for end in ends)
+        return [found for pair in pairs if (found := incompatible_policies(*pair))]
 
     def count_services(self, service: str) -> int:
-        """Return 1 if a node offers the service, else 0."""
-        return int(self._link.run(lambda: self._graph.service(service)) is not None)
+        """Return the number of nodes that offer the service."""
+        return self._link.run(lambda: self._graph.count_services(service))
 
     def endpoints(self, topic: str, *, publishers: bool) -> list[TopicEndpointInfo]:
         """Return the publishers or subscriptions of a topic."""

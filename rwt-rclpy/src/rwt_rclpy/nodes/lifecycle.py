@@ -6,8 +6,7 @@ The states and transitions are those of ROS 2's design article "Managed nodes".
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from rwt_rclpy.endpoints.publisher import Publisher
@@ -15,14 +14,22 @@ from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.messages.loaded import classes, message_class
 from rwt_rclpy.nodes.node import Node
+from rwt_rclpy.release import RELEASE
 
 
-class TransitionCallbackReturn(IntEnum):
+class TransitionCallbackReturn(Enum):
     """Result of a transition callback, with the numbers of `lifecycle_msgs/Transition`."""
 
     SUCCESS = 97
     FAILURE = 98
     ERROR = 99
+
+    def to_label(self) -> str:
+        """Return the label of the transition that follows."""
+        return f"transition_{self.name.lower()}"
+
+
+TransitionCallbackReturn.__name__ = TransitionCallbackReturn.__qualname__ = "TransitionCallbackReturnType"
 
 
 class LifecycleState(NamedTuple):
@@ -46,39 +53,88 @@ _STATES: Final = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class _Transition:
-    """Transition that can be requested."""
-
-    id: int
-    label: str
-    start: int
-    through: int
-    callback: str
-    success: int
-    failure: int
-
-
+#: Transitions in rcl's order: id, label, start, goal.
 _TRANSITIONS: Final = (
-    _Transition(1, "configure", 1, 10, "on_configure", 2, 1),
-    _Transition(2, "cleanup", 2, 11, "on_cleanup", 1, 2),
-    _Transition(3, "activate", 2, 13, "on_activate", 3, 2),
-    _Transition(4, "deactivate", 3, 14, "on_deactivate", 2, 3),
-    _Transition(5, "shutdown", 1, 12, "on_shutdown", 4, 4),
-    _Transition(6, "shutdown", 2, 12, "on_shutdown", 4, 4),
-    _Transition(7, "shutdown", 3, 12, "on_shutdown", 4, 4),
-)
-#: Automatic transitions, as listed by `get_transition_graph`: id, label, start, goal.
-_INNER: Final = (
+    (1, "configure", 1, 10),
     (10, "transition_success", 10, 2), (11, "transition_failure", 10, 1), (12, "transition_error", 10, 15),
+    (2, "cleanup", 2, 11),
     (20, "transition_success", 11, 1), (21, "transition_failure", 11, 2), (22, "transition_error", 11, 15),
+    (3, "activate", 2, 13),
     (30, "transition_success", 13, 3), (31, "transition_failure", 13, 2), (32, "transition_error", 13, 15),
+    (4, "deactivate", 3, 14),
     (40, "transition_success", 14, 2), (41, "transition_failure", 14, 3), (42, "transition_error", 14, 15),
+    (5, "shutdown", 1, 12), (6, "shutdown", 2, 12), (7, "shutdown", 3, 12),
     (50, "transition_success", 12, 4), (51, "transition_failure", 12, 4), (52, "transition_error", 12, 15),
     (60, "transition_success", 15, 1), (61, "transition_failure", 15, 4), (62, "transition_error", 15, 4),
 )  # fmt: skip
+#: Callbacks by the state in which they run.
+_CALLBACKS: Final = {
+    10: "on_configure", 11: "on_cleanup", 12: "on_shutdown", 13: "on_activate", 14: "on_deactivate",
+    15: "on_error",
+}  # fmt: skip
 
-Callback = Callable[[LifecycleState], TransitionCallbackReturn]
+#: Id, label, start, label of the start, goal, label of the goal.
+Description = tuple[int, str, int, str, int, str]
+
+
+class StateMachine:
+    """State of a node, and the transitions that it allows."""
+
+    def __init__(self, on_change: Callable[[int, int], None]) -> None:
+        self._state = 1
+        self._on_change = on_change
+        self.initialized = True
+
+    @property
+    def current_state(self) -> tuple[int, str]:
+        """Number and label of the state."""
+        return self._state, _STATES[self._state]
+
+    @property
+    def available_states(self) -> list[tuple[int, str]]:
+        """Numbers and labels of all states."""
+        return list(_STATES.items())
+
+    @property
+    def available_transitions(self) -> list[Description]:
+        """Transitions of the present state."""
+        return [each for each in self.transition_graph if each[2] == self._state]
+
+    @property
+    def transition_graph(self) -> list[Description]:
+        """All transitions."""
+        return [
+            (number, label, start, _STATES[start], goal, _STATES[goal])
+            for number, label, start, goal in _TRANSITIONS
+        ]
+
+    def get_transition_by_label(self, label: str) -> int:
+        """Return the number of a transition of the present state. Raises RCLError."""
+        for number, name, start, _ in _TRANSITIONS:
+            if start == self._state and name == label:
+                return number
+        raise self._impossible(label)
+
+    def trigger_transition_by_id(self, transition_id: int, publish: bool = True) -> None:
+        """Change the state. Raises RCLError if the transition is not possible in the present one."""
+        for number, _, start, goal in _TRANSITIONS:
+            if start == self._state and number == transition_id:
+                self._state = goal
+                if publish:
+                    self._on_change(start, goal)
+                return
+        raise self._impossible(transition_id)
+
+    def trigger_transition_by_label(self, label: str, publish: bool = True) -> None:
+        """Change the state. Raises RCLError if the transition is not possible in the present one."""
+        self.trigger_transition_by_id(self.get_transition_by_label(label), publish)
+
+    def _impossible(self, wanted: str | int) -> RCLError:
+        possible = [label for _, label, start, _ in _TRANSITIONS if start == self._state]
+        return RCLError(
+            f"Failed to trigger lifecycle state machine transition: {wanted!r} is not possible in state"
+            f" {_STATES[self._state]}; possible are {possible}"
+        )
 
 
 class ManagedEntity:
@@ -135,10 +191,12 @@ class SimpleManagedEntity(ManagedEntity):
         """Decorator of methods that are replaced while the node is inactive."""
 
         def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
-            def call(self: SimpleManagedEntity, *args: Any, **kwargs: Any) -> Any:
+            def call(self: SimpleManagedEntity, *args: Any, **kwargs: Any) -> None:
+                # Without the method's result, as in rclpy.
                 if self._enabled:
-                    return method(self, *args, **kwargs)
-                return None if when_not_enabled is None else when_not_enabled()
+                    method(self, *args, **kwargs)
+                elif when_not_enabled is not None:
+                    when_not_enabled()
 
             return call
 
@@ -164,10 +222,9 @@ class LifecycleNodeMixin(ManagedEntity):
     _node: Node
 
     def __init__(self, *, enable_communication_interface: bool = True, callback_group: Any = None) -> None:
-        self._state = 1
+        self._state_machine = StateMachine(self._announce)
         self._managed_entities: list[ManagedEntity] = []
-        self._callbacks: dict[str, Callback] = {}
-        self._communicates = enable_communication_interface
+        self._transition_events: Publisher | None = None
         if enable_communication_interface:
             self._open_services(callback_group)
 
@@ -194,69 +251,55 @@ class LifecycleNodeMixin(ManagedEntity):
     # Transitions
 
     def trigger_configure(self) -> TransitionCallbackReturn:
-        """Configure the node. Raises RCLError if the state does not allow this."""
-        return self._trigger("configure")
+        """Configure. Raises RCLError if the state does not allow it, before ROS 2 Kilted."""
+        return self._change_state(1)
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
         """Clean up the node. Raises RCLError if the state does not allow this."""
-        return self._trigger("cleanup")
+        return self._change_state(2)
 
     def trigger_activate(self) -> TransitionCallbackReturn:
         """Activate the node. Raises RCLError if the state does not allow this."""
-        return self._trigger("activate")
+        return self._change_state(3)
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
         """Deactivate the node. Raises RCLError if the state does not allow this."""
-        return self._trigger("deactivate")
+        return self._change_state(4)
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
         """Shut down the node. Raises RCLError if the state does not allow this."""
-        return self._trigger("shutdown")
+        return self._change_state(self._state_machine.get_transition_by_label("shutdown"))
 
-    def _find(self, wanted: str | int) -> _Transition:
-        for each in _TRANSITIONS:
-            if each.start == self._state and wanted in (each.label, each.id):
-                return each
-        raise RCLError(
-            f"transition {wanted!r} is not possible in state {_STATES[self._state]}; possible are"
-            f" {[each.label for each in _TRANSITIONS if each.start == self._state]}"
-        )
-
-    def _trigger(self, wanted: str | int) -> TransitionCallbackReturn:
-        transition = self._find(wanted)
-        start = LifecycleState(_STATES[self._state], self._state)
-        self._enter(transition.through, transition.id, transition.label)
-        outcome = self._run(transition.callback, start)
-        if outcome is TransitionCallbackReturn.SUCCESS:
-            self._enter(transition.success, 0, "transition_success")
-        elif outcome is TransitionCallbackReturn.FAILURE:
-            self._enter(transition.failure, 0, "transition_failure")
-        else:
-            self._enter(15, 0, "transition_error")
-            recovered = self._run("on_error", start) is TransitionCallbackReturn.SUCCESS
-            label = "transition_success" if recovered else "transition_failure"
-            self._enter(1 if recovered else 4, 0, label)
+    def _change_state(self, transition_id: int) -> TransitionCallbackReturn:
+        machine = self._state_machine
+        number, label = machine.current_state
+        start = LifecycleState(label, number)
+        try:
+            machine.trigger_transition_by_id(transition_id)
+        except RCLError as error:
+            if RELEASE.transitions_raise:
+                raise
+            self._self.get_logger().error(str(error))
+            return TransitionCallbackReturn.ERROR
+        outcome = self._run(start)
+        # An outcome of another class leaves the node in the transition, as on ROS.
+        machine.trigger_transition_by_label(outcome.to_label())
+        if outcome is TransitionCallbackReturn.ERROR:
+            machine.trigger_transition_by_label(self._run(start).to_label())
         return outcome
 
-    def _enter(self, state: int, number: int, label: str) -> None:
-        before, self._state = self._state, state
-        if self._communicates:
-            transition = message_class("lifecycle_msgs/Transition")(id=number, label=label)
+    def _announce(self, before: int, after: int) -> None:
+        if self._transition_events is not None:
             self._transition_events.publish(
-                self._transition_events.msg_type(
-                    transition=transition, start_state=_state(before), goal_state=_state(state)
-                )
+                self._transition_events.msg_type(start_state=_state(before), goal_state=_state(after))
             )
 
-    def _run(self, name: str, state: LifecycleState) -> TransitionCallbackReturn:
-        callback: Callback = self._callbacks.get(name) or getattr(self, name)
+    def _run(self, start: LifecycleState) -> TransitionCallbackReturn:
+        name = _CALLBACKS[self._state_machine.current_state[0]]
         try:
-            outcome: object = callback(state)
+            outcome: TransitionCallbackReturn = getattr(self, name)(start)
         except Exception as error:
             self._self.get_logger().error(f"{name} raised {type(error).__name__}: {error}")
-            return TransitionCallbackReturn.ERROR
-        if not isinstance(outcome, TransitionCallbackReturn):
-            self._self.get_logger().error(f"{name} returned {outcome!r}, not a TransitionCallbackReturn")
             return TransitionCallbackReturn.ERROR
         return outcome
 
@@ -291,39 +334,12 @@ class LifecycleNodeMixin(ManagedEntity):
         """Do not recover, by default."""
         return TransitionCallbackReturn.ERROR
 
-    def _register(self, name: str, callback: Callback) -> bool:
-        known = name in self._callbacks
-        self._callbacks[name] = callback
-        return not known
-
-    def register_on_configure(self, callback: Callback) -> bool:
-        """Replace `on_configure`. Returns False if it was replaced before."""
-        return self._register("on_configure", callback)
-
-    def register_on_cleanup(self, callback: Callback) -> bool:
-        """Replace `on_cleanup`."""
-        return self._register("on_cleanup", callback)
-
-    def register_on_shutdown(self, callback: Callback) -> bool:
-        """Replace `on_shutdown`."""
-        return self._register("on_shutdown", callback)
-
-    def register_on_activate(self, callback: Callback) -> bool:
-        """Replace `on_activate`."""
-        return self._register("on_activate", callback)
-
-    def register_on_deactivate(self, callback: Callback) -> bool:
-        """Replace `on_deactivate`."""
-        return self._register("on_deactivate", callback)
-
-    def register_on_error(self, callback: Callback) -> bool:
-        """Replace `on_error`."""
-        return self._register("on_error", callback)
-
     # Entities
 
     def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Add an entity that follows the states."""
+        """Add an entity that follows the states. Raises TypeError for what is no ManagedEntity."""
+        if not isinstance(entity, ManagedEntity):
+            raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
         self._managed_entities.append(entity)
 
     def create_lifecycle_publisher(
@@ -333,7 +349,7 @@ class LifecycleNodeMixin(ManagedEntity):
         publisher = Node.create_publisher(
             self._self, msg_type, topic, qos_profile, publisher_class=LifecyclePublisher, **kwargs
         )
-        publisher._enabled = self._state == 3
+        publisher._enabled = self._state_machine.current_state[0] == 3
         self.add_managed_entity(publisher)
         return publisher
 
@@ -346,18 +362,18 @@ class LifecycleNodeMixin(ManagedEntity):
     # Services
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
-        wanted = request.transition.label or request.transition.id
-        try:
-            outcome = self._trigger(wanted)
-        except RCLError as error:
-            self._self.get_logger().error(str(error))
-            response.success = False
-        else:
-            response.success = outcome is TransitionCallbackReturn.SUCCESS
+        wanted = request.transition.id
+        if request.transition.label:
+            try:
+                wanted = self._state_machine.get_transition_by_label(request.transition.label)
+            except RCLError as error:
+                self._self.get_logger().debug(str(error))
+                return response
+        response.success = self._change_state(wanted) is TransitionCallbackReturn.SUCCESS
         return response
 
     def _on_get_state(self, request: Any, response: Any) -> Any:
-        response.current_state = _state(self._state)
+        response.current_state = _state(self._state_machine.current_state[0])
         return response
 
     def _on_states(self, request: Any, response: Any) -> Any:
@@ -365,16 +381,11 @@ class LifecycleNodeMixin(ManagedEntity):
         return response
 
     def _on_transitions(self, request: Any, response: Any) -> Any:
-        response.available_transitions = [
-            _description(each.id, each.label, each.start, each.through)
-            for each in _TRANSITIONS
-            if each.start == self._state
-        ]
+        response.available_transitions = list(map(_description, self._state_machine.available_transitions))
         return response
 
     def _on_graph(self, request: Any, response: Any) -> Any:
-        asked = [_description(each.id, each.label, each.start, each.through) for each in _TRANSITIONS]
-        response.available_transitions = [*asked, *(_description(*each) for each in _INNER)]
+        response.available_transitions = list(map(_description, self._state_machine.transition_graph))
         return response
 
 
@@ -382,7 +393,8 @@ def _state(number: int) -> Any:
     return message_class("lifecycle_msgs/State")(id=number, label=_STATES[number])
 
 
-def _description(number: int, label: str, start: int, goal: int) -> Any:
+def _description(described: Description) -> Any:
+    number, label, start, _, goal, _ = described
     return message_class("lifecycle_msgs/TransitionDescription")(
         transition=message_class("lifecycle_msgs/Transition")(id=number, label=label),
         start_state=_state(start),

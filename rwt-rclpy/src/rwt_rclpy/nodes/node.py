@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from rwt_graph.errors import TypeConflict
 from rwt_rclpy.clocks.clock import Clock, ROSClock
 from rwt_rclpy.clocks.duration import S_TO_NS
 from rwt_rclpy.clocks.time_source import TimeSource
@@ -34,8 +35,8 @@ from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
+from rwt_rclpy.exceptions import NameValidationException, NotInitializedException, RCLError
 from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
-from rwt_rclpy.exceptions import NotInitializedException
 from rwt_rclpy.execution.callback_groups import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
@@ -61,11 +62,14 @@ from rwt_rclpy.nodes.type_description_service import TypeDescriptionService
 from rwt_rclpy.parameters.node_parameters import NodeParameters
 from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
 from rwt_rclpy.parameters.services import LoggingService, ParameterService
+from rwt_rclpy.release import RELEASE
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
     from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo
 
+
+T = TypeVar("T")
 
 #: Prefix of hidden node names.
 HIDDEN_NODE_PREFIX = "_"
@@ -140,7 +144,7 @@ class Node(NodeParameters):
         self._context = get_default_context() if context is None else context
         if not self._context.ok():
             raise NotInitializedException("cannot create node")
-        self._rwt_link = self._context.link
+        self._rwt_link = self._context._rwt_link
         self._rwt_arguments = self._all_arguments(cli_args, use_global_arguments)
         name, namespace = self._rwt_names(node_name, namespace or "")
         self._handle = NodeHandle(name, namespace, self._rwt_leave)
@@ -191,18 +195,22 @@ class Node(NodeParameters):
             handle.destroy_when_not_in_use()
 
     def _all_arguments(self, cli_args: Sequence[str] | None, use_global: bool) -> RosArguments:
-        own = parse_arguments(cli_args or (), ros_first=True)
-        own.refuse_unknown()
+        scoped = "--ros-args" in (cli_args or ())
+        own = parse_arguments(cli_args or (), ros_first=not scoped)
+        if scoped:
+            own.refuse_unknown()
         handle = self._context.handle
         if use_global and handle is not None:
             everyone = handle.arguments
             # Its own rules come first, and its own values last: both take precedence.
             own.remaps.extend(everyone.remaps)
-            own.parameters[:0] = everyone.parameters
+            own.below = everyone
             own.rosout = own.rosout and everyone.rosout
         return own
 
     def _rwt_names(self, name: str, namespace: str) -> tuple[str, str]:
+        if name is None:
+            raise RCLError("the name of a node is null")
         validate_node_name(name)
         namespace = namespace if namespace.startswith("/") else f"/{namespace}"
         validate_namespace(namespace)
@@ -216,7 +224,9 @@ class Node(NodeParameters):
     def _overrides(self, given: Sequence[Parameter] | None) -> dict[str, Parameter]:
         overrides: dict[str, Parameter] = {}
         for name, value in self._rwt_arguments.parameters_of(self._rwt_full_name).items():
-            overrides[name] = Parameter(name, value=value)
+            overrides[name] = Parameter(
+                name, value=None if value == [] else value
+            )  # An empty list has no type.
         overrides.update({each.name: each for each in given or ()})
         return overrides
 
@@ -234,7 +244,7 @@ class Node(NodeParameters):
         """Return namespace and name."""
         return self._handle.get_fully_qualified_name()
 
-    def get_name_for_services(self) -> str:
+    def _rwt_service_prefix(self) -> str:
         """Return the prefix of the names of the node's own services."""
         return self._rwt_full_name
 
@@ -348,17 +358,21 @@ class Node(NodeParameters):
             if alive is not None:
                 alive._wake_executor()
 
-        entity.wake = wake
+        entity._rwt_wake = wake
 
     @staticmethod
     def _rwt_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
         if isinstance(qos_or_depth, QoSProfile):
             return qos_or_depth
-        if not isinstance(qos_or_depth, int) or isinstance(qos_or_depth, bool):
+        if not isinstance(qos_or_depth, int):
             raise TypeError(f"Expected QoSProfile or int, but received '{type(qos_or_depth)!r}'")
         if qos_or_depth < 0:
             raise ValueError("history depth must be greater than or equal to zero")
         return QoSProfile(depth=qos_or_depth)
+
+    def _rwt_require_context(self, error: type[Exception]) -> None:
+        if not self._context.ok():
+            raise error("the context was shut down")
 
     def _rwt_resolved(self, name: str, kind: str) -> str:
         service = kind == "service"
@@ -373,14 +387,20 @@ class Node(NodeParameters):
         with self._handle:
             if only_expand:
                 return expand_topic_name(topic, self.get_name(), self.get_namespace())
-            return self._rwt_resolved(topic, "topic")
+            return self._rwt_resolved_by_name(topic, "topic")
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
         """Return the absolute name of a service, remapped unless `only_expand`."""
         with self._handle:
             if only_expand:
                 return expand_topic_name(service, self.get_name(), self.get_namespace())
-            return self._rwt_resolved(service, "service")
+            return self._rwt_resolved_by_name(service, "service")
+
+    def _rwt_resolved_by_name(self, name: str, kind: str) -> str:
+        try:
+            return self._rwt_resolved(name, kind)
+        except NameValidationException as error:
+            raise RCLError(str(error)) from error
 
     def create_publisher(
         self,
@@ -396,11 +416,12 @@ class Node(NodeParameters):
         """Create a publisher.
 
         Raises:
-            TypeConflict: the topic has another type.
+            RCLError: the topic has another type.
             InvalidTopicNameException: ROS does not allow the name.
         """
         profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
+        self._rwt_require_context(RELEASE.error_after_shutdown)
         with self._handle:
             name = self._rwt_resolved(topic, "topic")
             if qos_overriding_options is not None:
@@ -408,28 +429,33 @@ class Node(NodeParameters):
                 _declare_qos_parameters(Publisher, self, name, profile, qos_overriding_options)
             group = callback_group or self._default_callback_group
             handlers = (event_callbacks or PublisherEventCallbacks()).create_event_handlers(
-                group, self._rwt_watched(name, profile, publishers=False)
+                group, self._rwt_watched(name, topic, profile, publishers=False)
             )
             qos = graph_qos(profile)
-            made = self._rwt_link.run(lambda: self._rwt_participant.advertise(name, interface, qos))
+            made = self._rwt_open(lambda: self._rwt_participant.advertise(name, interface, qos))
         publisher = publisher_class(self._rwt_link, made, msg_type, topic, profile, handlers)
+        publisher.logger_name = self._logger.name
         self._publishers.append(publisher)
         self._add_events(handlers, group)
         return publisher
 
-    def _rwt_watched(self, topic: str, profile: QoSProfile, *, publishers: bool) -> Watched:
-        """Return the description of a new endpoint for the handlers of its events."""
-        queries = self._rwt_queries
+    def _rwt_open(self, make: Callable[[], T]) -> T:
+        try:
+            return self._rwt_link.run(make)
+        except TypeConflict as error:
+            raise RCLError(str(error)) from error
+
+    def _rwt_watched(self, name: str, topic: str, profile: QoSProfile, *, publishers: bool) -> Watched:
+        """Return an endpoint that is about to be made, for the handlers of its events."""
         return Watched(
-            profile, lambda: queries.count(topic, publishers=publishers), self._rwt_link.timekeeper
+            profile, name, topic, publishers, self._rwt_queries, self._rwt_link.timekeeper, self._logger
         )
 
     def _add_events(self, handlers: list[EventHandler], group: CallbackGroup) -> None:
-        if handlers:
-            for handler in handlers:
-                self._rwt_adopt(handler, group)
-            self._rwt_events.extend(handlers)
-            self._rwt_gather()
+        for handler in handlers:
+            self._rwt_adopt(handler, group)
+        self._rwt_events.extend(handler for handler in handlers if type(handler) is not EventHandler)
+        self._rwt_gather()
 
     def create_subscription(
         self,
@@ -453,12 +479,15 @@ class Node(NodeParameters):
 
         Raises:
             InvalidFilter: the content filter is invalid, or names an unknown field.
-            TypeConflict: the topic has another type.
+            RCLError: the topic has another type.
             InvalidTopicNameException: ROS does not allow the name.
             RuntimeError: the callback takes neither one argument nor two.
         """
+        if not callable(callback):
+            raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")
         profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
+        self._rwt_require_context(RELEASE.error_after_shutdown)
         with self._handle:
             name = self._rwt_resolved(topic, "topic")
             if qos_overriding_options is not None:
@@ -466,7 +495,7 @@ class Node(NodeParameters):
                 _declare_qos_parameters(Subscription, self, name, profile, qos_overriding_options)
             group = callback_group or self._default_callback_group
             handlers = (event_callbacks or SubscriptionEventCallbacks()).create_event_handlers(
-                group, self._rwt_watched(name, profile, publishers=True)
+                group, watched := self._rwt_watched(name, topic, profile, publishers=True)
             )
             subscription = Subscription(
                 self._rwt_link,
@@ -477,18 +506,19 @@ class Node(NodeParameters):
                 profile,
                 raw,
                 handlers,
+                watched.matched,
                 content_filter_options,
             )
             self._rwt_adopt(subscription, group)
             qos = graph_qos(profile)
-            subscription.opened(
-                self._rwt_link.run(
-                    lambda: self._rwt_participant.subscribe(name, subscription.on_sample, interface, qos)
+            subscription._rwt_opened(
+                self._rwt_open(
+                    lambda: self._rwt_participant.subscribe(name, subscription._rwt_on_sample, interface, qos)
                 )
             )
+        subscription.logger_name = self._logger.name
         self._subscriptions.append(subscription)
         self._add_events(handlers, group)
-        self._rwt_gather()
         return subscription
 
     def create_client(
@@ -509,10 +539,12 @@ class Node(NodeParameters):
             self,
             self._rwt_participant,
             srv_type,
+            srv_name,
             name,
             qos_profile,
             callback_group,
         )
+        client.logger_name = self._logger.name
         self._rwt_adopt(client, callback_group)
         self._clients.append(client)
         self._rwt_gather()
@@ -532,10 +564,11 @@ class Node(NodeParameters):
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
             service = Service(self._rwt_link, self, srv_type, srv_name, callback, callback_group, qos_profile)
+            service.logger_name = self._logger.name
             self._rwt_adopt(service, callback_group)
-            service.opened(
+            service._rwt_opened(
                 self._rwt_link.run(
-                    lambda: self._rwt_participant.advertise_service(name, interface, service.on_call)
+                    lambda: self._rwt_participant.advertise_service(name, interface, service._rwt_on_call)
                 )
             )
         self._services.append(service)
@@ -557,6 +590,7 @@ class Node(NodeParameters):
             clock: clock of the period; by default the node's.
             autostart: True to start at once.
         """
+        self._rwt_require_context(RCLError)
         with self._handle:
             timer = Timer(
                 callback,
@@ -575,6 +609,7 @@ class Node(NodeParameters):
         self, callback: Callable[[], object], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
         """Create a guard condition."""
+        self._rwt_require_context(RCLError)
         with self._handle:
             guard = GuardCondition(callback, callback_group, self._context)
         self._rwt_adopt(guard, callback_group)
@@ -605,7 +640,7 @@ class Node(NodeParameters):
         del self._waitables[waitable]
         self._rwt_gather()
 
-    def step_publisher(
+    def _rwt_step_publisher(
         self,
         endpoint: object,
         service_name: str,
@@ -752,7 +787,7 @@ class Node(NodeParameters):
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Every topic with its types."""
         with self._handle:
-            return self._rwt_queries.topics()
+            return self._rwt_queries.topics(no_demangle=no_demangle)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """Return all services with their types."""
@@ -789,7 +824,7 @@ class Node(NodeParameters):
             if f"{node_namespace.rstrip('/')}/{node_name}" != self._rwt_full_name:
                 return []
             name = classes().registry.type_name
-            return sorted((each.srv_name, [name(service_type(each.srv_type))]) for each in self._clients)
+            return sorted((each.service_name, [name(service_type(each.srv_type))]) for each in self._clients)
 
     def get_node_names(self) -> list[str]:
         """Return the names of all nodes."""
@@ -811,11 +846,11 @@ class Node(NodeParameters):
 
     def count_publishers(self, topic_name: str) -> int:
         """Return the number of publishers of a topic; the name is not remapped."""
-        return self._rwt_queries.count(self._rwt_absolute(topic_name), publishers=True)
+        return len(self._rwt_queries.ends(self._rwt_absolute(topic_name), publishers=True))
 
     def count_subscribers(self, topic_name: str) -> int:
         """Return the number of subscriptions of a topic; the name is not remapped."""
-        return self._rwt_queries.count(self._rwt_absolute(topic_name), publishers=False)
+        return len(self._rwt_queries.ends(self._rwt_absolute(topic_name), publishers=False))
 
     def _rwt_absolute(self, name: str, *, service: bool = False) -> str:
         with self._handle:
@@ -824,25 +859,33 @@ class Node(NodeParameters):
             return full
 
     def count_services(self, service_name: str) -> int:
-        """Return 1 if a server of the service would be called, else 0."""
+        """Return the number of servers of a service."""
         return self._rwt_queries.count_services(self._rwt_absolute(service_name, service=True))
 
     def count_clients(self, service_name: str) -> int:
         """Return the number of this node's clients of a service; other clients are not known."""
         full = self._rwt_absolute(service_name, service=True)
-        return sum(client.srv_name == full for client in self._clients)
+        return sum(client.service_name == full for client in self._clients)
 
     def get_publishers_info_by_topic(
         self, topic_name: str, no_mangle: bool = False
     ) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
-        return self._rwt_queries.endpoints(self.resolve_topic_name(topic_name), publishers=True)
+        return self._rwt_endpoints(topic_name, no_mangle, publishers=True)
 
     def get_subscriptions_info_by_topic(
         self, topic_name: str, no_mangle: bool = False
     ) -> list[TopicEndpointInfo]:
         """Return the subscriptions of a topic."""
-        return self._rwt_queries.endpoints(self.resolve_topic_name(topic_name), publishers=False)
+        return self._rwt_endpoints(topic_name, no_mangle, publishers=False)
+
+    def _rwt_endpoints(self, topic: str, no_mangle: bool, *, publishers: bool) -> list[TopicEndpointInfo]:
+        if no_mangle:  # DDS's name of a topic has a prefix.
+            full = topic.removeprefix("rt") if topic.startswith("rt/") else ""
+        else:
+            full = self._rwt_absolute(topic)
+            full = self._rwt_arguments.remap(full, "topic", self.get_name(), self.get_namespace()) or full
+        return self._rwt_queries.endpoints(full, publishers=publishers)
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait until a node exists. Returns False after the timeout."""

@@ -29,9 +29,9 @@ def wait_for_message(
     """
     wait = Wait(node.context)
     subscription = node.create_subscription(msg_type, topic, lambda message: None, qos_profile)
-    subscription.wake = wait.wake
+    subscription._rwt_wake = wait.wake
     try:
-        wait.until(subscription.has_work, time_to_wait)
+        wait.until(subscription._rwt_has_work, time_to_wait)
         taken = subscription._take()
     finally:
         node.destroy_subscription(subscription)

@@ -138,9 +138,6 @@ class NodeParameters:
                 descriptor.type = kind.value
         if not ignore_override and name in self._parameter_overrides:
             value = self._parameter_overrides[name].value
-            if value == [] and descriptor.type >= ParameterKind.BYTE_ARRAY.value:
-                # An empty list in a file may have any type.
-                return Parameter(name, ParameterKind(descriptor.type), value), descriptor
         return Parameter(name, value=value), descriptor
 
     def _declare_type(self, name: str, kind: ParameterKind, descriptor: Any) -> None:
@@ -277,7 +274,8 @@ class NodeParameters:
                 changed.extend(callback(parameter_list))
             if not changed:
                 return _result(
-                    "parameter list cannot be empty, and a pre_set_parameters_callback has emptied it"
+                    "parameter list cannot be empty, this might be due to pre_set_parameters_callback"
+                    " modifying the original parameters list."
                 )
             parameter_list = changed
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
@@ -301,6 +299,8 @@ class NodeParameters:
                 return _result(wrong)
         for callback in self._on_set_parameters_callbacks:
             result = callback(parameters)
+            if not isinstance(result, message_class("rcl_interfaces/SetParametersResult")):
+                return _result("Callback returned an invalid type")
             if not result.successful:
                 return result
         changes: list[tuple[Parameter | None, Parameter]] = []
@@ -349,13 +349,17 @@ class NodeParameters:
         low, high = sorted((span.from_value, span.to_value))
         if equal(value, low) or equal(value, high):
             return ""
-        where = f"Min: {low}, Max: {high}, value: {value}"
         if not low < value < high:
-            return f"Parameter {parameter.name} out of range. {where}"
+            stop = "." if exact else ""
+            return f"Parameter {parameter.name} out of range{stop} Min: {low}, Max: {high}, value: {value}"
         if span.step:
             nearest = low + round((value - low) / span.step) * span.step
             if not equal(nearest, value):
-                return f"Parameter {parameter.name} is not a valid step. {where}, step: {span.step}"
+                what = "a valid step" if exact else "close enough to a valid step"
+                return (
+                    f"The parameter value for {parameter.name} is not {what}. Min: {low}, max: {high},"
+                    f" value: {value}, step: {span.step}"
+                )
         return ""
 
     # Descriptors

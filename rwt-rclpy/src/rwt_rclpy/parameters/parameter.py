@@ -34,9 +34,6 @@ class ParameterKind(Enum):
     DOUBLE_ARRAY = 8
     STRING_ARRAY = 9
 
-    def __str__(self) -> str:
-        return f"Type.{self.name}"
-
     @classmethod
     def from_parameter_value(cls, parameter_value: Any) -> ParameterKind:
         """Return the type of a value; BYTE_ARRAY for an empty list. Raises TypeError for other values."""
@@ -69,6 +66,9 @@ class ParameterKind(Enum):
             return False
         return all(isinstance(value, element) for value in parameter_value)
 
+
+# Programs know it as `Parameter.Type`.
+ParameterKind.__name__, ParameterKind.__qualname__ = "Type", "Parameter.Type"
 
 #: bool precedes int, because it is a subclass of it.
 _SCALARS: Final = (
@@ -106,9 +106,6 @@ class Parameter:
         self._name = name
         self._type_ = type_
         self._value = value
-
-    def __repr__(self) -> str:
-        return f"<Parameter {self._name}={self._value!r}>"
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:

@@ -33,7 +33,7 @@ class ParameterService:
         for name, (kind, handler) in handlers.items():
             service = classes().service(f"rcl_interfaces/{kind}")
             node.create_service(
-                service, f"{node.get_name_for_services()}/{name}", handler, qos_profile=qos_profile_parameters
+                service, f"{node._rwt_service_prefix()}/{name}", handler, qos_profile=qos_profile_parameters
             )
 
     def _describe(self, request: Any, response: Any) -> Any:
@@ -91,7 +91,7 @@ class LoggingService:
 
     def __init__(self, node: Node) -> None:
         names = classes()
-        base = node.get_name_for_services()
+        base = node._rwt_service_prefix()
         node.create_service(
             names.service("rcl_interfaces/GetLoggerLevels"), f"{base}/get_logger_levels", self._get
         )
@@ -101,9 +101,7 @@ class LoggingService:
 
     def _get(self, request: Any, response: Any) -> Any:
         level = message_class("rcl_interfaces/LoggerLevel")
-        response.levels = [
-            level(name=name, level=int(output.effective_level(name))) for name in request.names
-        ]
+        response.levels = [level(name=name, level=int(output.get_level(name))) for name in request.names]
         return response
 
     def _set(self, request: Any, response: Any) -> Any:
