@@ -136,8 +136,8 @@ def add_rosout(name: str, on_line: OnLine) -> None:
         message = (
             f"Publisher already registered for node name: '{name}'. If this is due to multiple nodes with the"
             f" same name then all logs for the logger named '{name}' will go out over the existing publisher."
-            " As soon as any node with that name is destructed it will unregister the publisher, preventing any"  # noqa: E501 - wording of rcl
-            " further logs for that name from being published on the rosout topic."
+            " As soon as any node with that name is destructed it will unregister the publisher, preventing"
+            " any further logs for that name from being published on the rosout topic."
         )
         write(LoggingSeverity.WARN, "rcl.logging_rosout", message, "add_rosout", __file__, 0)
 
