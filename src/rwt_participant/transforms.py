@@ -245,7 +245,7 @@ class Transforms:
     def _text(self, failure: LookupFailed | None, patience: float | None) -> str:
         waited = "" if patience is None else f" within {patience:g} s"
         if self._feed.taken:
-            return f"the transform was not to be had{waited}: {failure}"
+            return f"the transform was not available{waited}: {failure}"
         return f"no transform came on {self._topics}{waited}: does the robot publish any?"
 
 

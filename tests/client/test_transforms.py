@@ -96,7 +96,7 @@ async def test_what_does_not_come_is_told_in_words() -> None:
             await it.robot.tf.lookup("map", "base", timeout=0.05)
         await started(it)
         with pytest.raises(
-            TransformUnavailable, match=r'not to be had within 0.05 s: frame "ghost" is not known; known are'
+            TransformUnavailable, match=r'not available within 0.05 s: frame "ghost" is not known; known are'
         ) as failure:
             await it.robot.tf.lookup("map", "ghost", timeout=0.05)
         assert isinstance(failure.value, LookupError)

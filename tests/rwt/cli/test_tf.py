@@ -58,5 +58,5 @@ def test_a_frame_that_is_not_there(rwt: Rwt) -> None:
     ended, waited = impatient(rwt, "tf", "echo", "map", "ghost", "--once")
     assert ended.code == 4
     assert ended.err.startswith(
-        f'rwt: the transform was not to be had within {waited}: frame "ghost" is not known; known are arm_'
+        f'rwt: the transform was not available within {waited}: frame "ghost" is not known; known are arm_'
     )
