@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter, is_
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -481,28 +481,31 @@ def _numbers_at(parts: Sequence[tuple[str, str]], message: msgspec.Struct) -> Ma
     return found
 
 
+def _parts_of(type: MessageType, prefix: str = "") -> Iterator[tuple[attrgetter[Any], field_types.FieldType]]:
+    """Yield getters and types of a message's fields; those of messages in it in their place."""
+    for slot in type.slots:
+        path = f"{prefix}{slot.attribute}"
+        if isinstance(slot.type, field_types.Message):
+            yield from _parts_of(slot.type.type, f"{path}.")
+        else:
+            yield attrgetter(path), slot.type
+
+
 def _compile_float_sum(type: MessageType) -> Callable[[object], float] | None:
     """Compile a function that adds up all floats of a message; None if the type has none."""
     numbers: list[attrgetter[float]] = []
     lists: list[attrgetter[Iterable[float]]] = []
     messages: list[tuple[attrgetter[Iterable[object]], Callable[[object], float]]] = []
-
-    def collect(type: MessageType, prefix: str) -> None:
-        for slot in type.slots:
-            path = f"{prefix}{slot.attribute}"
-            match slot.type:
-                case field_types.Float():
-                    numbers.append(attrgetter(path))
-                case field_types.Array(element=field_types.Float()):
-                    lists.append(attrgetter(path))
-                case field_types.Message(inner):
-                    collect(inner, f"{path}.")
-                case field_types.Array(element=field_types.Message(inner)):
-                    inner_sum = _compile_float_sum(inner)
-                    if inner_sum is not None:
-                        messages.append((attrgetter(path), inner_sum))
-
-    collect(type, "")
+    for get, kind in _parts_of(type):
+        match kind:
+            case field_types.Float():
+                numbers.append(get)
+            case field_types.Array(element=field_types.Float()):
+                lists.append(get)
+            case field_types.Array(element=field_types.Message(inner)):
+                inner_sum = _compile_float_sum(inner)
+                if inner_sum is not None:
+                    messages.append((get, inner_sum))
 
     def float_sum(message: object) -> float:
         total = 0.0
@@ -546,34 +549,26 @@ def _compile_count(type: MessageType) -> Callable[[object, int], int] | None:
     """
     lists: list[attrgetter[Sequence[object]]] = []
     messages: list[tuple[attrgetter[Sequence[object]], Callable[[object, int], int] | None]] = []
-
-    def collect(type: MessageType, prefix: str) -> None:
-        for slot in type.slots:
-            path = f"{prefix}{slot.attribute}"
-            match slot.type:
-                case field_types.Message(inner):
-                    collect(inner, f"{path}.")
-                case field_types.Array(element=field_types.Message(inner)):
-                    messages.append((attrgetter(path), _compile_count(inner)))
-                case field_types.Array(element=field_types.Int(code="b" | "B")):
-                    pass
-                case field_types.Array():
-                    lists.append(attrgetter(path))
-
-    collect(type, "")
+    for get, kind in _parts_of(type):
+        match kind:
+            case field_types.Array(element=field_types.Message(inner)):
+                messages.append((get, _compile_count(inner)))
+            case field_types.Array(element=field_types.Int(code="b" | "B")):
+                pass
+            case field_types.Array():
+                lists.append(get)
 
     def count(message: object, most: int) -> int:
-        total = 0
-        for items_of in lists:
-            total += len(items_of(message))
+        total = sum(len(items_of(message)) for items_of in lists)
         for items_of, inner in messages:
             items = items_of(message)
             total += len(items)
-            if inner is not None and total <= most:
-                for item in items:
-                    total += inner(item, most - total)
-                    if total > most:
-                        return total
+            if inner is None:
+                continue
+            for item in items:
+                if total > most:
+                    return total
+                total += inner(item, most - total)
         return total
 
     return count if lists or messages else None
