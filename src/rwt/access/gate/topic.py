@@ -96,7 +96,7 @@ class GuardedTopic:
     * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
       (identities of paused clients, with the time of the last rejected message: another connection or
       advertisement of the same credential is paused, too).
-    * Rates: ``_motion`` (values last passed on).
+    * Rates: ``_motion`` (values last passed on), ``_has_rates`` (True if a rule limits them).
     * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
       ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's
       stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a
@@ -135,6 +135,9 @@ class GuardedTopic:
         self._lease_owner = ""
         self._paused_at: dict[str, float] = {}
         self._motion = Motion()
+        self._has_rates = any(
+            limit.rate is not None for rule in self._rules for limit in rule.settings.fields.values()
+        )
         stops = [(rule, rule.settings.stop) for rule in self._rules if rule.settings.stop is not None]
         self._stop = stops[0][0] if stops else None
         self._neutral: msgspec.Struct | None = None
@@ -259,7 +262,8 @@ class GuardedTopic:
                 raise
             forward(payload)
             return
-        self._motion.passed(now)
+        if self._has_rates:
+            self._motion.passed(now)
         if rules.lease is not None:
             rules.lease.renew(client)
         if self._is_repeated:
