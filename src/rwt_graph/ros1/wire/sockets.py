@@ -25,8 +25,10 @@ logger = logging.getLogger(__name__)
 #: False on Windows.
 _HAS_SENDMSG: Final = hasattr(socket.socket, "sendmsg")
 
-#: Bytes that are read at once.
-_READ_BYTES: Final = 256 * 1024
+#: Bytes that are read at once: at first, and at most within a large frame. The C library maps memory for each
+#: larger read, which costs more than a small message.
+READ_BYTES: Final = 32 * 1024
+MOST_READ_BYTES: Final = 512 * 1024
 
 #: Maximum connections that are accepted in one turn of the event loop.
 _ACCEPT_BATCH: Final = 16
@@ -186,7 +188,7 @@ class Stream:
         self._finishing = False
         self.closed = False
         self.dropped = 0
-        self.read_bytes = _READ_BYTES
+        self.read_bytes = READ_BYTES
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # Peers that disappear without a word are noticed within a minute.
         for option, value in (("TCP_KEEPIDLE", 30), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 3)):
