@@ -45,6 +45,7 @@ EXTENDED: Final = {
     "graph/zenoh/test_pyzeros.py": "needs a C compiler",
     "graph/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
     "release": "builds wheels, needs Node",
+    "ros1": "needs Debian's packages of ROS 1 (`make test-ros1`), takes minutes",
     "rwt/gateways/mcp/test_inspector.py": "needs Node",
     "rwt/media/webrtc/test_gstreamer.py": "needs GStreamer",
     "rwt/media/webrtc/test_nat.py": "needs Chromium, root and nft",

@@ -68,6 +68,7 @@ class Registry:
 
     Attributes:
         distro: distribution of the standard types and of the spelling of :meth:`type_name`.
+        advice: end of the text of errors about unknown types: how to add them.
     """
 
     __slots__ = (
@@ -78,11 +79,13 @@ class Registry:
         "_services",
         "_type_names",
         "_user",
+        "advice",
         "distro",
     )
 
     def __init__(self, distro: Distro = JAZZY) -> None:
         self.distro = distro
+        self.advice = ""
         self._lock = threading.RLock()
         self._user: dict[tuple[Kind, str], _Definition] = {}
         self._definitions: dict[tuple[Kind, str], _Definition] = {}
@@ -311,7 +314,7 @@ class Registry:
         with self._lock:
             found = find(package, short)
         if found is None:
-            raise UnknownType(self._unknown(kind, f"{package}/{short}"))
+            raise UnknownType(self._unknown(kind, f"{package}/{short}") + self.advice)
         return found
 
     def _check_nested(self, definition: MessageDefinition) -> None:

@@ -68,6 +68,10 @@ async def test_a_client_uses_the_definition_of_the_robot(ros: Ros) -> None:
             await until(lambda: program.run("result = commands.get_num_connections()") == 2)
             program.run("commands.publish(Other('back', 9))")
             assert json.loads(await client.recv())["msg"] == {"data": "back", "number": 9}
+            await client.send('{"op": "set_level", "level": "error"}')
+            await client.send('{"op": "advertise", "topic": "/new", "type": "never_seen/Thing"}')
+            text = json.loads(await client.recv())["msg"]
+            assert all(way in text for way in ("start that node", "--interfaces", "a standard type"))
             await client.send(
                 '{"op": "publish", "topic": "/commands", "type": "std_msgs/String", "latch": true,'
                 ' "msg": {"data": "go", "number": 3}}'

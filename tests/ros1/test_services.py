@@ -109,3 +109,29 @@ async def test_a_living_node_of_the_same_name_is_not_shut_down(ros: Ros, graph: 
     node.advertise("/chatter", "std_msgs/String")
     await until(lambda: "/chatter" in ros.tool("rostopic", "list"))
     assert program.run("result = rospy.is_shutdown()") is False
+
+
+async def test_dynamic_reconfigure(ros: Ros, graph: Ros1Graph) -> None:
+    program = ros.program()
+    program.run(
+        """
+from dynamic_reconfigure.server import Server
+from dynamic_reconfigure.cfg import TestConfig
+changes = []
+def changed(config, level):
+    changes.append(config['double_'])
+    return config
+server = Server(TestConfig, changed)
+"""
+    )
+    service = "/robot/program/set_parameters"
+    await until(lambda: graph.service(service) is not None)
+    node = graph.node("client")
+    seen: list[Any] = []
+    node.subscribe("/robot/program/parameter_updates", seen.append)
+    config = {"config": {"doubles": [{"name": "double_", "value": 2.5}]}}
+    response = await node.call(service, config)
+    assert {each.name: each.value for each in response.config.doubles}["double_"] == 2.5
+    assert program.run("result = changes")[-1] == 2.5
+    await until(lambda: seen and {each.name: each.value for each in seen[-1].doubles}["double_"] == 2.5)
+    await until(lambda: graph.parameters.has("/robot/program/double_"))

@@ -26,7 +26,6 @@ from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.rosbridge.settings import BridgeSettings
 from rwt.settings.webrtc import WebRtcSettings
-from rwt_interfaces.distro import DISTROS
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
 from rwt_transports.limits import Limits
@@ -348,7 +347,7 @@ class Settings(BridgeSettings):
 
     @model_validator(mode="after")
     def _graph_fits_distro(self) -> Settings:
-        if self.graph.partition(":")[0] in ROS1_GRAPHS and DISTROS[self.distro].serialisation != "ros1":
+        if self.graph.partition(":")[0] in ROS1_GRAPHS and self.distro != "noetic":
             raise ValueError(f'`distro`: {self.distro!r} cannot join ROS 1: expected "noetic"')
         return self
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from rwt_graph.errors import Ros1Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
@@ -27,6 +27,13 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
+
+
+#: How to add a type, at the end of errors about unknown ones.
+_ADVICE: Final = (
+    "; the type of a topic is known once a ROS 1 node publishes it: start that node, give the definition with"
+    " --interfaces DIR, or use a standard type"
+)
 
 
 class Ros1Participant(MemoryParticipant):
@@ -65,6 +72,7 @@ class Ros1Graph(MemoryGraph):
         self._is_master = master is not None and master.startswith("ros1-master")
         self._own_master: Master | None = None
         self.parameters = self._master_parameters = MasterParameters()
+        self.registry.advice = _ADVICE
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
         self._session: Session | None = None

@@ -236,3 +236,49 @@ async def test_a_hostile_master_is_survived(
         await anyio.sleep(0.2)
     fake.close()
     assert xmlrpc.BODY_BYTES < 2**25
+
+
+async def test_a_node_that_cannot_connect_back_is_reported_with_the_address_it_was_given(
+    graph: Ros1Graph, caplog: pytest.LogCaptureFixture
+) -> None:
+    graph.node("talker").advertise("/chatter", "std_msgs/String")
+    deaf = "http://127.0.0.1:9/"
+    await rpc.call(graph.master, "registerSubscriber", "/deaf", "/chatter", "std_msgs/String", deaf)
+    await until(lambda: "has not connected to this process" in caplog.text)
+    assert "node /deaf subscribes to /chatter" in caplog.text
+    assert "at 127.0.0.1, the address it was given (ROS_IP). Set ROS_IP to an address" in caplog.text
+
+
+async def test_publishers_are_found_where_no_update_of_the_master_arrives(
+    graph: Ros1Graph, tasks: anyio.abc.TaskGroup, caplog: pytest.LogCaptureFixture
+) -> None:
+    good = await start(graph, tasks, sends(GOOD))
+    answers = {
+        "getSystemState": [[["/chatter", ["/hostile"]]], [], []],
+        "getTopicTypes": [["/chatter", "std_msgs/String"]],
+        "registerSubscriber": [],
+        "lookupNode": good.uri,
+    }
+    assert graph._session is not None
+    sockets = graph._session.sockets
+    fake = rpc.RpcServer(sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    texts: list[str] = []
+    async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
+        node = other.node("listener")
+        node.subscribe("/chatter", lambda each: texts.append(each.data), "std_msgs/String")
+        await until(lambda: "hi" in texts)
+    fake.close()
+    assert "the ROS 1 master does not report the publishers of /chatter" in caplog.text
+
+
+async def test_one_port_per_node_and_several_publishers(graph: Ros1Graph, tasks: anyio.abc.TaskGroup) -> None:
+    texts: list[str] = []
+    node = graph.node("listener")
+    node.subscribe("/chatter", lambda each: texts.append(each.data), "std_msgs/String")
+    for name in ("/first", "/second", "/third"):
+        good = await start(graph, tasks, sends(GOOD))
+        await rpc.call(graph.master, "registerPublisher", name, "/chatter", "std_msgs/String", good.uri)
+    await until(lambda: len(texts) == 3)
+    graph.node("other").advertise("/own", "std_msgs/String")
+    assert graph._session is not None
+    assert len({each.uri for each in graph._session.nodes.values()}) == len(graph._session.nodes) > 1

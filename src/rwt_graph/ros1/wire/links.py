@@ -11,7 +11,7 @@ import anyio
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.ros1.wire import rpc
-from rwt_graph.ros1.wire.sockets import Stream, connect
+from rwt_graph.ros1.wire.sockets import MOST_READ_BYTES, READ_BYTES, Stream, connect
 from rwt_graph.ros1.wire.tcpros import MESSAGE_BYTES, Frames, decode_header, encode_header
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ class Link:
                 self.ready.set()
             if self.stream.closed:
                 return
+        self.stream.read_bytes = min(max(self.frames.missing, READ_BYTES), MOST_READ_BYTES)
         held = self.frames.held
         if held != self._held:
             self._inflow.total += held - self._held

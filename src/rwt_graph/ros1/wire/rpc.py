@@ -180,7 +180,6 @@ class _RpcConnection:
         # Set when a request is complete, so that a slow drip ends, too.
         self.last_used = time.monotonic()
         self._stream = Stream(sockets, accepted, self._on_data, self.close)
-        self._stream.read_bytes = _READ_BYTES
 
     def _on_data(self, data: bytes) -> None:
         self._http.receive_data(data)

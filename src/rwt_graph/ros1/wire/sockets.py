@@ -22,8 +22,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: Bytes that are read at once.
-_READ_BYTES: Final = 256 * 1024
+#: False on Windows.
+_HAS_SENDMSG: Final = hasattr(socket.socket, "sendmsg")
+
+#: Bytes that are read at once: at first, and at most within a large frame. The C library maps memory for each
+#: larger read, which costs more than a small message.
+READ_BYTES: Final = 32 * 1024
+MOST_READ_BYTES: Final = 512 * 1024
 
 #: Maximum connections that are accepted in one turn of the event loop.
 _ACCEPT_BATCH: Final = 16
@@ -51,9 +56,12 @@ class Sockets:
         """Call a function whenever a socket is readable."""
         self._calls[sock] = call
         if self._loop is not None:
-            self._loop.add_reader(sock.fileno(), call)
-        else:
-            self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
+            try:
+                self._loop.add_reader(sock.fileno(), call)
+                return
+            except NotImplementedError:
+                self._loop = None  # On Windows.
+        self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
 
     async def _watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
         while sock in self._calls:
@@ -95,7 +103,8 @@ class Listener:
         self._on_socket = on_socket
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if os.name == "posix":  # On Windows, the option lets two programs have one port.
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._socket.bind((host, port))
             self._socket.listen(128)
         except BaseException:
@@ -131,7 +140,7 @@ async def connect(host: str, port: int) -> socket.socket:
         sock.setblocking(False)
         try:
             code = sock.connect_ex(address)
-            if code == errno.EINPROGRESS:
+            if code in (errno.EINPROGRESS, errno.EWOULDBLOCK):
                 await anyio.wait_writable(sock)
                 code = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             if code:
@@ -179,7 +188,7 @@ class Stream:
         self._finishing = False
         self.closed = False
         self.dropped = 0
-        self.read_bytes = _READ_BYTES
+        self.read_bytes = READ_BYTES
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # Peers that disappear without a word are noticed within a minute.
         for option, value in (("TCP_KEEPIDLE", 30), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 3)):
@@ -228,7 +237,9 @@ class Stream:
 
     def _send_now(self, parts: tuple[bytes | memoryview, ...]) -> int:
         try:
-            return self._socket.sendmsg(parts)
+            if _HAS_SENDMSG:
+                return self._socket.sendmsg(parts)
+            return self._socket.send(b"".join(parts))
         except BlockingIOError:
             return 0
         except OSError as error:
