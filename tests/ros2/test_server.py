@@ -36,10 +36,12 @@ timer = node.create_timer(0.03, lambda: publisher.publish(image))
 _SUBSCRIBE = json.dumps({"op": "subscribe", "topic": "/image", "type": "sensor_msgs/Image"})
 
 
-def serving() -> AbstractContextManager[tuple[subprocess.Popen[str], str]]:
+def serving(
+    *command: str,
+) -> AbstractContextManager[tuple[subprocess.Popen[str], str]]:
     """A server of this process's ROS domain, and its address."""
+    arguments = command or ("serve", "--graph", "ros2", "ws://127.0.0.1:0")
     environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
-    arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0")
     return running(*arguments, environment=environment, real=True, stderr=None)
 
 
@@ -144,3 +146,13 @@ async def test_a_stalled_client_of_large_images(program: Program) -> None:
                 await anyio.sleep(0.2)
             assert slowest < 1
             assert memory_of(process) - before < 16 * 2**20
+
+
+async def test_the_server_starts_with_parameters_of_rosbridge_suite(program: Program) -> None:
+    parameters = ("port:=0", "address:=127.0.0.1", "topics_glob:=['/allowed']", "delay_between_messages:=0.1")
+    arguments = [option for each in parameters for option in ("-p", each)]
+    with serving("ros2", "serve", "--ros-args", *arguments) as (_, url), connect(url) as client:
+        for topic in ("/denied", "/allowed"):
+            client.send(json.dumps({"op": "advertise", "topic": topic, "type": "std_msgs/String"}))
+        await until(lambda: program.run("result = node.count_publishers('/allowed')") == 1)
+        assert program.run("result = node.count_publishers('/denied')") == 0

@@ -96,6 +96,7 @@ COMMANDS: Final = (
     Command("bag", "recordings: record, play, info, recover"),
     Command("mcp", "give an agent tools for a robot, over standard input and output"),
     Command("doctor", "diagnose a connection"),
+    Command("ros2", "in place of rosbridge_suite: install, serve"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "print the settings in effect"),
     Command("completion", "set up shell completion"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -16,8 +17,11 @@ _INDEX = Path("share/ament_index/resource_index/rosidl_interfaces")
 
 
 def prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
-    """Return the folders of `AMENT_PREFIX_PATH`; earlier ones have priority, as in ROS."""
-    path = environment.get("AMENT_PREFIX_PATH", "")
+    """Return the folders of `AMENT_PREFIX_PATH`; earlier ones have priority, as in ROS.
+
+    Without it, ROS 2 is installed as wheels in this Python's environment.
+    """
+    path = environment.get("AMENT_PREFIX_PATH") or sys.prefix
     return tuple(Path(folder) for folder in path.split(os.pathsep) if folder)
 
 
