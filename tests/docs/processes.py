@@ -24,7 +24,12 @@ LIMIT = 90.0
 def commands_folder(folder: Path) -> Path:
     """A folder with the commands that the documentation names, of the Python that runs the tests."""
     folder.mkdir()
-    for name, arguments in {"rwt": "-m rwt.cli", "python": "", "pytest": "-m pytest"}.items():
+    for name, arguments in {
+        "rwt": "-m rwt.cli",
+        "python": "",
+        "pytest": "-m pytest",
+        "rosbridge-conformance": "-m rosbridge_conformance",
+    }.items():
         command = folder / name
         command.write_text(f'#!/bin/sh\nexec "{sys.executable}" {arguments} "$@"\n')
         command.chmod(0o755)

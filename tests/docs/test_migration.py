@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from rwt.settings.errors import known_settings
 from rwt_client.blocking import connect
 from tests.docs.blocks import ROOT
 from tests.processes import free_port, running
@@ -143,3 +144,16 @@ EXPECTED: dict[str, Any] = {
 def test_what_is_expected_is_on_the_page() -> None:
     assert EXPECTED.keys() <= {row.wanted for row in rows()}
     assert threading.active_count() < 20
+
+
+def test_the_counterparts_of_launch_arguments_are_settings() -> None:
+    page = (ROOT / "docs" / "how-to" / "from-rosbridge-suite.md").read_text(encoding="utf-8")
+    known = {".".join(key) for key, _ in known_settings()}
+    named = [
+        name.partition(" ")[0]
+        for line in page.splitlines()
+        if line.startswith("| `")
+        for name in _CODE.findall(line.split(" | ")[1])
+    ]
+    assert len(named) > 20
+    assert [name for name in named if name not in known and not name.startswith("auth.tokens")] == []

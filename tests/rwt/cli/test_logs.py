@@ -13,7 +13,7 @@ import pytest
 from websockets.sync.client import connect
 
 from rwt.cli import main
-from rwt.cli.console.logs import JsonFormatter, SteadyHandler
+from rwt.cli.console.logs import JsonFormatter, LogfmtFormatter, SteadyHandler
 from tests.processes import running
 
 logger = logging.getLogger("tests.log")
@@ -58,6 +58,15 @@ def test_a_json_line_has_the_fields_of_its_record(disk: Disk) -> None:
         "level": "warning", "logger": "tests.log", "message": 'said "härter"\n', "client": 7, "op_id": "x",
     }  # fmt: skip
     assert "client" not in second and "op_id" not in second
+
+
+def test_a_logfmt_line_quotes_what_is_no_word(disk: Disk, handler: SteadyHandler) -> None:
+    handler.setFormatter(LogfmtFormatter())
+    logger.warning('said "%s"\n', "härter", extra={"client": 7, "op_id": "publish:/a"})
+    (line,) = disk.getvalue().splitlines()
+    time, _, rest = line.partition(" ")
+    assert time.startswith("time=2") and time.endswith("+00:00")
+    assert rest == (r'level=warning logger=tests.log message="said \"härter\"\n" client=7 op_id=publish:/a')
 
 
 @pytest.mark.usefixtures("handler")

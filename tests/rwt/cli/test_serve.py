@@ -137,7 +137,7 @@ def test_a_bad_config_is_one_line(tmp_path: Path, text: str, expected: str) -> N
         (
             'demo = true\n[gate.rules.drive]\ntopics = ["/cmd_vel"]\nfields."x.y".max = 1',
             2,
-            "no field w",
+            "no field x",
         ),
     ],
 )

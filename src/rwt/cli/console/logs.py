@@ -1,19 +1,22 @@
-"""Log of `rwt serve` on stderr: text lines, or one JSON object per line."""
+"""Log of `rwt serve` on stderr: text lines, one JSON object per line, or logfmt."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import logging
+import re
 import sys
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Final, Literal, TextIO
 
-Format = Literal["text", "json"]
+Format = Literal["text", "json", "logfmt"]
 
-FORMATS: Final[tuple[Format, ...]] = ("text", "json")
+FORMATS: Final[tuple[Format, ...]] = ("text", "json", "logfmt")
 
 _TEXT: Final = "%(asctime)s %(levelname)s %(name)s %(message)s"
+_PLAIN: Final = re.compile(r"[^\s\"=\\\x00-\x1f\x7f]+")
 _FIELDS: Final = ("worker", "client", "op_id")
 
 
@@ -35,7 +38,22 @@ class JsonFormatter(logging.Formatter):
                 line[field] = value
         if record.exc_info:
             line["error"] = self.formatException(record.exc_info)
+        return self._written(line)
+
+    def _written(self, line: Mapping[str, object]) -> str:
         return json.dumps(line, default=str, ensure_ascii=False)
+
+
+class LogfmtFormatter(JsonFormatter):
+    """Formatter of logfmt lines, `key=value`, with the fields of :class:`JsonFormatter`."""
+
+    def _written(self, line: Mapping[str, object]) -> str:
+        return " ".join(f"{key}={_word(str(value))}" for key, value in line.items())
+
+
+def _word(text: str) -> str:
+    """Return a value of logfmt, quoted as in JSON unless it is one plain word."""
+    return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=False)
 
 
 class WorkerFormatter(logging.Formatter):
@@ -92,14 +110,15 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         "--log-format",
         choices=FORMATS,
         default="text",
-        help="text lines, or one JSON object per line (default text)",
+        help="text lines, one JSON object per line, or logfmt (default text)",
     )
 
 
 def log_to_stderr(style: Format, *, verbose: bool) -> None:
     """Log to stderr in this format, from level info, or debug if `verbose`."""
     handler = SteadyHandler(sys.stderr)
-    handler.setFormatter(JsonFormatter() if style == "json" else logging.Formatter(_TEXT))
+    made = {"json": JsonFormatter(), "logfmt": LogfmtFormatter(), "text": logging.Formatter(_TEXT)}
+    handler.setFormatter(made[style])
     root = logging.getLogger()
     root.addHandler(handler)
     root.setLevel(logging.DEBUG if verbose else logging.INFO)

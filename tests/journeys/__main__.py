@@ -1,0 +1,127 @@
+"""Journeys of new users: scripts of the commands in the docs, replayed; prints their number and time.
+
+python -m tests.journeys                  all, with the commands of this Python
+python -m tests.journeys --clone          in a fresh clone and environment (needs the network)
+python -m tests.journeys operator http
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from tests.docs.processes import commands_folder
+from tests.processes import ROOT, free_port
+
+FOLDER: Final = Path(__file__).parent
+JOURNEYS: Final = tuple(sorted(path.stem for path in FOLDER.glob("*.sh")))
+
+#: The trace of commands goes to the descriptor 9.
+_PRELUDE: Final = """set -euo pipefail
+exec 9>trace; BASH_XTRACEFD=9; PS4='+ '
+# A command in the background, until its server answers; and its end.
+server() {
+  { set +x; } 9>/dev/null
+  "$@" >server.log 2>&1 & echo $! > rwt.pid
+  until curl -fs http://127.0.0.1:9090/healthz >health; do kill -0 "$(cat rwt.pid)"; sleep 0.1; done
+  set -x
+}
+ended() { { set +x; } 9>/dev/null; while kill -0 "$(cat rwt.pid)" 2>/dev/null; do sleep 0.1; done; set -x; }
+logged() { { set +x; } 9>/dev/null; until grep -q "$1" server.log; do sleep 0.1; done; set -x; }
+fails() { { set +x; } 9>/dev/null; if "$@"; then echo "succeeded: $*" >&2; exit 1; fi; set -x; }
+trap 'kill "$(cat rwt.pid)" || true; wait' EXIT
+set -x
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Journey:
+    """Replay of one journey.
+
+    Attributes:
+        code: exit code of the script.
+        commands: number of commands that were run.
+        seconds: duration.
+        output: what the commands printed.
+    """
+
+    code: int
+    commands: int
+    seconds: float
+    output: str
+
+
+def replay(name: str, folder: Path, path: str) -> Journey:
+    """Replay a journey in an empty folder, with the commands of a `PATH`, on a free port."""
+    script = _PRELUDE + (FOLDER / f"{name}.sh").read_text(encoding="utf-8")
+    port = str(free_port())
+    environment = {**os.environ, "PATH": path, "RWT_URL": f"ws://127.0.0.1:{port}", "PYTHONPATH": ""}
+    if str(ROOT / "src") in os.environ.get("PYTHONPATH", ""):
+        environment["PYTHONPATH"] = os.environ["PYTHONPATH"]
+    began = time.monotonic()
+    done = subprocess.run(
+        ["bash", "-c", script.replace("9090", port)],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    took = time.monotonic() - began
+    trace = (folder / "trace").read_text(encoding="utf-8").splitlines()
+    commands = [line for line in trace if line.startswith("+ ")]
+    log = folder / "server.log"
+    output = done.stdout + (f"\nserver:\n{log.read_text()}" if done.returncode and log.exists() else "")
+    return Journey(done.returncode, len(commands), took, output)
+
+
+def _cloned(folder: Path) -> str:
+    """Clone and install the project, as the docs have it; returns the `PATH` with its commands."""
+    clone, environment = folder / "robot-web-tools", folder / "venv"
+    for command in (
+        ["git", "clone", "--quiet", str(ROOT), str(clone)],
+        [sys.executable, "-m", "venv", str(environment)],
+        [str(environment / "bin/pip"), "install", "--quiet", f"{clone}[mcap]", str(clone / "conformance")],
+    ):
+        subprocess.run(command, check=True)
+    return f"{environment / 'bin'}{os.pathsep}{os.environ['PATH']}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Replay journeys and print a table; 1 if one failed."""
+    parser = argparse.ArgumentParser(prog="python -m tests.journeys", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(JOURNEYS)} (default: all)")
+    parser.add_argument("--clone", action="store_true", help="in a fresh clone and environment")
+    arguments = parser.parse_args(argv)
+    failed = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        began = time.monotonic()
+        path = (
+            _cloned(folder)
+            if arguments.clone
+            else f"{commands_folder(folder / 'bin')}{os.pathsep}{os.environ['PATH']}"
+        )
+        sys.stdout.write(f"{'set up':14} {time.monotonic() - began:6.1f} s\n")
+        for each in arguments.names or JOURNEYS:
+            place = folder / each
+            place.mkdir()
+            journey = replay(each, place, path)
+            failed += journey.code != 0
+            words = f"{journey.seconds:6.1f} s  {journey.commands:3} commands  exit code {journey.code}"
+            sys.stdout.write(f"{each:14} {words}\n{journey.output if journey.code else ''}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
