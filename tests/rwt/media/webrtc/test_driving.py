@@ -72,12 +72,14 @@ class Driver:
             await asyncio.sleep(PERIOD)
 
     async def grip(self) -> None:
-        """Let the control go, and take it: the robot moves."""
-        self.speed, began = 0.0, time.monotonic()
-        await until(lambda: any(at > began for at, _ in self.heard))
-        await asyncio.sleep(0.3)
-        self.speed, began = 0.3, time.monotonic()
-        await until(lambda: bool(self.moved_since(began)))
+        """Let the control go, and take it, until the robot moves: a channel may take seconds to recover."""
+        began = time.monotonic()
+        while not self.moved_since(began):
+            assert began > time.monotonic() - 60, self.topic
+            self.speed = 0.0
+            await asyncio.sleep(0.5)
+            self.speed = 0.3
+            await asyncio.sleep(0.5)
 
     async def drive(self, random_: random.Random) -> None:
         """Drive, and lose the link now and then: no command of before drives the robot afterwards."""
