@@ -20,7 +20,16 @@ from typing import Final
 import pytest
 
 from tests.faults.attacks import by_http
-from tests.faults.attacks.attacked import OF_ROS_1, Attacked, Damage, attacked_server, suffer
+from tests.faults.attacks.attacked import (
+    OF_ROS_1,
+    PEERS,
+    WEBRTC,
+    Attacked,
+    Damage,
+    attacked_server,
+    suffer,
+    suffer_at_once,
+)
 from tests.faults.attacks.attacker import ATTACKS
 
 pytestmark = [
@@ -114,6 +123,22 @@ def test_a_server_under_attack(
             _check(attack, server)
     else:
         _check(attack, server_of(distro, role))
+
+
+@pytest.mark.extended
+@pytest.mark.timeout(900)
+def test_all_attacks_at_once() -> None:
+    names = [name for name in ATTACKS if name not in OF_ROS_1]
+    for number in range(1, TRIES + 1):
+        with attacked_server("jazzy", "admin", WEBRTC) as server:
+            damage, _ = suffer_at_once(names, PEERS, server)
+            _given_back(server, damage)
+        assert damage.waits.seconds < PATIENCE, damage
+        assert damage.grown < ADMIN, damage
+        is_quick = damage.held < HELD and damage.ran < SOON * HELD
+        assert is_quick or number < TRIES, damage
+        if is_quick:
+            return
 
 
 def _check(attack: str, server: Attacked) -> None:
