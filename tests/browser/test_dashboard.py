@@ -64,7 +64,7 @@ async def test_it_opens_by_itself_on_what_it_finds(browser: Browser, distro: str
                 and seen.count((185, 140, 50), 45) > 3_000
             ),
         )
-        assert picture.count((179, 18, 29), 12) > 1_000, "the stop button"
+        assert picture.count((203, 28, 37), 12) > 1_000, "the stop button"
 
 
 @DISTROS

@@ -349,8 +349,8 @@ async def scene(browser: Browser, **arguments: Any) -> AsyncIterator[tuple[Stand
 
 @pytest.mark.skipif(
     os.environ.get("BROWSER") == "firefox",
-    reason="once a goal is cancelled, Firefox's own controls have the focus at Set initial pose (document.hasFocus()"
-    " is false there), and Enter presses nothing; why is not known",
+    reason="once a goal is cancelled, Firefox's own controls have the focus at Set initial pose"
+    " (document.hasFocus() is false there), and Enter presses nothing; why is not known",
 )
 async def test_the_view_and_its_tools_by_keys(browser: Browser) -> None:
     async with scene(browser) as (served, page):
@@ -441,7 +441,9 @@ async def test_interactive_markers_are_moved_pressed_and_put_back_by_keys(browse
             await open_panels(page, served.url, [("scene", {})])
 
             async def handle(marker: str, control: str = "") -> None:
-                await page.wait("document.querySelector('.scene-tools')?.textContent.includes('Interactive markers')")
+                await page.wait(
+                    "document.querySelector('.scene-tools')?.textContent.includes('Interactive markers')"
+                )
                 if not await page.evaluate("document.querySelector('.scene-tools [open]')"):
                     await tab_to(page, says("Interactive markers"))
                     await press(page, "Enter")

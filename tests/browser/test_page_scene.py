@@ -189,7 +189,7 @@ async def test_a_map_is_changed_by_updates_that_begin_later(
 
         def is_changed(seen: Picture) -> bool:
             red, green, blue = seen.at(*cost)
-            return max(seen.at(*wall)) < 90 and green < 120 < min(red, blue)
+            return max(seen.at(*wall)) < 110 and green < 120 < min(red, blue)
 
         await page.picture_when(f"map updated {distro}", is_changed)
         updates.publish({**update, "x": 39})
