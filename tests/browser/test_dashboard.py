@@ -53,7 +53,7 @@ async def test_it_opens_by_itself_on_what_it_finds(browser: Browser, distro: str
         await page.wait("document.querySelector('.state-open')")
         for panel in ("scene", "camera", "teleop", "topics"):
             await page.wait(f"document.querySelector('.panel-{panel}')")
-        await page.wait(f"{text('.state')}.includes('ROS {'jazzy' if distro == 'jazzy' else 1}')")
+        await page.wait(f"{text('header')}.includes('ROS {'2 jazzy' if distro == 'jazzy' else 1}')")
         await page.wait("document.querySelector('.camera-state')?.textContent.includes('MJPEG')")
         # The map's floor, the scan and the yellow wall that the camera sees.
         picture = await page.picture_when(
@@ -64,7 +64,7 @@ async def test_it_opens_by_itself_on_what_it_finds(browser: Browser, distro: str
                 and seen.count((185, 140, 50), 45) > 3_000
             ),
         )
-        assert picture.count((179, 18, 29), 12) > 1_000, "the stop button"
+        assert picture.count((203, 28, 37), 12) > 1_000, "the stop button"
 
 
 @DISTROS
@@ -177,7 +177,7 @@ async def test_a_click_in_the_scene_sends_the_robot_there(browser: Browser) -> N
         goals: list[Any] = []
         served.node.subscribe("/plan", lambda plan: goals.append(plan.poses[-1].pose.position))
         await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
-        await page.click("text=From above")
+        await page.click("text=Top view")
         await page.click("text=Set goal")
         spot = await page.evaluate(
             """(async () => {
@@ -286,7 +286,7 @@ async def test_a_viewer_sees_no_controls_that_it_may_not_use_and_why(browser: Br
     ):
         await page.wait("document.querySelector('.camera-state')")
         assert not await page.evaluate("document.querySelector('.panel-teleop, .panel-goal')")
-        await page.wait(f"{text('.state')}.includes('viewer')")
+        await page.wait(f"{text('header')}.includes('viewer')")
         await page.click("button >> text='/cmd_vel'")
         await page.wait(f"{text('.refusal')}?.includes('viewer')")
         await page.wait("document.querySelector('.scene-tools button')?.disabled")

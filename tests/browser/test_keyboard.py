@@ -263,7 +263,7 @@ async def test_services_goals_and_parameters_by_keys(browser: Browser) -> None:
 
 
 async def test_driving_with_its_limits_by_keys(browser: Browser) -> None:
-    async with panel(browser, "jazzy", "teleop") as (served, page):
+    async with panel(browser, "jazzy", "teleop", size=WIDE) as (served, page):
         sent: list[tuple[float, float, float]] = []
         served.node.subscribe("/cmd_vel", lambda it: sent.append((it.linear.x, it.linear.y, it.angular.z)))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
@@ -302,7 +302,7 @@ async def test_what_is_held_over_a_restart_of_the_server_sends_nothing_until_it_
 ) -> None:
     with running("serve", "ws://127.0.0.1:0", "--demo") as (process, url):
         page_url = url.replace("ws", "http", 1) + "/"
-        async with browser.page(f"{page_url}healthz", 500, 400) as page:
+        async with browser.page(f"{page_url}healthz", *WIDE) as page:
             page.forgive(REFUSED, "ERR_CONNECTION_REFUSED", "WebSocket")
             await open_panels(page, page_url, [("teleop", {})])
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
@@ -349,8 +349,8 @@ async def scene(browser: Browser, **arguments: Any) -> AsyncIterator[tuple[Stand
 
 @pytest.mark.skipif(
     os.environ.get("BROWSER") == "firefox",
-    reason="once a goal is cancelled, Firefox's own controls have the focus at Set pose (document.hasFocus()"
-    " is false there), and Enter presses nothing; why is not known",
+    reason="once a goal is cancelled, Firefox's own controls have the focus at Set initial pose"
+    " (document.hasFocus() is false there), and Enter presses nothing; why is not known",
 )
 async def test_the_view_and_its_tools_by_keys(browser: Browser) -> None:
     async with scene(browser) as (served, page):
@@ -365,7 +365,7 @@ async def test_the_view_and_its_tools_by_keys(browser: Browser) -> None:
         await page.wait(
             "document.querySelector('.scene-tools button:not(:disabled)')?.textContent === 'Set goal'"
         )
-        await tab_to(page, says("From above"))
+        await tab_to(page, says("Top view"))
         await press(page, "Enter")
         await tab_to(page, "it.tagName === 'CANVAS'")
         far = f"{camera}.camera.position.distanceTo({camera}.controls.target)"
@@ -396,7 +396,7 @@ async def test_the_view_and_its_tools_by_keys(browser: Browser) -> None:
         await press(page, "Enter")
         await page.wait("document.querySelector('.goal-canceled')")
 
-        await tab_to(page, says("Set pose"), back=True)
+        await tab_to(page, says("Set initial pose"), back=True)
         await press(page, "Enter", "e", "ArrowLeft", "Enter")
         await until(lambda: bool(poses))
         assert poses[0].position.x == pytest.approx(start[0] - 0.1, abs=2e-3)
@@ -441,9 +441,11 @@ async def test_interactive_markers_are_moved_pressed_and_put_back_by_keys(browse
             await open_panels(page, served.url, [("scene", {})])
 
             async def handle(marker: str, control: str = "") -> None:
-                await page.wait("document.querySelector('.scene-tools')?.textContent.includes('Handles')")
+                await page.wait(
+                    "document.querySelector('.scene-tools')?.textContent.includes('Interactive markers')"
+                )
                 if not await page.evaluate("document.querySelector('.scene-tools [open]')"):
-                    await tab_to(page, says("Handles"))
+                    await tab_to(page, says("Interactive markers"))
                     await press(page, "Enter")
                 await tab_to(page, says(f"{marker} · {control}"))
 
@@ -584,7 +586,7 @@ async def one_switch(page: Page) -> AsyncIterator[Switch]:
 
 
 async def test_what_one_switch_can_do_lights_up_by_itself(browser: Browser) -> None:
-    async with panel(browser, "jazzy", "teleop") as (_, page):
+    async with panel(browser, "jazzy", "teleop", size=WIDE) as (_, page):
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
         await page.click("text=One switch")
         for name in ("Stop", "Directions", "Limits", "Stop"):
@@ -592,7 +594,7 @@ async def test_what_one_switch_can_do_lights_up_by_itself(browser: Browser) -> N
 
 
 async def test_one_switch_does_all_that_driving_offers(browser: Browser) -> None:
-    async with panel(browser, "jazzy", "teleop") as (served, page):
+    async with panel(browser, "jazzy", "teleop", size=WIDE) as (served, page):
         sent: list[tuple[float, float, float]] = []
         served.node.subscribe("/cmd_vel", lambda it: sent.append((it.linear.x, it.linear.y, it.angular.z)))
         still = [(0.0, 0.0, 0.0)] * 3
@@ -634,7 +636,7 @@ async def test_one_switch_does_all_that_the_goal_panel_offers(browser: Browser) 
             await switch.press("Cancel")
             await page.wait("document.querySelector('.goal-canceled')")
             await switch.press("Step 0.5", "Frame map", "Frame odom")
-            await switch.press("Move the goal", "2 m back", "Set robot pose here")
+            await switch.press("Move the goal", "2 m back", "Set initial pose")
             await until(lambda: bool(poses))
             frame, pose = poses[0]
             assert frame == "base_link"

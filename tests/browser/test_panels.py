@@ -675,3 +675,15 @@ async def test_the_side_draws_topics_opens_them_and_searches(browser: Browser) -
         await page.click(".side .topic-name")
         await page.wait(f"{text('.panel-topics .detail h2')} === '/odom'")
         assert await violations(page) == []
+
+
+async def test_a_closed_panel_comes_back_by_undo(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 1000, 600) as page:
+            await open_panels(page, url, [("topics", {"topic": "/odom"}), ("log", {})])
+            await page.click('[aria-label="Close Topics"]')
+            await page.wait("!document.querySelector('.panel-topics')")
+            await page.click('header .menus summary:has-text("Layouts")')
+            await page.click("text=Undo the last change")
+            await page.wait(f"{text('.panel-topics .detail h2')} === '/odom'")

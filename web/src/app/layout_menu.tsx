@@ -1,6 +1,8 @@
 /** Saving and opening layouts: in the browser, as files, and from the robot's folder. */
 
 import { useSignal } from "@preact/signals";
+import { Undo2 } from "lucide";
+import { Icon } from "../forms/icon";
 import { t } from "../i18n/text";
 import { saveAs } from "../panels/component";
 import { type App, readLayout } from "./state";
@@ -81,6 +83,13 @@ export function LayoutMenu({ app, close }: { app: App; close: () => void }) {
         ))}
       </ul>
       <ul>
+        {app.canUndo.value && (
+          <li>
+            <button type="button" onClick={() => attempt(() => app.undo())}>
+              <Icon of={Undo2} size={16} /> {t("layout.undo")}
+            </button>
+          </li>
+        )}
         <li>
           <label class="file">
             {t("layout.load")}

@@ -46,6 +46,13 @@ const HUNG = 5000;
 const THEME = "rwt-theme";
 const SIDE = "rwt-side";
 
+/** Arrangements that can be gone back to. */
+const MOST_UNDONE = 20;
+
+function kindsIn({ panels }: Layout): string {
+  return panels.map(({ id }) => id).join("\n");
+}
+
 /** Whether a text is the address of a rosbridge server. */
 export function isRobotUrl(text: string): boolean {
   return /^wss?:\/\/[^\s/]+/i.test(text) && URL.canParse(text);
@@ -109,6 +116,10 @@ export class App {
   /** Settings of the panels that are drawn now, by their ids. */
   readonly configs: Signal<ReadonlyMap<string, Signal<PanelConfig>>> = signal(new Map());
   private opened = false;
+  /** Earlier arrangements, the last one at the end; of changes within a second the first one. */
+  private readonly earlier: Signal<readonly Layout[]> = signal([]);
+  private isUndoing = false;
+  readonly canUndo = computed(() => this.earlier.value.length > 0);
 
   constructor(
     readonly settings: PageSettings,
@@ -156,9 +167,20 @@ export class App {
     effect(() => {
       if (!this.opened && this.session.graph.value.topics.size) this.show(this.suggested());
     });
+    let shown: Layout | null = null;
+    let rememberedAt = 0;
     effect(() => {
       const layout = this.layout;
-      if (this.opened) localStorage.setItem(LAST + this.robot, JSON.stringify(layout));
+      if (!this.opened) return;
+      localStorage.setItem(LAST + this.robot, JSON.stringify(layout));
+      const before = shown;
+      shown = layout;
+      // Settings of panels, and sizes, are no arrangement.
+      if (!before || kindsIn(before) === kindsIn(layout) || this.isUndoing) return;
+      if (Date.now() - rememberedAt > SETTLED) {
+        this.earlier.value = [...this.earlier.peek(), before].slice(-MOST_UNDONE);
+      }
+      rememberedAt = Date.now();
     });
   }
 
@@ -262,6 +284,16 @@ export class App {
 
   configure(id: string, config: PanelConfig): void {
     this.panels.value = this.panels.peek().map((panel) => (panel.id === id ? { ...panel, config } : panel));
+  }
+
+  /** Go back to the panels before the last one was opened, closed or replaced. */
+  undo(): void {
+    const layout = this.earlier.peek().at(-1);
+    if (!layout) return;
+    this.isUndoing = true;
+    this.show(layout);
+    this.isUndoing = false;
+    this.earlier.value = this.earlier.peek().slice(0, -1);
   }
 
   get savedNames(): string[] {

@@ -66,6 +66,7 @@ export const de: Record<TextKey, string> = {
   "layout.reset": "Von vorn beginnen",
   "layout.empty": "Alle Felder sind geschlossen.",
   "layout.empty.hint": "Fügen Sie ein Feld hinzu, oder öffnen Sie die Felder, die zu diesem Roboter passen.",
+  "layout.undo": "Letzte Änderung zurücknehmen",
   "layout.offered": "Vom Roboter",
   "layout.mine": "In diesem Browser",
   "layout.link": "Link kopieren",

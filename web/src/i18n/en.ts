@@ -63,6 +63,7 @@ export const en = {
   "layout.reset": "Reset layout",
   "layout.empty": "All panels are closed.",
   "layout.empty.hint": "Add a panel, or go back to the panels that fit this robot.",
+  "layout.undo": "Undo the last change",
   "layout.offered": "From the robot",
   "layout.mine": "In this browser",
   "layout.link": "Copy link",

@@ -137,6 +137,7 @@ function Controls(props: { context: PanelContext; topic: string; isPhone: boolea
         <button
           type="button"
           class="show-limits"
+          data-scan="press"
           aria-expanded={limitsShown.value}
           onClick={() => {
             limitsShown.value = !limitsShown.value;
