@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from rwt_interfaces import standard
-from rwt_interfaces.definitions import actionlib, package_directories, parser
+from rwt_interfaces.definitions import actionlib, parser
 from rwt_interfaces.definitions.model import (
     PRIMITIVES,
     ActionDefinition,
@@ -177,8 +177,10 @@ class Registry:
         Raises:
             DefinitionError: a file is invalid; the error names the file and the line.
         """
+        from rwt_interfaces.definitions.package_directories import interface_files  # Few have own types.
+
         found: dict[tuple[Kind, str], tuple[_Definition, Path]] = {}
-        for file in package_directories.interface_files(Path(path)):
+        for file in interface_files(Path(path)):
             name = f"{file.package}/{file.name}"
             definition = self._parse(file.kind, name, file.read(), str(file.path))
             earlier, where = found.setdefault((file.kind, name), (definition, file.path))
