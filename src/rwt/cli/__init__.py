@@ -75,7 +75,7 @@ COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
     Command("web", "serve the dashboard without a robot, for any rosbridge server", "serve.web"),
     Command("hub", "relay clients to robots behind a NAT"),
-    Command("master", "ROS 1 master without ROS"),
+    Command("master", "ROS 1 master without ROS", "serve.master"),
     Command("run", "run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
     Command("launch", "start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
     Command("topic", "topics: list, echo, pub, hz and more"),
