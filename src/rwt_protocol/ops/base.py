@@ -168,7 +168,8 @@ Values = Annotated[
 class Op(BaseModel):
     """Message of the protocol. Immutable.
 
-    Unknown members are ignored (ENV-01), and null stands for an absent optional member.
+    Unknown members are ignored (ENV-01), and null stands for an absent optional member. For the wire, use
+    :func:`rwt_protocol.dump`, which leaves absent members out; ``model_dump_json`` writes them as null.
 
     The docstring of each op describes its members; the reference is generated from it.
 
