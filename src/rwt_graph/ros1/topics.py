@@ -220,7 +220,7 @@ class Subscription:
         """Receive from a publisher until the connection ends; raises Ros1Error."""
         session = self._session
         host, port = await request_topic(uri, self.node.name, self.name)
-        link = await open_link(session.sockets, session.inflow, host, port)
+        link = await open_link(session.sockets, host, port)
         link.on_header = self._on_header
         try:
             await exchange_headers(
