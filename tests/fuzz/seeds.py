@@ -22,6 +22,7 @@ from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.asgi_targets import requests
 from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
+from tests.fuzz.ros1_targets import calls, connections
 from tests.protocol.wire_examples import EXAMPLES
 from tests.rwt.media.webrtc.test_frame_size import sequence_parameters, vp8_header
 from tests.rwt.media.webrtc.test_rtp_packets import VALID as RTCP_VALID
@@ -82,6 +83,8 @@ def seeds(name: str) -> Iterator[bytes]:
         "asgi": _scopes,
         "ros_arguments": _command_lines,
         "content_filter": _filters,
+        "tcpros": connections,
+        "xml_rpc": calls,
     }[name]()
 
 

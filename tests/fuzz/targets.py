@@ -17,6 +17,7 @@ from tests.fuzz import (
     peer_targets,
     protocol_targets,
     rclpy_targets,
+    ros1_targets,
     wire_targets,
 )
 
@@ -57,6 +58,8 @@ TARGETS: Mapping[str, Target] = {
         asgi_targets.asgi,
         rclpy_targets.ros_arguments,
         rclpy_targets.content_filter,
+        ros1_targets.tcpros,
+        ros1_targets.xml_rpc,
     )
 }
 

@@ -210,7 +210,9 @@ async def test_a_restarted_master_gets_all_registrations(
     assert "* to: /robot/program" in info
 
 
-async def test_a_subscriber_that_stalls_is_bounded_and_affects_no_other(ros: Ros, graph: Ros1Graph) -> None:
+async def test_a_subscriber_that_stalls_is_bounded_and_affects_no_other(
+    ros: Ros, graph: Ros1Graph, caplog: pytest.LogCaptureFixture
+) -> None:
     stalled, other = ros.program("stalled"), ros.program("other")
     for program in (stalled, other):
         program.run(SUBSCRIBE.replace("m.data", "len(m.data)"))
@@ -226,6 +228,7 @@ async def test_a_subscriber_that_stalls_is_bounded_and_affects_no_other(ros: Ros
         links = graph._session.nodes["/talker"].publications["/chatter"].links
         (slow,) = (link for link in links if link.stream.dropped)
         assert slow.caller == "/robot/stalled"
+        assert caplog.text.count("node /robot/stalled reads /chatter too slowly") == 1
         assert slow.stream._queued <= 18_000_000
     finally:
         stalled.process.send_signal(18)

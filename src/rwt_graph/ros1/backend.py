@@ -6,6 +6,8 @@ import logging
 from functools import partial
 from typing import TYPE_CHECKING, Final, Self
 
+import anyio.to_thread
+
 from rwt_graph.errors import Ros1Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros1.actions import Ros1Actions
@@ -100,7 +102,7 @@ class Ros1Graph(MemoryGraph):
         return self
 
     async def _join(self) -> None:
-        address = own_address(self.master)
+        address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
         try:
             session = self._session = Session(self, self.master, address)
             if self._is_master:

@@ -202,7 +202,7 @@ class Discovery:
         session = self._session
         uri = await session.call_master("lookupNode", "/rwt", node)
         host, port = await request_topic(str(uri), "/rwt", topic)
-        link = await open_link(session.sockets, session.inflow, host, port)
+        link = await open_link(session.sockets, host, port)
         fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
         header = await exchange_headers(link, fields)
         link.close()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.parameters.tree import ParameterTree
+from rwt_graph.ros1.parameters import is_below
 from rwt_graph.ros1.wire import rpc
 from rwt_interfaces.distro import NOETIC
 from rwt_participant.errors import NotFound, ParameterRejected
@@ -272,19 +273,15 @@ class Master:
         for (uri, watched), caller in self._watches.items():
             if caller == setter:
                 continue
-            if _is_below(name, watched):
+            if is_below(name, watched):
                 self._notify(uri, "paramUpdate", name.rstrip("/") + "/", value)
-            elif _is_below(watched, name):
+            elif is_below(watched, name):
                 inner = self._parameters.get(watched) if self._parameters.has(watched) else {}
                 self._notify(uri, "paramUpdate", watched + "/", inner)
 
     def close(self) -> None:
         """Stop listening."""
         self._server.close()
-
-
-def _is_below(name: str, ancestor: str) -> bool:
-    return name == ancestor or name.startswith(ancestor.rstrip("/") + "/")
 
 
 def _absolute(caller: str, key: str) -> str:

@@ -116,7 +116,7 @@ class Ros1Node:
             logger.warning("node %s has %d connections; another one is refused", self.name, _MOST_LINKS)
             accepted.close()
             return
-        link = Link(self._session.sockets, accepted, peer, self._session.inflow)
+        link = Link(self._session.sockets, accepted, peer)
         link.on_header = self._on_header
         self._links.add(link)
 

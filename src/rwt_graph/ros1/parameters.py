@@ -121,16 +121,17 @@ class MasterParameters(ParameterTree):
         self._requests.clear()
         values = dict(_leaves("", found))
         for name in self.names():
-            if name not in values and not any(_is_below(name, own) for own in self._own):
+            if name not in values and not any(is_below(name, own) for own in self._own):
                 self._apply(name, None)
         for name, value in values.items():
             self._apply(name, value)
         for name in self._own:
-            if not any(_is_below(each, name) for each in values):
+            if not any(is_below(each, name) for each in values):
                 self._request("setParam", name)
 
 
-def _is_below(name: str, ancestor: str) -> bool:
+def is_below(name: str, ancestor: str) -> bool:
+    """Return True if a parameter is another one, or within it."""
     return name == ancestor or name.startswith(ancestor.rstrip("/") + "/")
 
 

@@ -203,7 +203,7 @@ class Ros1Services:
             host, port = address_of(str(uri), "rosrpc")
         except WireError as error:
             raise Ros1Error(f"service {name} has no address: {error}") from error
-        return await open_link(session.sockets, session.inflow, host, port)
+        return await open_link(session.sockets, host, port)
 
     def info(self, name: str) -> ServiceInfo | None:
         return self._remote.get(name, ("", None))[1]

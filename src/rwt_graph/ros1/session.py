@@ -13,7 +13,6 @@ from rwt_graph.errors import Ros1Error
 from rwt_graph.ros1.node import Ros1Node
 from rwt_graph.ros1.registrar import Registrar
 from rwt_graph.ros1.wire import rpc
-from rwt_graph.ros1.wire.links import Inflow
 from rwt_graph.ros1.wire.sockets import Sockets
 from rwt_graph.ros1.wire_types import WireTypes
 
@@ -45,7 +44,6 @@ class Session:
         self.master = master
         self.address = address
         self.sockets = Sockets(graph)
-        self.inflow = Inflow()
         self.types = WireTypes(graph.registry)
         self.nodes: dict[str, Ros1Node] = {}
         self.registrar = Registrar(self)

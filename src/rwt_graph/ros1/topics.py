@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
+import weakref
 from collections import deque
 from collections.abc import Iterable
 from functools import partial
@@ -66,6 +67,7 @@ class Publication:
         self._node = node
         self._discovery = discovery
         self._definition = type.registry.full_text(type)
+        self._slow: weakref.WeakSet[Link] = weakref.WeakSet()
         self._startup_end = time.monotonic() + _STARTUP_SECONDS
         self._startup: deque[tuple[bytes | memoryview, ...]] = deque(maxlen=_STARTUP_MESSAGES)
 
@@ -140,6 +142,11 @@ class Publication:
                 self._startup.append(tuple(map(bytes, frame)))
             for link in tuple(self.links):
                 link.stream.send(frame)
+                if link.stream.dropped and link not in self._slow:
+                    self._slow.add(link)
+                    logger.warning(
+                        "node %s reads %s too slowly: its oldest messages are dropped", link.caller, self.name
+                    )
 
     def close(self) -> None:
         """Close the connections of subscribers."""
@@ -213,7 +220,7 @@ class Subscription:
         """Receive from a publisher until the connection ends; raises Ros1Error."""
         session = self._session
         host, port = await request_topic(uri, self.node.name, self.name)
-        link = await open_link(session.sockets, session.inflow, host, port)
+        link = await open_link(session.sockets, host, port)
         link.on_header = self._on_header
         try:
             await exchange_headers(

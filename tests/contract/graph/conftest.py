@@ -10,8 +10,10 @@ import pytest
 
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_graph.api import GoalEvents, Graph
+from rwt_graph.ros1 import Ros1Graph
 from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh import topics as zenoh_topics
+from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_participant.errors import CallFailed
@@ -19,6 +21,7 @@ from rwt_participant.goals import GoalStatus
 from rwt_participant.messages import Message
 from tests.contract.graph.paired import PairedGraph
 from tests.contract.graph.ros2_pair import DIFFERENCES, HAS_ROS, Ros2Pair
+from tests.processes import free_port
 from tests.zenoh_links import QUICK, Counting, Ripple, free_endpoint
 
 
@@ -78,6 +81,15 @@ class LoneZenohHarness(MemoryHarness):
         self.graph = ZenohGraph(Registry(), self.clock)
 
 
+class LoneRos1Harness(MemoryHarness):
+    """A graph that is a ROS 1 master, and that nobody has joined."""
+
+    def __init__(self) -> None:
+        self.clock = SimulatedClock(start_ns=1_000_000_000)
+        master = f"ros1-master://127.0.0.1:{free_port()}"
+        self.graph = Ros1Graph(Registry(NOETIC), self.clock, master=master)
+
+
 class ZenohHarness(Harness):
     """Two graphs over Zenoh: providers in one, consumers in the other."""
 
@@ -116,9 +128,19 @@ class Ros2Harness(Harness):
         await self._pair.settle()
 
 
+#: Tests that spell types and times as ROS 2 does, or count the nodes.
+OF_ROS2 = {
+    "test_another_type_is_refused_whoever_comes_first": "names of types have two parts",
+    "test_nodes_and_what_they_take_part_in": "a master has the node /rosout",
+    "test_rosout_and_clock_exist_without_any_node": "the type of /rosout is another one",
+    "test_subscriber_count_and_endpoints": "names of types have two parts",
+    "test_the_clock_is_published_as_it_moves": "the fields of a time have other names",
+}
+
 #: A backend over the network adds itself here.
 BACKENDS: dict[str, Callable[[], Harness]] = {
     "memory": MemoryHarness,
+    "ros1-alone": LoneRos1Harness,
     "zenoh": ZenohHarness,
     "zenoh-alone": LoneZenohHarness,
 }
@@ -134,6 +156,8 @@ async def harness(
     monkeypatch.setattr(zenoh_topics, "belongs_to_action", lambda _topic: True)
     if request.param == "ros2" and (why := DIFFERENCES.get(request.node.originalname)):
         request.applymarker(pytest.mark.xfail(reason=why, strict=False))
+    if request.param == "ros1-alone" and (why := OF_ROS2.get(request.node.originalname)):
+        request.applymarker(pytest.mark.xfail(reason=why))
     made = BACKENDS[request.param]()
     async with made.graph:
         yield made

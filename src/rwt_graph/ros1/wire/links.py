@@ -27,13 +27,6 @@ OnLink: TypeAlias = "Callable[[Link], None]"
 OnFrame: TypeAlias = "Callable[[Link, bytes], None]"
 
 
-class Inflow:
-    """Bytes of incomplete frames, of all connections of a graph."""
-
-    def __init__(self) -> None:
-        self.total = 0
-
-
 class Link:
     """TCPROS connection.
 
@@ -49,7 +42,7 @@ class Link:
         reason: why the peer's side has ended it.
     """
 
-    def __init__(self, sockets: Sockets, sock: socket.socket, peer: str, inflow: Inflow) -> None:
+    def __init__(self, sockets: Sockets, sock: socket.socket, peer: str) -> None:
         self.header: dict[str, str] = {}
         self.peer = peer
         self.on_header: OnLink = _ignore
@@ -60,7 +53,7 @@ class Link:
         self.closed = anyio.Event()
         self.reason = ""
         self._has_header = False
-        self._inflow = inflow
+        self._sockets = sockets
         self._held = 0
         self._opened = time.monotonic()
         self.stream = Stream(sockets, sock, self._on_data, self._on_lost)
@@ -85,9 +78,9 @@ class Link:
         self.stream.read_bytes = min(max(self.frames.missing, READ_BYTES), MOST_READ_BYTES)
         held = self.frames.held
         if held != self._held:
-            self._inflow.total += held - self._held
+            self._sockets.receiving += held - self._held
             self._held = held
-            if held and self._inflow.total > _MOST_RECEIVED:
+            if held and self._sockets.receiving > _MOST_RECEIVED:
                 raise WireError("too many large messages are being received")
 
     def send_header(self, fields: Mapping[str, str]) -> None:
@@ -119,7 +112,7 @@ class Link:
         self.stream.close()
 
     def _release(self) -> None:
-        self._inflow.total -= self._held
+        self._sockets.receiving -= self._held
         self._held = 0
         self.ready.set()
         self.closed.set()
@@ -133,7 +126,7 @@ def _ignore_frame(_link: Link, _frame: bytes) -> None:
     pass
 
 
-async def open_link(sockets: Sockets, inflow: Inflow, host: str, port: int) -> Link:
+async def open_link(sockets: Sockets, host: str, port: int) -> Link:
     """Connect to another node.
 
     Raises:
@@ -145,7 +138,7 @@ async def open_link(sockets: Sockets, inflow: Inflow, host: str, port: int) -> L
     except (OSError, TimeoutError) as error:
         why = f"no answer within {CONNECT_SECONDS:g} s" if isinstance(error, TimeoutError) else error
         raise Ros1Error(f"{host}:{port} cannot be reached: {why}") from error
-    return Link(sockets, sock, host, inflow)
+    return Link(sockets, sock, host)
 
 
 async def exchange_headers(link: Link, fields: Mapping[str, str]) -> dict[str, str]:

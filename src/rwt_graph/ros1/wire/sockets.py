@@ -42,10 +42,12 @@ class Sockets:
 
     Attributes:
         spawn: starts a task on the graph's event loop.
+        receiving: bytes of incomplete frames of all connections.
     """
 
     def __init__(self, graph: Runtime) -> None:
         self.spawn = graph.spawn
+        self.receiving = 0
         self._calls: dict[socket.socket, Callable[[], None]] = {}
         try:
             self._loop: asyncio.AbstractEventLoop | None = asyncio.get_running_loop()
