@@ -415,7 +415,7 @@ async def test_layers_are_switched_by_keys(browser: Browser) -> None:
     async with scene(browser) as (_, page):
         row = "document.querySelector('.scene-view').robotScene.rows.value.find(r => r.topic === '/map')"
         await page.wait(f"Boolean({row}?.layer)")
-        await tab_to(page, says("Layers"))
+        await tab_to(page, f"it.closest('.scene-tools') && {says('Layers')}")
         await press(page, "Enter")
         await tab_to(page, says("/map"))
         await press(page, " ")

@@ -76,6 +76,9 @@ TRY_ALL = """(async () => {
   }
   const scene = panel.querySelector(".scene-view")?.robotScene;
   if (scene) {
+    // Layers that were switched off and on again ask for their markers anew.
+    const handles = () => scene.rows.value.some(({ layer }) => layer?.handles.value.length);
+    for (let turn = 0; turn < 100 && !handles(); turn++) await pause(100);
     for (const { layer } of scene.rows.value) {
       for (const handle of layer?.handles.value ?? []) {
         handle.key("ArrowUp", false);
