@@ -264,7 +264,7 @@ class _GuardedTurn(turn.TurnClientMixin):
         """Hand over a message of the server, or drop it unless it is valid."""
         assert isinstance(data, bytes)
         try:
-            if data[:1] < b"\x40":
+            if not data or data[0] >> 6 != 1:  # Not channel data.
                 check_stun(data, TURN_METHODS, TURN_BYTES)
             super().datagram_received(data, addr)
         except BadStun as bad:

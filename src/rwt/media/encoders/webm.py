@@ -61,6 +61,8 @@ class Webm:
             + _number(0x73C5, 1)  # TrackUID
             + _number(0x83, 1)  # TrackType: video
             + _number(0x9C, 0)  # FlagLacing
+            # DefaultDuration, a guess: players that do not know it read dozens of frames before they begin.
+            + _number(0x23E383, 33_333_333)
             + _element(0x86, self._codec)
             + _element(0xE0, video)
         )
