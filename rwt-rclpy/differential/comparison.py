@@ -196,7 +196,7 @@ class Result:
 
 
 def compare_ours(distro: str, real: Outputs, names: list[str]) -> Result:
-    """Compare this rclpy's outputs; programs that differ are played again alone, as a busy machine delays them."""
+    """Compare this rclpy's outputs; programs that differ are played again alone, without delays by others."""
     result = compare(distro, real, play_ours(distro, names))
     for difference in result.unreviewed[:20]:
         again = compare(distro, real, play_ours(distro, [difference.name]))
