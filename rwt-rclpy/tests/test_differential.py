@@ -10,12 +10,14 @@ from differential.player import areas
 _JAZZY, _KILTED = read_recorded("jazzy"), read_recorded("kilted")
 
 
+@pytest.mark.timeout(600)  # Some programs wait for what must not happen.
 @pytest.mark.parametrize("area", areas())
 def test_programs_print_the_same_as_on_jazzy(area: str) -> None:
     result = compare_ours("jazzy", read_recorded("jazzy", [area]), [area])
     assert result.ok, "\n".join([result.summary(), *(each.text() for each in result.unreviewed)])
 
 
+@pytest.mark.timeout(600)
 def test_programs_that_kilted_changed_print_the_same_as_there() -> None:
     changed = [name for name, text in _KILTED.items() if text != _JAZZY.get(name)]
     result = compare_ours("kilted", read_recorded("kilted", changed), changed)
