@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-ros1 test-ros2
+client-grades size clean test-ros1 test-ros2 test-rclpy-real
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -104,6 +104,16 @@ ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconf
 
 test-ros1: $(STAMP)-dev /usr/bin/rosmaster
 	$(BIN)/python -m pytest tests/ros1 $(ARGS)
+
+# Programs that print the same with the real rclpy of ROS 2 and with rwt-rclpy; ARGS are areas or programs.
+build/rclpy-%/.installed:
+	python3.11 -m venv build/rclpy-$*
+	build/rclpy-$*/bin/python -m pip install --quiet numpy $(addprefix ros-$*-,$(ROS2_PACKAGES))
+	touch $@
+
+test-rclpy-real: $(STAMP)-test build/rclpy-jazzy/.installed build/rclpy-kilted/.installed
+	PYTHONPATH=rwt-rclpy $(BIN)/python -m differential --distro jazzy --real build/rclpy-jazzy $(ARGS)
+	PYTHONPATH=rwt-rclpy $(BIN)/python -m differential --distro kilted --real build/rclpy-kilted $(ARGS)
 
 # The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,
 # and pulseaudio for those of sound.

@@ -14,6 +14,7 @@ from rwt_rclpy.execution.signals import (
 )
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.parameters.parameter import Parameter
+from rwt_rclpy.release import RELEASE
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
@@ -28,7 +29,7 @@ def init(
     context: Context | None = None,
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
-) -> InitContextManager:
+) -> InitContextManager | None:
     """Initialise a context.
 
     Args:
@@ -38,7 +39,7 @@ def init(
         signal_handler_options: signals that end it; by default both for the default context, none for others.
 
     Returns:
-        Context manager that shuts it down.
+        Context manager that shuts it down, from ROS 2 Kilted on; None before.
     """
     default = get_default_context()
     context = default if context is None else context
@@ -46,7 +47,7 @@ def init(
         signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
     context.init(args, domain_id=domain_id)
     install_signal_handlers(signal_handler_options)
-    return InitContextManager(context)
+    return InitContextManager(context) if RELEASE.init_returns_context_manager else None
 
 
 class InitContextManager:

@@ -21,7 +21,10 @@ class Release:
         executors_outlive_shutdown: True if nodes and tasks may be added to an executor after its shutdown.
         error_without_context: what an executor raises without an initialised context.
         error_after_shutdown: what a node raises that makes a publisher or a subscription after the shutdown.
+        executors_create_futures: True if executors have `create_future`.
+        init_returns_context_manager: True if `rclpy.init` may be used in a ``with`` statement.
         transitions_raise: True if impossible lifecycle transitions raise RCLError; otherwise they fail.
+        warn_is_deprecated: True if `warn` of a logger issues a DeprecationWarning.
     """
 
     calls_raise_timeout: bool
@@ -31,7 +34,10 @@ class Release:
     executors_outlive_shutdown: bool
     error_without_context: type[Exception]
     error_after_shutdown: type[Exception]
+    executors_create_futures: bool
+    init_returns_context_manager: bool
     transitions_raise: bool
+    warn_is_deprecated: bool
 
 
 RELEASES: Final = {
@@ -43,7 +49,10 @@ RELEASES: Final = {
         executors_outlive_shutdown=False,
         error_without_context=TypeError,
         error_after_shutdown=RCLError,
+        executors_create_futures=False,
+        init_returns_context_manager=False,
         transitions_raise=True,
+        warn_is_deprecated=False,
     ),
     "kilted": Release(
         calls_raise_timeout=True,
@@ -53,7 +62,10 @@ RELEASES: Final = {
         executors_outlive_shutdown=True,
         error_without_context=RuntimeError,
         error_after_shutdown=InvalidHandle,
+        executors_create_futures=True,
+        init_returns_context_manager=True,
         transitions_raise=False,
+        warn_is_deprecated=True,
     ),
 }
 #: Distribution of ROS_DISTRO, which `rwt run --distro` sets; by default Jazzy.

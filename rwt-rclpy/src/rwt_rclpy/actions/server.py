@@ -439,6 +439,8 @@ class ActionServer(Entity):
             self._logger.error(f"Error raised in execute callback: {error}")
             traceback.print_exc()
             result = self._action_type.Result()
+        if result is None:
+            raise AttributeError("the execute callback returned None, not a result")
         if handle.is_active:
             self._logger.warning(
                 "Goal state not set, assuming aborted. Goal ID: " + bytes(handle.goal_id.uuid).hex()

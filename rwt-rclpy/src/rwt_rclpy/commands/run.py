@@ -34,6 +34,12 @@ def add_run_command(commands: Commands) -> None:
         help="release of ROS 2 whose rclpy is followed (default jazzy)",
     )
     parser.add_argument(
+        "--check-fields",
+        action=argparse.BooleanOptionalAction,
+        help="check values when they are assigned to fields of messages, which ROS does not do by default"
+        " (default: what ROS_PYTHON_CHECK_FIELDS says, or else yes)",
+    )
+    parser.add_argument(
         "program",
         nargs=argparse.REMAINDER,
         metavar="FILE | PACKAGE EXECUTABLE",
@@ -45,6 +51,8 @@ def add_run_command(commands: Commands) -> None:
 def _run(arguments: Arguments) -> int:
     if arguments.distro:  # Read when rclpy is imported, here and in processes that are started.
         os.environ["ROS_DISTRO"] = arguments.distro
+    if arguments.check_fields is not None:
+        os.environ["ROS_PYTHON_CHECK_FIELDS"] = str(int(arguments.check_fields))
     import rwt_rclpy
     from rwt_participant.errors import RobotError
     from rwt_rclpy.running import run_program

@@ -133,9 +133,11 @@ class Executor:
         if self._is_shutdown and not RELEASE.executors_outlive_shutdown:
             raise AttributeError("the executor was shut down")
 
-    def create_future(self) -> Future:
-        """Return a future whose callbacks this executor runs."""
-        return Future(executor=self)
+    if RELEASE.executors_create_futures:
+
+        def create_future(self) -> Future:
+            """Return a future whose callbacks this executor runs."""
+            return Future(executor=self)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Start no more callbacks, and wait for running ones.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
@@ -12,6 +13,7 @@ from typing import Any, Final
 from rwt_rclpy.clocks.clock import Clock
 from rwt_rclpy.logs import output
 from rwt_rclpy.logs.output import LoggingSeverity
+from rwt_rclpy.release import RELEASE
 
 _OPTIONS: Final = ("once", "skip_first", "throttle_duration_sec", "throttle_time_source_type")
 
@@ -54,17 +56,21 @@ class RcutilsLogger:
 
     Attributes:
         name: dotted name; empty for the root.
+        logger_sublogger_namepair: names of the parent and of the part; None below the root.
     """
 
     def __init__(self, name: str = "") -> None:
         self.name = name
         self.contexts: dict[tuple[str, int, int], _Call] = {}
+        self.logger_sublogger_namepair: tuple[str, str] | None = None
 
     def get_child(self, name: str) -> RcutilsLogger:
         """Return the logger of a name below this one. Raises ValueError for an empty one."""
         if not name:
             raise ValueError("Child logger name must not be empty.")
-        return RcutilsLogger(f"{self.name}{output.SEPARATOR}{name}" if self.name else name)
+        child = RcutilsLogger(f"{self.name}{output.SEPARATOR}{name}" if self.name else name)
+        child.logger_sublogger_namepair = (self.name, name) if self.name else None
+        return child
 
     def set_level(self, level: int) -> None:
         """Set the level."""
@@ -128,6 +134,8 @@ class RcutilsLogger:
 
     def warn(self, message: str, **kwargs: Any) -> bool:
         """Log a warning (older name)."""
+        if RELEASE.warn_is_deprecated:
+            warnings.warn("Function warn() is deprecated, use warning()", DeprecationWarning, stacklevel=2)
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 
     def error(self, message: str, **kwargs: Any) -> bool:

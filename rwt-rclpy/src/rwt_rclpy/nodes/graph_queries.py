@@ -67,17 +67,32 @@ class GraphQueries:
                 return node
         raise NodeNameNonExistentError(f"Cannot get names and types: no node {full} is known")
 
-    def published_by(self, name: str, namespace: str) -> NamesAndTypes:
+    def published_by(self, name: str, namespace: str, *, no_demangle: bool = False) -> NamesAndTypes:
         """Return the topics that a node publishes. Raises NodeNameNonExistentError."""
-        return self._of_topics(self._node(name, namespace).publishing)
+        node = self._node(name, namespace)
+        return self._of_topics(node.publishing, node.services, "rr", "Reply", no_demangle)
 
-    def subscribed_by(self, name: str, namespace: str) -> NamesAndTypes:
+    def subscribed_by(self, name: str, namespace: str, *, no_demangle: bool = False) -> NamesAndTypes:
         """Return the topics that a node subscribes to. Raises NodeNameNonExistentError."""
-        return self._of_topics(self._node(name, namespace).subscribing)
+        node = self._node(name, namespace)
+        return self._of_topics(node.subscribing, node.services, "rq", "Request", no_demangle)
 
-    def _of_topics(self, names: Iterable[str]) -> NamesAndTypes:
+    def _of_topics(
+        self, names: Iterable[str], services: Iterable[str], prefix: str, suffix: str, no_demangle: bool
+    ) -> NamesAndTypes:
         known = dict(self.topics())
-        return [(name, known.get(name, [])) for name in names]
+        found = [(name, known.get(name, [])) for name in names]
+        if not no_demangle:
+            return found
+        # With DDS's names, the topics of services are listed, too.
+        kinds = dict(self.services())
+        part = {"Reply": "Response"}.get(suffix, suffix)
+        own = [
+            (f"{prefix}{each}{suffix}", [f"{kind}_{part}" for kind in kinds.get(each, [])])
+            for each in services
+        ]
+        own += [(f"rt{name}", types) for name, types in found]
+        return [(name, [_dds_type(kind) for kind in types]) for name, types in own]
 
     def services_of(self, name: str, namespace: str) -> NamesAndTypes:
         """Return the services that a node offers. Raises NodeNameNonExistentError."""

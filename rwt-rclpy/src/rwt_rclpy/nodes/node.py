@@ -799,14 +799,14 @@ class Node(NodeParameters):
     ) -> NamesAndTypes:
         """Return the topics that a node publishes. Raises NodeNameNonExistentError."""
         with self._handle:
-            return self._rwt_queries.published_by(node_name, node_namespace)
+            return self._rwt_queries.published_by(node_name, node_namespace, no_demangle=no_demangle)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
         """Return the topics that a node subscribes to. Raises NodeNameNonExistentError."""
         with self._handle:
-            return self._rwt_queries.subscribed_by(node_name, node_namespace)
+            return self._rwt_queries.subscribed_by(node_name, node_namespace, no_demangle=no_demangle)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return the services that a node offers. Raises NodeNameNonExistentError."""

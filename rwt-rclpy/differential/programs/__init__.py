@@ -1,0 +1,1 @@
+"""Programs of the comparison, one module for each area; each public function is a program."""

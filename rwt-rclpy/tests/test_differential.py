@@ -1,0 +1,28 @@
+"""Programs of `differential` print what the real rclpy printed, except for reviewed differences."""
+
+from __future__ import annotations
+
+import pytest
+
+from differential.comparison import compare_ours, read_recorded
+from differential.player import areas
+
+_JAZZY, _KILTED = read_recorded("jazzy"), read_recorded("kilted")
+
+
+@pytest.mark.timeout(600)  # Some programs wait for what must not happen.
+@pytest.mark.parametrize("area", areas())
+def test_programs_print_the_same_as_on_jazzy(area: str) -> None:
+    result = compare_ours("jazzy", read_recorded("jazzy", [area]), [area])
+    assert result.ok, "\n".join([result.summary(), *(each.text() for each in result.unreviewed)])
+
+
+@pytest.mark.timeout(600)
+def test_programs_that_kilted_changed_print_the_same_as_there() -> None:
+    changed = [name for name, text in _KILTED.items() if text != _JAZZY.get(name)]
+    result = compare_ours("kilted", read_recorded("kilted", changed), changed)
+    assert result.ok, "\n".join([result.summary(), *(each.text() for each in result.unreviewed)])
+
+
+def test_two_hundred_programs_are_recorded_for_each_release() -> None:
+    assert len(_JAZZY) >= 200 and set(_JAZZY) == set(_KILTED)
