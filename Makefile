@@ -60,6 +60,7 @@ lint: $(STAMP)-test
 
 types: $(STAMP)-test
 	$(BIN)/mypy
+	MYPYPATH=rwt-rclpy $(BIN)/mypy rwt-rclpy/differential
 
 # Style, types and tests of the page; what needs a browser is in tests/browser.
 web: $(PAGE)
