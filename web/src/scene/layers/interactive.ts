@@ -39,12 +39,16 @@ const MENU_SELECT = 2;
 const BUTTON_CLICK = 3;
 const MOUSE_DOWN = 4;
 const MOUSE_UP = 5;
+/** Sent poses that are kept; a server need not return all of them. */
+const MOST_SENT = 100;
 /** Pixels that the mouse may go and still click. */
 const CLICK = 4;
 
 interface Shown {
   marker: InteractiveMarker;
   object: Group;
+  /** Poses that were sent and that the server has not returned, oldest first. */
+  sent: Pose[];
 }
 
 /** A control that is held, and where its marker was before. */
@@ -145,7 +149,12 @@ export class InteractiveLayer extends Layer {
       const shown = this.markers.get(name);
       if (!shown) continue;
       shown.marker.pose = pose;
-      if (this.grip?.shown !== shown && this.taken?.shown !== shown) placeAt(shown.object, pose);
+      const at = shown.sent.findIndex((sent) => isSame(sent, pose));
+      shown.sent.splice(0, at + 1);
+      // An older pose of this page, which the server returns late, would move the marker back.
+      const isLate = at >= 0 && shown.sent.length > 0;
+      const isHeld = this.grip?.shown === shown || this.taken?.shown === shown;
+      if (!isHeld && !isLate) placeAt(shown.object, pose);
     }
     if (this.may) this.handles.value = [...this.markers.values()].flatMap((shown) => this.handlesOf(shown));
     this.context.view.redraw();
@@ -155,7 +164,7 @@ export class InteractiveLayer extends Layer {
     this.remove(marker.name);
     const { session, view, frames } = this.context;
     const object = new Group();
-    const shown = { marker, object };
+    const shown: Shown = { marker, object, sent: [] };
     for (const control of marker.controls) {
       for (const each of control.markers) {
         const drawn = poseMarker(
@@ -342,21 +351,35 @@ export class InteractiveLayer extends Layer {
     this.context.view.redraw();
   }
 
-  private send(kind: number, { marker, object }: Shown, control: Control, point: Vector3, entry = 0): void {
+  private send(kind: number, shown: Shown, control: Control, point: Vector3, entry = 0): void {
+    const { marker, object, sent } = shown;
     const { position: p, quaternion: q } = object;
     const { x, y, z } = point;
+    const pose = { position: { x: p.x, y: p.y, z: p.z }, orientation: { x: q.x, y: q.y, z: q.z, w: q.w } };
+    if (kind === POSE_UPDATE) {
+      sent.push(pose);
+      if (sent.length > MOST_SENT) sent.shift();
+    }
     this.feedback?.publish({
       header: header(this.context.session.version.peek(), marker.header.frame_id),
       client_id: this.client,
       marker_name: marker.name,
       control_name: control.name,
       event_type: kind,
-      pose: { position: { x: p.x, y: p.y, z: p.z }, orientation: { x: q.x, y: q.y, z: q.z, w: q.w } },
+      pose,
       menu_entry_id: entry,
       mouse_point: { x, y, z },
       mouse_point_valid: true,
     });
   }
+}
+
+function isSame(one: Pose, other: Pose): boolean {
+  const [p, q] = [one.position, other.position];
+  const [r, s] = [one.orientation, other.orientation];
+  return (
+    p.x === q.x && p.y === q.y && p.z === q.z && r.x === s.x && r.y === s.y && r.z === s.z && r.w === s.w
+  );
 }
 
 /** Where an object is in the fixed frame. */
