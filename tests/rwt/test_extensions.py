@@ -206,7 +206,7 @@ async def test_a_transport(stage: Path) -> None:
         ({"nodes": ["lump"]}, r'`nodes`: .* or "lamp", got \'lump\''),
         (
             {"graph": "state"},
-            r'`graph`: expected "memory" or "ros1" or "ros2" or "zenoh" or "stage", got \'state\'',
+            r'`graph`: expected "memory" or "ros1" .* or "zenoh" or "stage", got \'state\'',
         ),
         ({"encodings": ["none"]}, r'`encodings`: .* "msgpack", got \'none\''),
     ],

@@ -116,7 +116,7 @@ JAZZY_GRAPH = MemoryGraph()
         ({"distor": "noetic"}, "unknown setting `distor`; did you mean `distro`?"),
         ({"distro": "kinetic"}, '`distro`: expected "jazzy" or "noetic", got \'kinetic\''),
         ({"listen": [URL]}, "`listen`: given twice"),
-        ({"graph": "zeno"}, '`graph`: expected "memory" or "ros1" or "ros2" or "zenoh"'),
+        ({"graph": "zeno"}, '`graph`: expected "memory" or "ros1" or "ros1-master" or "ros2" or "zenoh"'),
         ({"workers": 4}, "4 processes cannot share the graph of this program"),
         ({"workers": 4, "script": Path("robot.toml")}, "script: sees one process only"),
         ({"interfaces": ["/nowhere"]}, "`interfaces`: /nowhere"),
