@@ -36,7 +36,7 @@ def add_graph_options(parser: argparse.ArgumentParser) -> None:
         "--graph",
         metavar="WHERE",
         help="the graph that the nodes join: memory (one of their own), ws://HOST:PORT or unix:///PATH of a"
-        " server, zenoh, or zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says, or else memory",
+        " server, zenoh, or zenoh:ENDPOINT; default: RWT_RCLPY_GRAPH, or memory",
     )
     parser.add_argument("--root", type=Path, metavar="DIR", help="where packages are looked for (default .)")
 
