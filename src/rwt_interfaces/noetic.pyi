@@ -709,6 +709,14 @@ class dynamic_reconfigure:
         name: builtins.str = ...
         value: builtins.str = ...
 
+    class Reconfigure:
+
+        class Request(msgspec.Struct):
+            config: dynamic_reconfigure.Config = ...
+
+        class Response(msgspec.Struct):
+            config: dynamic_reconfigure.Config = ...
+
 class example_interfaces:
 
     class Bool(msgspec.Struct):
