@@ -57,6 +57,14 @@ async def test_a_type_that_the_service_does_not_have() -> None:
             await it.node.call("/add", {}, "std_srvs/Trigger")
 
 
+async def test_a_service_is_listed_with_the_type_that_the_robot_reports() -> None:
+    async with world() as it:
+        it.node.advertise_service("/add", ADD, lambda request: {"sum": 1})
+        await it.robot.call("/add", {}, "rospy_tutorials/AddTwoInts")
+        listed = {each.name: each.type for each in await it.robot.services()}
+        assert listed["/add"] == "example_interfaces/srv/AddTwoInts"
+
+
 async def test_the_type_of_a_service_that_is_offered_anew() -> None:
     async with world() as it:
         first = it.node.advertise_service("/s", ADD, lambda request: {"sum": 1})

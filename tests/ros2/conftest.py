@@ -24,16 +24,14 @@ else:
     HAS_ROS = True
 
 
-@pytest.fixture(autouse=True)
-def needs_ros() -> None:
-    """Skip every test without ROS 2."""
-    if not HAS_ROS:
-        pytest.skip("needs ROS 2: run `make test-ros2`, which installs its wheels")
-
-
 @pytest.fixture(scope="session", autouse=True)
 def domain() -> int:
-    """Domain of this run: runs at the same time do not meet. Only this machine is reached."""
+    """Domain of this run: runs at the same time do not meet. Only this machine is reached.
+
+    Every test is skipped without ROS 2, before other fixtures import it.
+    """
+    if not HAS_ROS:
+        pytest.skip("needs ROS 2: run `make test-ros2`, which installs its wheels")
     number = 1 + os.getpid() % 100
     os.environ.update(ROS_DOMAIN_ID=str(number), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     return number

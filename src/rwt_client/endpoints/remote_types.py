@@ -61,6 +61,7 @@ class RemoteTypes:
         self.distro: Distro | None = None
         self.is_reported = False
         self._names: dict[tuple[str, str], str] = {}
+        self._checked: set[tuple[str, str, str]] = set()
 
     # -- for programs ----------------------------------------------------------------------------------------
 
@@ -173,14 +174,14 @@ class RemoteTypes:
     async def _check(
         self, what: str, name: str, stated: Interface, find: Callable[[str], Awaitable[Interface]]
     ) -> None:
-        if not self.is_reported or self._names.get((what, name)) == stated.name:
+        if not self.is_reported or (what, name, stated.name) in self._checked:
             return
         try:
             reported = await self._reported_name(what, name)
             package, _, short = parse_type_name(reported)
             if f"{package}/{short}" != stated.name:
                 check_interface(name, stated, await find(reported))
-            self._names[what, name] = stated.name
+            self._checked.add((what, name, stated.name))
         except (*UNANSWERED, InterfaceError) as error:
             self.is_reported = not isinstance(error, CallTimeout)
             logger.debug("the type of %s is not checked: %s", name, error)
