@@ -110,7 +110,7 @@ async def scene_from_above(
         # What the server says comes into the heading, and may move what is below.
         await page.wait(f"{text('header')}.includes('admin')")
         await page.wait(f"{text('header')}.includes('ROS ')")
-        await page.click("text=Top view")
+        await page.click("button:has-text('Top view')")
         yield node, page
 
 
@@ -232,7 +232,7 @@ async def test_it_is_drawn_as_finely_as_is_chosen_and_whole_when_nothing_moves(
         # Without a graphics card what moves is drawn coarsely; what stands still is not.
         await page.wait(f"Math.abs({fineness} - devicePixelRatio) < 0.01")
         for quality, drawn in (("low", "0.5"), ("high", "devicePixelRatio")):
-            await page.click("summary >> text=Layers")
+            await page.click("summary:has-text('Layers')")
             await page.wait(chosen)
             await page.evaluate(
                 f"{chosen}.value = '{quality}';"
@@ -243,6 +243,6 @@ async def test_it_is_drawn_as_finely_as_is_chosen_and_whole_when_nothing_moves(
             await page.wait(
                 "(({ base, view }) => base && view.drawn)(document.querySelector('.scene-view').robotScene)"
             )
-            await page.click("text=Top view")
+            await page.click("button:has-text('Top view')")
             spot = await pixel(page, *place(1))
             await page.picture_when(f"quality {quality}", lambda seen, spot=spot: is_magenta(seen, spot))
