@@ -448,7 +448,7 @@ async def test_layouts_are_kept_and_opened_by_a_link(browser: Browser, tmp_path:
         async with browser.page(f"{url}?layout=only-topics", **SIZE) as page:
             await page.wait(f"{text('.panel-topics h2')} === '/odom'")
             assert await page.evaluate("document.querySelectorAll('.panel').length") == 1
-            await page.click("summary >> text=Add panel")
+            await page.click("summary:has-text('Add panel')")
             await page.click(".menu >> text=Camera")
             await page.wait("document.querySelector('.camera-state')")
             await page.evaluate("location.replace(location.pathname)")
