@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rwt_rclpy.endpoints.content_filter import ContentFilter, InvalidFilter
-from rwt_rclpy.exceptions import RCLInvalidROSArgsError
+from rwt_rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
 from rwt_rclpy.names.arguments import parse_arguments, remove_ros_args
 
 
@@ -30,11 +30,17 @@ def ros_arguments(data: bytes) -> None:
     ]
     try:
         found = parse_arguments(arguments, ros_first=bool(data[0] & 1))
-        kept = remove_ros_args(arguments)
     except RCLInvalidROSArgsError as error:
         assert 0 < len(str(error)) < 2_000 + 2 * len(data)
         return
-    assert all(each in arguments for each in kept)
+    try:
+        kept = remove_ros_args(arguments)
+    except UnknownROSArgsError as error:
+        assert error.unknown_args
+        assert all(each in arguments for each in error.unknown_args)
+        assert len(str(error)) < 2_000 + 4 * len(data)
+    else:
+        assert all(each in arguments for each in kept)
     for kind in ("topic", "service"):
         renamed = found.remap("/a/b", kind, "node", "/a")
         assert renamed is None or renamed.startswith("/")
