@@ -64,6 +64,7 @@ def message() -> dict[str, Any]:
         **{"role": HOSTILE, "content": HOSTILE, "asked": {"sec": INFINITE}, "seconds": INFINITE},
         "remember_seconds": INFINITE,
     }
+    lease = {"topic": HOSTILE, "holder": HOSTILE, "role": HOSTILE}
     status = {"name": HOSTILE, "level": INFINITE, "message": HOSTILE, "hardware_id": HOSTILE}
     return {
         **{
@@ -96,7 +97,7 @@ def message() -> dict[str, Any]:
         },
         **{"markers": [marker], "width": INFINITE, "height": 2, "encoding": HOSTILE, "format": HOSTILE},
         **{"fields": [{"name": HOSTILE, "offset": INFINITE, "datatype": 99, "count": -1}], "point_step": 0},
-        **{"approvals": [approval], "leases": [{"topic": HOSTILE, "holder": HOSTILE, "role": HOSTILE}]},
+        **{"approvals": [approval], "leases": [lease, {**lease, "requests": [{"client": HOSTILE}]}]},
         **{"stopped": True, "by": HOSTILE, "reason": HOSTILE, "recording": True, "since": {"sec": INFINITE}},
         **{"messages": INFINITE, "bytes": INFINITE, "largest_bytes": None, "dropped": INFINITE},
         **{"problem": HOSTILE, "clients": [{"ip_address": HOSTILE, "connection_time": {"sec": INFINITE}}]},

@@ -145,7 +145,7 @@ export class Camera {
       seen = true;
       clearTimeout(late);
       this.comeBy("stream");
-      void this.decode(new Blob([body as BlobPart], { type }), stamp);
+      void this.decode(() => new Blob([body as BlobPart], { type }), stamp);
     };
     readParts(url, this.session.httpHeaders, onPart, control.signal)
       .catch((error: Error) => {
@@ -173,9 +173,9 @@ export class Camera {
       if (typeof message.$error === "string") this.problem.value = message.$error;
       else if (message.$pixels) {
         const { width, height, rgba } = message.$pixels as Pixels;
-        void this.decode(new ImageData(rgba as Uint8ClampedArray<ArrayBuffer>, width, height), stamp);
+        void this.decode(() => new ImageData(rgba as Uint8ClampedArray<ArrayBuffer>, width, height), stamp);
       } else if (isCompressed) {
-        void this.decode(new Blob([bytesOf(message.data) as BlobPart]), stamp);
+        void this.decode(() => new Blob([bytesOf(message.data) as BlobPart]), stamp);
       }
     };
     this.end = this.session.subscribe(
@@ -186,13 +186,13 @@ export class Camera {
     );
   }
 
-  private async decode(source: ImageBitmapSource, stamp: number): Promise<void> {
+  private async decode(source: () => ImageBitmapSource, stamp: number): Promise<void> {
     // A picture that comes while another is being decoded is passed over.
     if (this.busy || this.ended) return;
     this.busy = true;
     const arrived = this.session.robotTime / 1000;
     try {
-      const picture = await createImageBitmap(source);
+      const picture = await createImageBitmap(source());
       // WebRTC may have taken over meanwhile.
       if (!this.ended && this.end) {
         this.problem.value = "";

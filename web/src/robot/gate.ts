@@ -2,6 +2,7 @@
 
 import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
 import type { RobotSession } from "./session";
+import type { Message } from "./subscriptions";
 
 const STOP = "/gate/stop";
 
@@ -21,13 +22,14 @@ export interface Holder extends Person {
   requests: readonly Person[];
 }
 
-type Described = { role: string; user: string; device: string };
+const textOf = (value: unknown) => (typeof value === "string" ? value : "");
 
-interface Leases {
-  leases: (Described & { topic: string; holder: string; requests: (Described & { client: string })[] })[];
+const recordsOf = (value: unknown) => (Array.isArray(value) ? (value as Message[]) : []);
+
+/** Person of a part of `rwt_gate_msgs/Leases`, of which a server may leave out fields. */
+function personOf(name: unknown, { role, user, device }: Message): Person {
+  return { name: textOf(name), role: textOf(role), user: textOf(user), device: textOf(device) };
 }
-
-const personOf = (name: string, { role, user, device }: Described): Person => ({ name, role, user, device });
 
 /** How people call a client: by its token, else its role, and by its device. */
 export function personText({ role, user, device }: Person): string {
@@ -94,11 +96,11 @@ export class Gate {
           this.stop.value = message as unknown as StopState;
         }),
         session.subscribe("/gate/leases", "rwt_gate_msgs/Leases", (message) => {
-          const { leases } = message as unknown as Leases;
+          const leases = recordsOf(message.leases);
           this.holders.value = new Map(
             leases.map((lease) => {
-              const requests = lease.requests.map((each) => personOf(each.client, each));
-              return [lease.topic, { ...personOf(lease.holder, lease), requests }];
+              const requests = recordsOf(lease.requests).map((each) => personOf(each.client, each));
+              return [textOf(lease.topic), { ...personOf(lease.holder, lease), requests }];
             }),
           );
           if (leases.length && !this.client.peek()) void this.introduce();
@@ -106,7 +108,7 @@ export class Gate {
         ...(session.may("subscribe", "/gate/approvals")
           ? [
               session.subscribe("/gate/approvals", "rwt_gate_msgs/Approvals", (message) => {
-                this.approvals.value = (message as unknown as { approvals: Approval[] }).approvals;
+                this.approvals.value = recordsOf(message.approvals) as unknown as Approval[];
               }),
             ]
           : []),
