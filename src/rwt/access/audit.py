@@ -136,23 +136,43 @@ class LogRate(logging.Filter):
 def bounded_log() -> Iterator[None]:
     """Limit within the block the rate of log lines of this project, asyncio and the MCP SDK.
 
-    Applies to the loggers that exist when the block begins, whatever their handlers. Loggers of the robot's
-    own program are not affected.
+    Applies whatever the handlers are, and also to modules that are imported later. Loggers of the robot's own
+    program are not affected.
     """
     rate = LogRate()
-    loggers = [
-        logger
-        # A copy: other threads may import modules, which create loggers.
-        for name, logger in logging.root.manager.loggerDict.copy().items()
-        if isinstance(logger, logging.Logger) and _OWN.match(name)
-    ]
-    for logger in loggers:
+    _rates.append(rate)
+    _bind_new_loggers()
+    for logger in _own_loggers():
         logger.addFilter(rate)
     try:
         yield
     finally:
-        for logger in loggers:
+        _rates.remove(rate)
+        for logger in _own_loggers():
             logger.removeFilter(rate)
 
 
 _OWN: Final = re.compile(r"(?:rwt|rwt_\w+|asyncio|mcp)(?:\.|$)")
+#: Limits of the blocks that are running.
+_rates: Final[list[LogRate]] = []
+
+
+def _own_loggers() -> list[logging.Logger]:
+    # A copy: other threads may import modules, which create loggers.
+    loggers = logging.root.manager.loggerDict.copy().items()
+    return [each for name, each in loggers if isinstance(each, logging.Logger) and _OWN.match(name)]
+
+
+def _bind_new_loggers() -> None:
+    """Apply the running limits to loggers that are created from now on."""
+    kind = logging.getLoggerClass()
+    if hasattr(kind, "applies_log_rates"):
+        return
+
+    def create(self: logging.Logger, name: str, level: int = logging.NOTSET) -> None:
+        kind.__init__(self, name, level)
+        if _OWN.match(name):
+            for rate in _rates:
+                self.addFilter(rate)
+
+    logging.setLoggerClass(type(kind.__name__, (kind,), {"__init__": create, "applies_log_rates": True}))
