@@ -116,7 +116,8 @@ def _scalar(node: yaml.ScalarNode) -> bool | int | float | str:
     if integer is not None:
         digits = integer[2]
         base = 16 if digits[1:2] in ("x", "X") else 8 if digits[0] == "0" else 10
-        number = int(integer[1] + digits, base)
+        # 20 decimal digits exceed 64 bits, and Python rejects more than 4,300.
+        number = int(integer[1] + digits, base) if base != 10 or len(digits) < 20 else 2**63
         if -(2**63) <= number < 2**63:
             return number
     if _FLOAT.match(text):
