@@ -8,11 +8,13 @@ import urllib.request
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+import anyio
 import pytest
 
 from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
+from rwt_transports.webrtc.signalling import PeerBounds
 from tests.rwt.media.webrtc.peers import OtherSide, other_side
 from tests.waiting import until
 
@@ -96,10 +98,18 @@ async def test_candidates_without_end() -> None:
 
 
 async def test_handshakes_that_stall_take_their_places_for_a_while_only() -> None:
-    async with attacked(connect_seconds=1.0) as (server, url), other_side() as other:
+    # Longer than an offer waits for a place.
+    async with attacked(connect_seconds=PeerBounds().queue_seconds + 3) as (server, url), other_side() as other:
         offer = await _offer(other)
-        answers = [(await _ask(url, offer))[0] for _ in range(HANDSHAKES + 2)]
-        assert answers == [201] * HANDSHAKES + [503] * 2
+        async with anyio.create_task_group() as group:
+            answers: list[int] = []
+
+            async def ask() -> None:
+                answers.append((await _ask(url, offer))[0])
+
+            for _ in range(HANDSHAKES + 2):
+                group.start_soon(ask)
+        assert sorted(answers) == [201] * HANDSHAKES + [503] * 2
         address = server.urls[0].replace("ws", "webrtc+http", 1)
         for _ in range(40):  # Until they are given up.
             try:
