@@ -102,7 +102,7 @@ async def test_who_is_heard_is_seen_by_everybody_while_it_lasts(browser: Browser
         for page, role, token in ((watcher, "watcher", WATCHER), (deaf, "deaf", DEAF)):
             await page.evaluate(f"sessionStorage.setItem('rwt-token {server.urls[0]}/', '{token}')")
             await page.goto(_http(server))
-            await page.wait(f"document.querySelector('.state-open')?.textContent.includes('{role}')")
+            await page.wait(f"document.querySelector('.fact.role')?.textContent.includes('{role}')")
         await operator.evaluate(SIGNAL)
         await operator.evaluate(SEND % TONE)
         await watcher.wait(f"{lights}.length === 1")
