@@ -191,6 +191,33 @@ async def test_while_stopped_no_control_of_any_panel_sends_a_command(browser: Br
         await page.wait(f"{text('.notices')}.includes('not sent. Blocked: the stop is on.')")
 
 
+#: Clicks each box of the list of layers twice, the second time before or after the list is drawn again.
+CLICK_TWICE = """(async () => {
+  const boxes = [...document.querySelectorAll(".panel-scene input[type=checkbox]")];
+  for (const [index, box] of boxes.entries()) {
+    box.click();
+    if (index % 4) await new Promise((later) => setTimeout(later, 8 * (index % 4 - 1)));
+    box.click();
+  }
+  return boxes.length;
+})()"""
+
+
+async def test_a_layer_that_is_switched_twice_is_as_before(browser: Browser) -> None:
+    async with walk(browser) as (_, page):
+        await page.evaluate("document.getElementById('tab scene').click()")
+        rows = "document.querySelector('.scene-view')?.robotScene?.rows.value"
+        await page.wait(f"{rows}?.some(({{ layer }}) => layer?.handles.value.length)")
+        await page.evaluate(
+            "for (const it of document.querySelectorAll('.panel-scene details')) it.open = true"
+        )
+        shown = f"JSON.stringify({rows}.filter(({{ layer }}) => layer).map(({{ topic }}) => topic))"
+        await anyio.sleep(1)  # Until all topics are known.
+        before = await page.evaluate(shown)
+        assert await page.evaluate(CLICK_TWICE) >= 4
+        await page.wait(f"{shown} === {json.dumps(before)}")
+
+
 STOPPED = "document.querySelector('.stopped')"
 PLACE = "(b => [b.left, b.top, b.right, b.bottom])(document.querySelector({!r}).getBoundingClientRect())"
 

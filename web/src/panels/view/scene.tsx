@@ -187,16 +187,18 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
 /** A box for each topic that can be drawn, and how finely all is. */
 function LayerList({ context, scene }: { context: PanelContext; scene: RobotScene }) {
   const { config } = context;
+  const chosen = config.value.layers as Record<string, boolean> | undefined;
   return (
     <>
       <ul>
         {scene.rows.value.map(({ topic, type, layer }) => (
           <li key={topic}>
             <Check
-              checked={layer !== null}
+              // The scene follows a choice only after this render.
+              checked={chosen?.[topic] ?? layer !== null}
               onChange={(checked) => {
-                const layers = config.value.layers as Record<string, boolean> | undefined;
-                config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
+                const layers = config.peek().layers as Record<string, boolean> | undefined;
+                config.value = { ...config.peek(), layers: { ...layers, [topic]: checked } };
               }}
             >
               {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
