@@ -98,8 +98,8 @@ async def test_candidates_without_end() -> None:
 
 
 async def test_handshakes_that_stall_take_their_places_for_a_while_only() -> None:
-    # Longer than an offer waits for a place.
-    async with attacked(connect_seconds=PeerBounds().queue_seconds + 3) as (server, url), other_side() as other:
+    seconds = PeerBounds().queue_seconds + 3  # Longer than an offer waits for a place.
+    async with attacked(connect_seconds=seconds) as (server, url), other_side() as other:
         offer = await _offer(other)
         async with anyio.create_task_group() as group:
             answers: list[int] = []
