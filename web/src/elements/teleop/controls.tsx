@@ -1,6 +1,6 @@
 /** Controls that drive while they are held: a stick, buttons and keys; the panel and the element have them in common. */
 
-import { useSignal } from "@preact/signals";
+import { useSignal, useSignalEffect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { holdHandlers } from "../../forms/hold";
 import { useTexts } from "../../i18n/context";
@@ -129,6 +129,10 @@ export function Stick({ drive, disabled }: { drive: Drive; disabled: boolean }) 
     knob.value = { x: 0, y: 0 };
     drive.release("stick");
   };
+  useSignalEffect(() => {
+    // After a loss of the drive the knob goes back as well: only another grip drives.
+    if (!drive.moving.value && held.current !== null) letGo();
+  });
   const place = useRef<HTMLSpanElement>(null);
   const { x, y } = knob.value;
   useEffect(() => {
