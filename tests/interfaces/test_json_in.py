@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+from itertools import product
 from typing import Any
 
 import pytest
@@ -408,8 +409,9 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
         plain = accepts(name, raw)
         small.setattr(long_strings, "BASE64_PIECE_BYTES", 16)
         small.setattr(long_strings, "TEXT_PIECE_BYTES", 16)
-        for margin in (12, 24, 60):
+        for margin, at_once in product((12, 24, 60), (0, 1 << 20)):
             small.setattr(long_strings, "MARGIN_BYTES", margin)
+            small.setattr(long_strings, "_AT_ONCE_BYTES", at_once)
             small.setattr(payload_form, "LONG_STRING_BYTES", 4 * margin)
             assert accepts(name, raw) == plain
 
@@ -495,8 +497,11 @@ def test_a_text_within_a_frame_is_proven_where_it_stands(head: str, content: str
     raw = memoryview(frame)[len(head.encode()) :]
     raw = raw[:-1] if head else raw
     kind = Registry().message("std_msgs/String")
-    if is_valid:
-        assert bytes(Payload.from_json(kind, raw).json()) == bytes(raw)
-    else:
-        with pytest.raises(InvalidMessage):
-            Payload.from_json(kind, raw)
+    for at_once in (0, 1 << 20):
+        with pytest.MonkeyPatch().context() as other:
+            other.setattr(long_strings, "_AT_ONCE_BYTES", at_once)
+            if is_valid:
+                assert bytes(Payload.from_json(kind, raw).json()) == bytes(raw)
+            else:
+                with pytest.raises(InvalidMessage):
+                    Payload.from_json(kind, raw)

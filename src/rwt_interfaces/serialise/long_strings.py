@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import re
 import secrets
+from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import msgspec
@@ -32,6 +34,9 @@ _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
 #: Token for other content.
 TOKEN = _TOKEN.decode()
+#: Maximum bytes of an object that is checked in place: 0.1 ms of ASCII, 3 ms of what only begins so.
+_AT_ONCE_BYTES = 1 << 20
+_SAMPLE_BYTES = 4096
 _PADDING = ord("=")
 _QUOTE = ord('"')
 _BACKSLASH = ord("\\")
@@ -140,7 +145,7 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
     is_base64 = octets and _is_base64(content)
     unescaped: tuple[str, ...] | None = () if is_base64 else None
     if texts and not is_base64:
-        unescaped = yield from _unescaped(content)
+        unescaped = () if _is_plain(content) else (yield from _unescaped(content))
     if unescaped is None:
         return None
     if is_base64:
@@ -180,6 +185,37 @@ def _is_base64(content: memoryview) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _is_plain(content: memoryview) -> bool:
+    """Return True if most of a JSON object's text is this quoted string, in ASCII and without escapes.
+
+    Quotes at both ends of the content are the nearest ones to the middle of the object, and belong to one
+    string. A check of the whole object in place takes three quarters of the time of checking pieces.
+    """
+    whole = content.obj
+    if not isinstance(whole, bytes) or not len(whole) <= min(2 * len(content), _AT_ONCE_BYTES):
+        return False
+    begin, end = whole.rfind(b'"', 0, len(whole) // 2) + 1, whole.find(b'"', len(whole) // 2)
+    if end - begin != len(content) or whole.find(b"\\", begin, end) >= 0:
+        return False
+    # Other text takes longer than its pieces.
+    if not whole[begin : begin + _SAMPLE_BYTES].isascii():
+        return False
+    try:
+        _json_validator()(whole)
+    except ValueError:
+        return False
+    return True
+
+
+@cache
+def _json_validator() -> Callable[[bytes], object]:
+    """Return a check that bytes are a JSON object, which makes no objects."""
+    # Imported here because only large texts need it.
+    from pydantic_core import SchemaValidator, core_schema
+
+    return SchemaValidator(core_schema.typed_dict_schema({}, extra_behavior="ignore")).validate_json
 
 
 def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
