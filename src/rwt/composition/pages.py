@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import anyio
 
@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.metrics import ServerMetrics
+    from rwt_interfaces.steps import Steps
     from rwt_transports.http.routes import Handler, HttpExtension, HttpRequest
     from rwt_transports.turns import Turns
+
+T = TypeVar("T")
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -69,7 +72,7 @@ def routes(
     index = partial(_index, bridge, metrics, extensions)
     own: tuple[Route[GraphView], ...] = (
         Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
-        Route("/metrics", lambda request, reader: _metrics(metrics, gather), Audience.EVERY_TOPIC),
+        Route("/metrics", partial(_metrics, metrics, bridge.turns, gather), Audience.EVERY_TOPIC),
         Route("/index", index, Audience.ADMITTED),
     )
     brought = [route for extension in extensions for route in extension.routes]
@@ -192,7 +195,7 @@ def guarded(
         except Refused as refused:
             return refusal(request, refused)
         if turns is not None and turns.is_full and not (access.is_stop_due(reader.role) and presses(request)):
-            return _in_turn(turns, partial(answer_now, request, reader))
+            return _answer_in_turn(turns, partial(answer_now, request, reader))
         return answer_now(request, reader)
 
     def answer_now(request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
@@ -213,15 +216,48 @@ def _presses_nothing(request: HttpRequest) -> bool:
     return False
 
 
-async def _in_turn(
+async def _answer_in_turn(
     turns: Turns, answer: Callable[[], HttpResponse | Awaitable[HttpResponse]]
 ) -> HttpResponse:
     """Respond in a later turn of the event loop, in order of arrival."""
-    turn = anyio.Event()
-    turns.wait(turn.set)
-    await turn.wait()
-    answered = answer()
+
+    def steps() -> Steps[HttpResponse | Awaitable[HttpResponse]]:
+        yield
+        return answer()
+
+    answered = await _in_turns(turns, steps())
     return answered if isinstance(answered, HttpResponse) else await answered
+
+
+async def _in_turns(turns: Turns, steps: Steps[T]) -> T:
+    """Run each step in a later turn of the event loop, and return the result.
+
+    The steps run within the turn's budget: tasks that it wakes would all run in the same turn.
+    """
+    results: list[T] = []
+    errors: list[Exception] = []
+    is_done = anyio.Event()
+
+    def step() -> None:
+        try:
+            next(steps)
+        except StopIteration as end:
+            results.append(end.value)
+        except Exception as error:
+            errors.append(error)
+        else:
+            turns.wait(step)
+            return
+        is_done.set()
+
+    turns.wait(step)
+    try:
+        await is_done.wait()
+    finally:
+        steps.close()
+    if errors:
+        raise errors[0]
+    return results[0]
 
 
 def _index(
@@ -261,14 +297,25 @@ def _host_and_port(address: str) -> tuple[str, str]:
     return (host, port) if colon and port.isdecimal() else (address, "80")
 
 
-def _metrics(metrics: ServerMetrics, gather: Gather | None) -> HttpResponse | Awaitable[HttpResponse]:
-    own = HttpResponse(metrics.text(), content_type=CONTENT_TYPE)
-    return own if gather is None else _with_others(own, gather)
+async def _metrics(
+    metrics: ServerMetrics, turns: Turns, gather: Gather | None, request: HttpRequest, reader: GraphView
+) -> HttpResponse:
+    text = await _in_turns(turns, _charged(metrics.text_in_steps(), reader))
+    return HttpResponse(text if gather is None else await gather(text), content_type=CONTENT_TYPE)
 
 
-async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:
-    assert isinstance(own.body, bytes)  # Metrics are not a stream.
-    return replace(own, body=await gather(own.body))
+def _charged(steps: Steps[T], reader: GraphView) -> Steps[T]:
+    """Charge each step of a page to its reader."""
+    while True:
+        began = reader.clock.monotonic()
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        finally:
+            reader.work.add(reader.clock.monotonic() - began, "pages")
+        yield
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:

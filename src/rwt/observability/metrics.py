@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.observability.prometheus import PrometheusText
+from rwt_interfaces.steps import Steps, finished
 
 if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
@@ -51,6 +52,10 @@ class ServerMetrics:
 
     def text(self) -> bytes:
         """Return the page: metrics of the server, then of its nodes."""
+        return finished(self.text_in_steps())
+
+    def text_in_steps(self) -> Steps[bytes]:
+        """Same as :meth:`text`, in steps: there may be thousands of topics."""
         page = PrometheusText()
         bridge = self._bridge
         counts = [GatewayCounts(gateway) for gateway in self._gateways]
@@ -67,11 +72,13 @@ class ServerMetrics:
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
             LAG_BUCKETS, self._loop_lag.counts, self._loop_lag.total,
         )  # fmt: skip
-        _write_topics(page, counts)
-        _write_clients(page, counts)
+        yield
+        yield from _write_topics(page, counts)
+        yield from _write_clients(page, counts)
         for count in self._of_nodes:
             for family in count():
                 page.family(*family)
+                yield
         write_process(page)
         return page.text()
 
@@ -206,7 +213,7 @@ _OF_CLIENT: Final[tuple[tuple[str, str, Callable[[ConnectedClient[Any], Traffic]
 )  # fmt: skip
 
 
-def _write_topics(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
+def _write_topics(page: PrometheusText, gateways: list[GatewayCounts]) -> Steps[None]:
     topics = [
         ({"gateway": its.name, "topic": name}, counts)
         for its in gateways
@@ -215,6 +222,7 @@ def _write_topics(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
     for metric, help_, value in _OF_TOPIC:
         received = [(labels, value(counts)) for labels, counts in topics if counts.received]
         page.family(metric, "counter", help_, received)
+        yield
     for metric, help_, value_of in _OF_ENCODING:
         sent = [
             ({**labels, "encoding": encoding}, value_of(its))
@@ -222,6 +230,7 @@ def _write_topics(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
             for encoding, its in sorted(counts.sent.items())
         ]
         page.family(metric, "counter", help_, sent)
+        yield
     dropped = [
         ({**labels, "reason": reason.value}, count)
         for labels, counts in topics
@@ -229,9 +238,10 @@ def _write_topics(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
     ]
     help_ = "Messages that did not go to a client, by reason."
     page.family("rwt_topic_dropped_messages_total", "counter", help_, dropped)
+    yield
 
 
-def _write_clients(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
+def _write_clients(page: PrometheusText, gateways: list[GatewayCounts]) -> Steps[None]:
     clients = [
         ({"gateway": its.name, "client": str(client.number)}, client, traffic)
         for its in gateways
@@ -240,6 +250,7 @@ def _write_clients(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
     for name, help_, value in _OF_CLIENT:
         samples = [(labels, value(client, traffic)) for labels, client, traffic in clients]
         page.family(name, _kind(name), help_, samples)
+        yield
     dropped = [
         ({**labels, "reason": reason.value}, count)
         for labels, _, traffic in clients
