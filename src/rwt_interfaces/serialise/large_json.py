@@ -310,7 +310,11 @@ class _Items:
                 if growth_left < 0:
                     items = None
             if items is None:
-                items = self._of_values(_parsed(text), len(taken), completion)
+                items = []
+                for values in chunks_of(_parsed(text), self.are_numbers):
+                    # A few bytes of a message can leave out forty fields.
+                    items += self._of_values(values, len(taken) + len(items), completion)
+                    yield
             if not items:
                 raise Unsplittable
             taken.extend(items)
