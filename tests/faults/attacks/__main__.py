@@ -55,7 +55,8 @@ def main() -> None:
         with attacked_server(options.distro, options.role, WEBRTC) as attacked:
             damage, failed = suffer_at_once(names, PEERS, attacked)
             count = len(names) + len(PEERS)
-            sys.stdout.write(f"{count} attacks at once, {failed} of them not to their ends: {damage}\n")
+            sys.stdout.write(f"{count} attacks at once, {len(failed)} of them not to their ends: {damage}\n")
+            sys.stdout.writelines(f"  {each}\n" for each in failed)
             if options.trace:
                 sys.stdout.write(attacked.log.read_text())
         return

@@ -230,7 +230,8 @@ class Damage:
 
     def __str__(self) -> str:
         return (
-            f"held {self.held * 1000:4.0f} ms, {self.ran * 1000:4.0f} ms run in a wait of"
+            f"held {self.held * 1000:4.0f} ms ({self.after.held_wall * 1000:.0f} ms with others),"
+            f" {self.ran * 1000:4.0f} ms run in a wait of"
             f" {self.waits.seconds * 1000:4.0f} ms (undisturbed {self.undisturbed * 1000:.0f} ms),"
             f" collected for {self.collected * 1000:.0f} ms,"
             f" grown by {self.grown:.0f} MiB, logged {self.logged} bytes, slowness {self.slowness:.1f}"
@@ -245,7 +246,9 @@ def suffer(attack: str, server: Attacked) -> Damage:
     return found[0]
 
 
-def suffer_at_once(attacks: Sequence[str], peers: Sequence[str], server: Attacked) -> tuple[Damage, int]:
+def suffer_at_once(
+    attacks: Sequence[str], peers: Sequence[str], server: Attacked
+) -> tuple[Damage, list[str]]:
     """Attack a server by all attacks at the same time, and kill the attackers.
 
     Args:
@@ -254,7 +257,7 @@ def suffer_at_once(attacks: Sequence[str], peers: Sequence[str], server: Attacke
         server: the server, which takes peers.
 
     Returns:
-        The damage, and the number of attacks that could not be carried out to their ends.
+        The damage, and for each attack that was not carried out to its end its name and the reason.
     """
     url = f"http://127.0.0.1:{server.port}"
     with measured(server) as found:
@@ -262,7 +265,8 @@ def suffer_at_once(attacks: Sequence[str], peers: Sequence[str], server: Attacke
             subprocess.Popen(
                 [sys.executable, "-m", "tests.faults.peers", name, "--server", url],
                 stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
                 cwd=ROOT,
             )
             for name in peers
@@ -270,8 +274,11 @@ def suffer_at_once(attacks: Sequence[str], peers: Sequence[str], server: Attacke
         assert server.attacker.stdout is not None
         outcomes = [_asked(server.attacker, " ".join(attacks))]
         outcomes += [server.attacker.stdout.readline() for _ in attacks[1:]]
-        failed = sum(outcome != "done\n" for outcome in outcomes)
-        failed += sum(process.wait() != 0 for process in others)
+        failed = [outcome.strip() for outcome in outcomes if outcome != "done\n"]
+        for name, process in zip(peers, others, strict=True):
+            _, errors = process.communicate()
+            if process.returncode:
+                failed.append(f"{name}: {(errors.splitlines() or [process.returncode])[-1]}")
     return found[0], failed
 
 

@@ -29,7 +29,7 @@ from itertools import islice, repeat
 from typing import Final, NoReturn
 
 from tests.faults.attacks import by_http
-from tests.faults.blocking_client import BlockingClient
+from tests.faults.blocking_client import PATIENCE, BlockingClient
 from tests.transports.rfc6455.frames import BINARY, TEXT, frame
 
 SCHEMES: Final = ("ws", "wss", "tcp")
@@ -330,7 +330,7 @@ def lists_in_tls(attacker: Attacker) -> None:
 
 def lists_over_tcp(attacker: Attacker) -> None:
     """The same over TCP without WebSocket."""
-    many = [socket.create_connection(("127.0.0.1", _PORTS["tcp"]), 5) for _ in range(60)]
+    many = [socket.create_connection(("127.0.0.1", _PORTS["tcp"]), PATIENCE) for _ in range(60)]
     _held.extend(many)
     data, over = _long_list() * 2, time.monotonic() + 4 * SECONDS
     _together([partial(_send_all, each, data, over) for each in many])
@@ -345,7 +345,7 @@ def lists_everywhere(attacker: Attacker) -> None:
         for scheme, sent in (("ws", framed), ("wss", framed), ("tcp", data)):
             port = _PORTS[scheme]
             if scheme == "tcp":
-                each = socket.create_connection(("127.0.0.1", port), 5)
+                each = socket.create_connection(("127.0.0.1", port), PATIENCE)
                 _held.append(each)
             else:
                 client = Attacker(port, reads=False, tls=scheme == "wss")
@@ -364,7 +364,7 @@ def handshakes_in_tls(attacker: Attacker) -> None:
         context.wrap_bio(incoming, outgoing).do_handshake()
     hello, over = outgoing.read(), time.monotonic() + 2 * SECONDS
     while time.monotonic() < over:
-        each = socket.create_connection(("127.0.0.1", _PORTS["wss"]), 5)
+        each = socket.create_connection(("127.0.0.1", _PORTS["wss"]), PATIENCE)
         _held.append(each)
         with suppress(OSError):
             each.sendall(hello)
@@ -399,7 +399,7 @@ def half_bodies(attacker: Attacker) -> None:
     """Requests over HTTP whose bodies never end, over many connections."""
     head = b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n"
     for _ in range(300):
-        half = socket.create_connection(("127.0.0.1", attacker.port), 5)
+        half = socket.create_connection(("127.0.0.1", attacker.port), PATIENCE)
         _held.append(half)
         half.settimeout(0.05)
         try:
@@ -559,7 +559,7 @@ def pages_again(attacker: Attacker) -> None:
         f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode() for path in ("/index", "/metrics")
     )
     while time.monotonic() < over:
-        with socket.create_connection(("127.0.0.1", attacker.port), 5) as reader:
+        with socket.create_connection(("127.0.0.1", attacker.port), PATIENCE) as reader:
             reader.sendall(asked * 20)
             reader.settimeout(0.2)
             try:
@@ -631,9 +631,9 @@ def tables_as_parameters(attacker: Attacker) -> None:
 
 def _send_in_drops(attacker: Attacker, head: bytes) -> None:
     """Send the same over many connections, a byte of each at a time."""
-    over = time.monotonic() + 3 * SECONDS
-    many = [socket.create_connection(("127.0.0.1", attacker.port), 5) for _ in range(400)]
+    many = [socket.create_connection(("127.0.0.1", attacker.port), PATIENCE) for _ in range(400)]
     _held.extend(many)
+    over = time.monotonic() + 3 * SECONDS
     for byte in head:
         for each in many:
             with suppress(OSError):
@@ -658,7 +658,7 @@ def _post(attacker: Attacker, path: bytes, body: bytes, kind: bytes = b"applicat
     request = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: %b\r\nContent-Length: %d\r\n\r\n%b"
     over = time.monotonic() + SECONDS
     while time.monotonic() < over:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", attacker.port), 5) as each:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", attacker.port), PATIENCE) as each:
             each.settimeout(2 * SECONDS)
             each.sendall(request % (path, kind, len(body), body))
             each.recv(4096)
@@ -679,7 +679,7 @@ def stalled_events(attacker: Attacker) -> None:
     publish = {"op": "advertise", "topic": "/events", "type": "std_msgs/String"}
     talker = Attacker(attacker.port, publish)
     for _ in range(60):
-        each = socket.create_connection(("127.0.0.1", attacker.port), 5)
+        each = socket.create_connection(("127.0.0.1", attacker.port), PATIENCE)
         _held.append(each)
         each.sendall(
             b"GET /api/topics/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\n\r\n"
@@ -1016,7 +1016,7 @@ def snapshots_again(attacker: Attacker) -> None:
     _watch(attacker, 1, "width=64&height=48", "type=mjpeg")
     over, number = time.monotonic() + SECONDS, 0
     while time.monotonic() < over:
-        with socket.create_connection(("127.0.0.1", attacker.port), 5) as reader:
+        with socket.create_connection(("127.0.0.1", attacker.port), PATIENCE) as reader:
             for _ in range(20):
                 number += 1
                 query = f"topic=/picture&width={1000 + number % 900}&height=1000&quality=100"
@@ -1036,7 +1036,7 @@ def _watch(attacker: Attacker, viewers: int, size: str, kind: str = "") -> None:
     publish = _ops("publish", topic="/picture", type="sensor_msgs/Image", msg=picture)
     attacker.send(islice(publish, 1))
     for number in range(viewers):
-        viewer = socket.create_connection(("127.0.0.1", attacker.port), 5)
+        viewer = socket.create_connection(("127.0.0.1", attacker.port), PATIENCE)
         wanted = kind or ("type=h264&preset=medium" if number % 2 else "type=vp8&quality=good")
         query = f"topic=/picture&gop={number + 1}&{size}&{wanted}"
         viewer.sendall(f"GET /stream?{query} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
@@ -1101,9 +1101,9 @@ def _attack(name: str) -> NoReturn:
     try:
         ATTACKS[name](Attacker(_PORTS["ws"]))
         _say("done")
-    except Exception:
+    except Exception as error:
         traceback.print_exc()
-        _say("failed")
+        _say(f"{name}: {error!r}")
     while True:
         signal.pause()
 

@@ -9,6 +9,8 @@ from contextlib import suppress
 from itertools import cycle, islice
 from typing import TYPE_CHECKING, Final
 
+from tests.faults.blocking_client import PATIENCE, BlockingClient
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
@@ -35,9 +37,9 @@ def _request(method: str, path: str, body: bytes = b"", /, **headers: str) -> by
 
 def _send_all(port: int, requests: Iterable[bytes], *, together: int = 8, seconds: float = SECONDS) -> None:
     """Send requests, each over the next of a few connections, and look at few answers."""
-    over = time.monotonic() + seconds
-    many = [socket.create_connection(("127.0.0.1", port), 5) for _ in range(together)]
+    many = [socket.create_connection(("127.0.0.1", port), PATIENCE) for _ in range(together)]
     _open.extend(many)
+    over = time.monotonic() + seconds
     for number, request in enumerate(requests):
         each = many[number % together]
         try:
@@ -49,7 +51,7 @@ def _send_all(port: int, requests: Iterable[bytes], *, together: int = 8, second
             pass
         except OSError:  # It was closed, after a refusal.
             each.close()
-            many[number % together] = socket.create_connection(("127.0.0.1", port), 5)
+            many[number % together] = socket.create_connection(("127.0.0.1", port), PATIENCE)
             _open.append(many[number % together])
         if time.monotonic() > over:
             return
@@ -142,7 +144,7 @@ def preflights(attacker: Attacker) -> None:
     """Questions of browsers, by the thousand in a row, whose answers repeat what was asked."""
     headers = {"Access_Control_Request_Method": "POST", "Access_Control_Request_Headers": "x" * _HEAD}
     each = _request("OPTIONS", "/api/topics/a", Origin="http://localhost", **headers)
-    deaf = [socket.create_connection(("127.0.0.1", attacker.port), 5) for _ in range(40)]
+    deaf = [socket.create_connection(("127.0.0.1", attacker.port), PATIENCE) for _ in range(40)]
     _open.extend(deaf)
     over = time.monotonic() + SECONDS
     for reader in cycle(deaf):
@@ -187,8 +189,6 @@ def bodies_for_everything(attacker: Attacker) -> None:
 def goals_by_http(attacker: Attacker) -> None:
     """Goals that nobody asks for again, to an action that never ends one, under ever new addresses."""
     kind = "example_interfaces/Fibonacci"
-    from tests.faults.blocking_client import BlockingClient
-
     provider = BlockingClient(attacker.port)
     _open.append(provider.socket)
     provider.say("advertise_action", action="/never", type=kind)

@@ -34,6 +34,8 @@ class Look:
     Attributes:
         held: CPU seconds of the loop's thread between two looks at its sockets, at most, since it was asked;
             those of Python's garbage collector are among them.
+        held_wall: seconds of the longest time between two looks, by the clock on the wall: other processes
+            that ran meanwhile are included.
         collected: CPU seconds of the longest collection in that thread.
         used: MiB that are in use, as far as the C library knows: what it holds for later is left out.
         objects: how many small objects there are, in thousands.
@@ -41,6 +43,7 @@ class Look:
     """
 
     held: float
+    held_wall: float
     collected: float
     used: float
     objects: float
@@ -52,16 +55,19 @@ class _WatchedSelector(selectors.DefaultSelector):
     the machine does not count."""
 
     held = 0.0
+    held_wall = 0.0
     collected = 0.0
     returned = 0.0
+    returned_wall = 0.0
     looks = 0
 
     def select(self, timeout: float | None = None) -> Any:
         cls = _WatchedSelector
         cls.held = max(cls.held, time.thread_time() - cls.returned)
+        cls.held_wall = max(cls.held_wall, time.monotonic() - cls.returned_wall)
         ready = super().select(timeout)
         cls.looks += 1
-        cls.returned = time.thread_time()
+        cls.returned, cls.returned_wall = time.thread_time(), time.monotonic()
         return ready
 
 
@@ -96,12 +102,13 @@ def _answer() -> None:
         yardstick = min(_yardstick() for _ in range(2))
         look = Look(
             _WatchedSelector.held,
+            _WatchedSelector.held_wall,
             _WatchedSelector.collected,
             _used(),
             sys.getallocatedblocks() / 1000,
             max(1.0, yardstick / QUIET_YARDSTICK),
         )
-        _WatchedSelector.held = _WatchedSelector.collected = 0.0
+        _WatchedSelector.held = _WatchedSelector.held_wall = _WatchedSelector.collected = 0.0
         sys.stdout.write(json.dumps(asdict(look)) + "\n")
         sys.stdout.flush()
 

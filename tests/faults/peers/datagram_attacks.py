@@ -16,6 +16,9 @@ from rwt_transports.webrtc.ice_guard import CHECKS, CHECKS_PER_SECOND
 from tests.faults.peers.attacks import Damage, attack, attacker, attacking_server
 from tests.rwt.media.webrtc.peers import Side, other_side, text_of
 
+BUSY_SECONDS = 60
+"""Seconds in which a busy machine sends the first checks."""
+
 
 @attack
 async def client_datagrams_before_ice(side: Side, damage: Damage) -> None:
@@ -149,6 +152,9 @@ async def reflection(side: Side, damage: Damage) -> None:
         assert status == 201
         await asyncio.sleep(4)
         first = len(datagrams(sockets))
+        while first <= 30 and time.monotonic() < began + BUSY_SECONDS:
+            await asyncio.sleep(0.2)
+            first += len(datagrams(sockets))
         for _ in range(6):
             status, _ = await offered(side, only(candidates))
         await asyncio.sleep(4)
