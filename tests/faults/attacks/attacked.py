@@ -278,7 +278,7 @@ def suffer_at_once(
         for name, process in zip(peers, others, strict=True):
             _, errors = process.communicate()
             if process.returncode:
-                failed.append(f"{name}: {(errors.splitlines() or [process.returncode])[-1]}")
+                failed.append(f"{name}: {(errors.splitlines() or [str(process.returncode)])[-1]}")
     return found[0], failed
 
 

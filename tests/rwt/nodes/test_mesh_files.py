@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -144,6 +145,14 @@ async def test_links_out_of_the_folders_are_served_only_with_the_setting(
     assert "package_links" in caplog.text
     for path in ("linked.stl", "all/outside.stl"):
         assert (await get(packages, f"/packages/arm/{path}")).body == b"outside"
+
+
+async def test_pipes_and_devices_are_not_read(share: Path) -> None:
+    os.mkfifo(share / "arm/pipe.stl")
+    (share / "arm/zeros.stl").symlink_to("/dev/zero")
+    for path in ("pipe.stl", "zeros.stl"):
+        answer = await get(MeshFiles([share], follow_links=True), f"/packages/arm/{path}")
+        assert answer.status == 404
 
 
 def test_links_in_a_circle_end(share: Path) -> None:
