@@ -306,6 +306,7 @@ class _Items:
             # `{}` may stand for a large message: beyond this growth, the lenient decoder counts added fields.
             items = self._completed_quickly(text, completion) if growth_left > 0 else None
             if items is not None and self._message is not None:
+                yield  # To encode what was added takes as long as to add it.
                 growth_left -= len(self.encode(items)) - len(text)
                 if growth_left < 0:
                     items = None
