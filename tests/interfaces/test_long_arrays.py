@@ -167,6 +167,16 @@ def test_values_in_long_lists_are_completed_in_steps_beside_fixed_arrays() -> No
         assert caught.value.path == path
 
 
+def test_items_that_lack_much_are_completed_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(large_json, "MAX_GROWTH_BYTES", 0)
+    monkeypatch.setattr(payload_form, "SLOW_BYTES", 0)
+    monkeypatch.setattr(payload_form, "WHOLE_BYTES", 0)
+    raw = b'{"poses":[' + b",".join([b"{}"] * 1_500) + b'],"header":{}}' + b" " * 4096
+    steps, payload = _taken(Payload.from_json_in_steps(REGISTRY.message("nav_msgs/Path"), raw, _now))
+    assert len(payload.value().poses) == 1_500
+    assert steps > 1_500 // 64
+
+
 @pytest.mark.parametrize("name", MESSAGES)
 def test_a_program_s_message_becomes_the_same_in_steps_from_whatever_it_is_made(name: str) -> None:
     type_name, message = MESSAGES[name]
