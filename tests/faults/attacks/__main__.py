@@ -53,9 +53,10 @@ def main() -> None:
     if options.at_once:
         names = options.names or [each for each in ATTACKS if each not in OF_ROS_1]
         with attacked_server(options.distro, options.role, WEBRTC) as attacked:
-            damage, failed = suffer_at_once(names, PEERS, attacked)
+            damage, refused, failed = suffer_at_once(names, PEERS, attacked)
             count = len(names) + len(PEERS)
-            sys.stdout.write(f"{count} attacks at once, {len(failed)} of them not to their ends: {damage}\n")
+            ends = f"{refused} ended by limits.connections, {len(failed)} not to their ends"
+            sys.stdout.write(f"{count} attacks at once, {ends}: {damage}\n")
             sys.stdout.writelines(f"  {each}\n" for each in failed)
             if options.trace:
                 sys.stdout.write(attacked.log.read_text())

@@ -248,7 +248,7 @@ def suffer(attack: str, server: Attacked) -> Damage:
 
 def suffer_at_once(
     attacks: Sequence[str], peers: Sequence[str], server: Attacked
-) -> tuple[Damage, list[str]]:
+) -> tuple[Damage, int, list[str]]:
     """Attack a server by all attacks at the same time, and kill the attackers.
 
     Args:
@@ -257,7 +257,8 @@ def suffer_at_once(
         server: the server, which takes peers.
 
     Returns:
-        The damage, and for each attack that was not carried out to its end its name and the reason.
+        The damage, the number of attacks that `limits.connections` ended, and for each one that was not
+        carried out to its end its name and the reason.
     """
     url = f"http://127.0.0.1:{server.port}"
     with measured(server) as found:
@@ -274,12 +275,12 @@ def suffer_at_once(
         assert server.attacker.stdout is not None
         outcomes = [_asked(server.attacker, " ".join(attacks))]
         outcomes += [server.attacker.stdout.readline() for _ in attacks[1:]]
-        failed = [outcome.strip() for outcome in outcomes if outcome != "done\n"]
+        failed = [outcome.strip() for outcome in outcomes if outcome not in ("done\n", "refused\n")]
         for name, process in zip(peers, others, strict=True):
             _, errors = process.communicate()
             if process.returncode:
                 failed.append(f"{name}: {(errors.splitlines() or [str(process.returncode)])[-1]}")
-    return found[0], failed
+    return found[0], outcomes.count("refused\n"), failed
 
 
 @contextmanager

@@ -29,7 +29,7 @@ from itertools import islice, repeat
 from typing import Final, NoReturn
 
 from tests.faults.attacks import by_http
-from tests.faults.blocking_client import PATIENCE, BlockingClient
+from tests.faults.blocking_client import PATIENCE, BlockingClient, Refused
 from tests.transports.rfc6455.frames import BINARY, TEXT, frame
 
 SCHEMES: Final = ("ws", "wss", "tcp")
@@ -1101,6 +1101,8 @@ def _attack(name: str) -> NoReturn:
     try:
         ATTACKS[name](Attacker(_PORTS["ws"]))
         _say("done")
+    except Refused as error:
+        _say("refused" if "limits.connections" in str(error) else f"{name}: {str(error)[-200:]!r}")
     except Exception as error:
         traceback.print_exc()
         _say(f"{name}: {error!r}")
