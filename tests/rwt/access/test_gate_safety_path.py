@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,6 +21,8 @@ from rwt.composition.pages import guarded
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
 from rwt.gateways.http.settings import HttpSettings
+from rwt.gateways.mcp.gateway import McpGateway
+from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.visitors import peer_of
 from rwt_graph.api import GoalEvents, Sample, ServerGoal
 from rwt_graph.clock import SteadyClock
@@ -412,3 +415,36 @@ def test_a_stop_over_http_has_no_rate_of_work(path: str) -> None:
     assert ask(path) in (200, 204)
     assert robot.gate.stopped_by.startswith("http:1")
     assert ask(path) == 429, "while it is stopped, a press is a request like any other"
+
+
+@pytest.mark.parametrize(
+    ("role", "method", "arguments", "pressed_by"),
+    [
+        ("operator", "POST", {"service": "/gate/stop", "request": {"reason": "now"}}, "mcp:arm"),
+        ("operator", "POST", {"service": "gate/stop/"}, "mcp:arm"),
+        ("operator", "GET", {"service": "/gate/stop"}, ""),
+        ("operator", "POST", {"service": "/gate/release_stop"}, ""),
+        ("operator", "POST", {"service": "/gate/stop", "request": {"reason": 5}}, ""),
+        ("operator", "POST", {"service": "/gate/stop", "reason": "now"}, ""),
+        ("agent", "POST", {"service": "/gate/stop"}, ""),
+        ("supervisor", "POST", {"service": "/gate/stop"}, ""),
+        ("nobody", "POST", {"service": "/gate/stop"}, ""),
+    ],
+)
+def test_a_stop_of_an_agent_does_not_wait_for_the_sdk(
+    role: str, method: str, arguments: dict[str, object], pressed_by: str
+) -> None:
+    robot = GatedRobot(RULES, emergency={"stop_roles": ["operator", "supervisor"]})
+    supervisor = robot.access.admission.role_of_token(peer_of(_request("/mcp", role="supervisor")))
+    assert supervisor is not None
+    supervisor.globs = {**supervisor.globs, "call": ()}
+    gateway = McpGateway(robot.graph, robot.access, McpSettings())
+    meta = {"io.modelcontextprotocol/clientInfo": {"name": "arm", "version": "1"}}
+    params = {"name": "call_service", "arguments": arguments, "_meta": meta}
+    body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}).encode()
+    request = replace(_request("/mcp", body, role), method=method)
+    route = next(each for each in gateway.http.routes if each.method == method)
+    answer = route.page(request, robot.access.nobody)
+    if isinstance(answer, Coroutine):
+        answer.close()  # Its turns are those of the SDK.
+    assert robot.gate.stopped_by.partition(" ")[0] == pressed_by
