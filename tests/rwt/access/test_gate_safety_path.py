@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 import time
+import tracemalloc
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import replace
 from functools import partial
@@ -24,6 +26,7 @@ from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.gateway import McpGateway
 from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.visitors import peer_of
+from rwt.nodes.rosapi import Rosapi
 from rwt_graph.api import GoalEvents, Sample, ServerGoal
 from rwt_graph.clock import SteadyClock
 from rwt_interfaces.payload import Payload
@@ -76,6 +79,18 @@ def test_the_work_of_a_stop_does_not_grow_with_topics_and_clients() -> None:
     counts = [_calls(partial(robot.gate.stop, None)) for robot in (few, many)]
     assert counts[1] < 1.1 * counts[0]
     assert many.take()[0] == (0.0, GATE)
+
+
+def test_the_work_of_a_stop_does_not_grow_with_connected_clients() -> None:
+    counts = []
+    for clients in (10, 500):
+        robot = GatedRobot({"drive": EVERY_DRIVE})
+        for _ in range(clients):
+            robot.client("operator").say("subscribe", topic="/gate/stopped")
+        drive(robot.client("admin"), 0.5)
+        counts.append(_calls(partial(robot.gate.stop, None)))
+        assert robot.take()[-1] == (0.0, GATE)
+    assert counts[1] < 1.1 * counts[0]
 
 
 def _with_history(events: int) -> GatedRobot:
@@ -146,6 +161,49 @@ def test_long_names_of_clients_are_not_kept() -> None:
     rules = Rules(GateSettings.model_validate({"rules": {"drive": EVERY_DRIVE}}).rules)
     assert rules.of("publish", "/x/" + "n" * 10_000) == rules.all
     assert not rules._found
+
+
+_OPS: Mapping[str, Callable[[str], dict[str, Any]]] = {
+    "publish": lambda name: {"op": "publish", "topic": name, "msg": {}},
+    "call": lambda name: {"op": "call_service", "service": name, "args": {}},
+    "goal": lambda name: {"op": "send_action_goal", "action": name, "action_type": "x/Y", "args": {}},
+    "take lease": lambda name: _asked("take_lease", topic=name),
+    "request lease": lambda name: _asked("request_lease", topic=name),
+    "pass lease": lambda name: _asked("pass_lease", topic="/cmd_vel", to=name),
+    "approve": lambda name: _asked("approve", id=name, approve=True),
+    "release": lambda name: _asked("release_stop", reason=name),
+    "parameter": lambda name: _asked("set_param", "/rosapi", name=name, value="1"),
+}
+
+
+def _asked(service: str, node: str = "/gate", **args: object) -> dict[str, Any]:
+    return {"op": "call_service", "service": f"{node}/{service}", "args": args}
+
+
+@pytest.mark.parametrize("verb", _OPS)
+def test_no_verb_keeps_long_names(verb: str) -> None:
+    asked = {"topics": ["/x/*"], "services": ["/x/*"], "parameters": ["*"], "actions": ["*"]}
+    robot = GatedRobot({"drive": EVERY_DRIVE, "asked": {**asked, "approval": {"roles": ["admin"]}}})
+    Rosapi(robot.graph)
+    client = robot.client()
+    size, sent = 20_000, 100
+
+    def send(first: int) -> None:
+        for number in range(first, first + sent):
+            op = _OPS[verb](f"/x/{number}".ljust(size, "n"))
+            client.say(op.pop("op"), **op)
+            client.heard()
+        robot.clock.advance(100.0)
+
+    send(0)  # Fills what is loaded or compiled once.
+    tracemalloc.start()
+    try:
+        send(sent)
+        gc.collect()
+        kept = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert kept < size * sent / 4
 
 
 def test_one_timer_repeats_all_stop_messages() -> None:
