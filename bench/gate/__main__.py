@@ -1,10 +1,10 @@
-"""Latency of the gate's stops, with attackers and without: `python -m bench.gate`.
+"""Latency of the gate's stops, with attackers and without: `python -m bench.gate --over all`.
 
-An emergency stop is timed from before an operator's program sends `/gate/stop` over a protocol until the
+An emergency stop is timed from before an operator's program sends `/gate/stop` until the
 robot's callback has the stop message; a dead-man's stop from the end of the lease; an approval from before it
 is sent until the robot's callback has the call. Attackers have a role that may publish, advertise, call and
 provide everything, but not stop. The longest turn is CPU time of the event loop's thread between two polls:
-other programs do not add to it. Prints a table in Markdown.
+other programs do not add to it. Prints a table in Markdown, with p50, p99 and maximum of each.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import anyio
 
-from bench.gate.operators import PATIENCE_SECONDS, PROTOCOLS, Operator, operator_over
-from bench.gate.robot import ASKER_TOKEN, LEASE_SECONDS, LIST, TOKEN
+from bench.gate.operators import OVER, PATIENCE_SECONDS, Operator
+from bench.gate.robot import ASKER_TOKEN, LEASE_SECONDS, LIST, TOKEN, URLS
 from bench.traffic.processes import Server, ServerFailed
 from rwt_client import Robot, connect
 
@@ -105,15 +105,18 @@ class Asked:
         raise AssertionError  # Not reached.
 
 
-async def measure(host: str, port: int, options: argparse.Namespace) -> dict[str, list[float]]:
-    """Return the sorted latencies in seconds."""
+async def measure(urls: Mapping[str, str], over: str, options: argparse.Namespace) -> dict[str, list[float]]:
+    """Return the sorted latencies in seconds of an operator over one of :data:`OVER`."""
     found: dict[str, list[float]] = {STOP: [], LEASE: [], APPROVAL: []}
-    url = f"ws://{host}:{port}"
-    connecting = (connect(f"{url}?token={token}", timeout=PATIENCE_SECONDS) for token in (TOKEN, ASKER_TOKEN))
+    url = urls["ws"]
+    connecting = (
+        connect(f"{url}?token={token}", timeout=PATIENCE_SECONDS, status_level="error")
+        for token in (TOKEN, ASKER_TOKEN)
+    )
     async with (
         next(connecting) as client,
         next(connecting) as asker,
-        operator_over(options.protocol, client, host, port) as operator,
+        OVER[over](urls, client) as operator,
     ):
         stopped, leased, asked = Heard(client, "/stopped"), Heard(client, "/leased"), Asked(client, asker)
         await operator.call("release_stop", {})  # The subscriptions are there.
@@ -152,34 +155,43 @@ def attackers(server: Server, number: int) -> Iterator[None]:
             sys.stderr.write(process.stdout.read())
 
 
-def run(options: argparse.Namespace, number: int) -> dict[str, list[float]]:
+def run(options: argparse.Namespace, over: str, number: int) -> dict[str, list[float]]:
     """Measure one server with that many attackers."""
-    with tempfile.TemporaryDirectory() as folder:
-        server = Server("this server", [str(ROBOT), folder], quiet=True)
-        try:
-            os.setpriority(os.PRIO_PROCESS, server.pid, options.nice)
-            with attackers(server, number):
-                os.setpriority(os.PRIO_PROCESS, 0, options.nice)  # Not of the attackers.
-                return anyio.run(measure, server.host, server.port, options)
-        finally:
-            os.setpriority(os.PRIO_PROCESS, 0, 0)
-            server.stop()
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        hub = []
+        if over == "hub":
+            relay = Server("hub", ["-m", "rwt.cli", "hub", "ws://127.0.0.1:0"], quiet=True)
+            stack.callback(relay.stop)
+            os.setpriority(os.PRIO_PROCESS, relay.pid, options.nice)
+            hub = [f"ws://{relay.host}:{relay.port}"]
+        server = Server("this server", [str(ROBOT), folder, *hub], quiet=True)
+        stack.callback(server.stop)
+        stack.callback(os.setpriority, os.PRIO_PROCESS, 0, 0)
+        os.setpriority(os.PRIO_PROCESS, server.pid, options.nice)
+        urls = {**json.loads((Path(folder) / URLS).read_text(encoding="utf-8")), "hub": "".join(hub)}
+        stack.enter_context(attackers(server, number))
+        os.setpriority(os.PRIO_PROCESS, 0, options.nice)  # Not of the attackers.
+        return anyio.run(measure, urls, over, options)
 
 
-def table(results: Mapping[int, Mapping[str, Sequence[float]]]) -> str:
-    """Return the results, by number of attackers, as a table in Markdown."""
-    lines = ["| | attackers | p50 | p99 | max |", "|---|---:|---:|---:|---:|"]
-    for name in next(iter(results.values())):
-        for number, found in results.items():
-            values = found[name]
-            chosen = (
-                values[len(values) // 2],
-                values[min(len(values) - 1, len(values) * 99 // 100)],
-                values[-1],
-            )
-            cells = " | ".join(f"{1000 * each:.1f} ms" for each in chosen)
-            lines.append(f"| {name} | {number} | {cells} |")
-    return "\n".join(lines)
+def table(
+    results: Iterable[tuple[str, Mapping[int, Mapping[str, Sequence[float]]]]], *numbers: int
+) -> Iterator[str]:
+    """Yield the lines of a table in Markdown of the results, by operator and number of attackers."""
+    columns = [(name, number) for name in (STOP, LEASE, APPROVAL, TURN) for number in numbers]
+    yield f"| ms: p50 / p99 / max | {' | '.join(f'{name}, {number} attackers' for name, number in columns)} |"
+    yield f"|---|{'---:|' * len(columns)}"
+    for over, found in results:
+        cells = (_summary(found[number].get(name, ())) for name, number in columns)
+        yield f"| {over} | {' | '.join(cells)} |"
+
+
+def _summary(values: Sequence[float]) -> str:
+    if not values:
+        return "-"
+    chosen = values[len(values) // 2], values[min(len(values) - 1, len(values) * 99 // 100)], values[-1]
+    return " / ".join(f"{1000 * each:.1f}" for each in chosen)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -188,7 +200,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--stops", type=int, default=STOPS, help=f"emergency stops (default {STOPS})")
     parser.add_argument("--leases", type=int, default=LEASES, help=f"ends of a lease (default {LEASES})")
     parser.add_argument("--approvals", type=int, default=APPROVALS, help=f"approvals (default {APPROVALS})")
-    parser.add_argument("--protocol", choices=PROTOCOLS, default="rosbridge", help="protocol of the operator")
+    parser.add_argument(
+        "--over",
+        nargs="+",
+        choices=(*OVER, "all"),
+        default=["websocket"],
+        metavar="NAME",
+        help=f"what the operator uses: {', '.join(OVER)}, or all (default websocket)",
+    )
     parser.add_argument("--attackers", type=int, default=ATTACKERS, help=f"default {ATTACKERS}")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write every latency to FILE")
     parser.add_argument(
@@ -198,8 +217,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="priority of server and operator: -15 (as root) on a machine that other programs use",
     )
     options = parser.parse_args(argv)
-    results = {number: run(options, number) for number in (0, options.attackers)}
-    print(table(results))
+    numbers = 0, options.attackers
+    results: dict[str, dict[int, dict[str, list[float]]]] = {}
+
+    def measured() -> Iterator[tuple[str, dict[int, dict[str, list[float]]]]]:
+        for over in OVER if "all" in options.over else options.over:
+            results[over] = {number: run(options, over, number) for number in numbers}
+            yield over, results[over]
+
+    for line in table(measured(), *numbers):
+        print(line, flush=True)
     if options.json:
         options.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     return 0

@@ -18,7 +18,7 @@ from functools import partial
 from itertools import count
 from typing import Final
 
-from bench.gate.robot import LIST, TWIST
+from bench.gate.robot import ATTACKER_TOKEN, LIST, TWIST
 from bench.traffic.wire import masked
 
 #: Topics of an attacker with globs; less than the default limit of advertisements.
@@ -137,8 +137,9 @@ class Attacker(threading.Thread):
         wire = socket.create_connection(self._address, source_address=(self._source, 0))
         key = base64.b64encode(os.urandom(16)).decode()
         wire.sendall(
-            f"GET / HTTP/1.1\r\nHost: {self._address[0]}:{self._address[1]}\r\nUpgrade: websocket\r\n"
-            f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+            f"GET /?token={ATTACKER_TOKEN} HTTP/1.1\r\nHost: {self._address[0]}:{self._address[1]}\r\n"
+            f"Upgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
         )
         if not wire.recv(4096).startswith(b"HTTP/1.1 101"):
             wire.close()

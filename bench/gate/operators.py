@@ -1,26 +1,31 @@
-"""Operators that drive, stop and approve, each over one protocol."""
+"""Operators that drive, stop and approve, each over one protocol, transport and encoding."""
 
 from __future__ import annotations
 
 import json
 import struct
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from itertools import count
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 import anyio
+import bson
+import cbor2
 import httpx
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_websocket
 from websockets.typing import Subprotocol
 
 from bench.gate.robot import TOKEN, TWIST
-from rwt_client import Robot
+from rwt_client import CannotConnect, Robot, connect
 
 _HEADERS: Final = {"Authorization": f"Bearer {TOKEN}"}
 _TYPES: Final = {"stop": "Stop", "release_stop": "Stop", "approve": "Approve"}
 PATIENCE_SECONDS: Final = 30.0
+_RETRY_SECONDS: Final = 0.2
+_ATTEMPTS: Final = 50
 
 
 class Operator:
@@ -45,6 +50,45 @@ class Operator:
     async def call(self, service: str, request: Mapping[str, object]) -> None:
         """Call a service of the gate."""
         await self._robot.call(f"/gate/{service}", request, f"rwt_gate_msgs/{_TYPES[service]}")
+
+
+class EncodedOperator(Operator):
+    """Operator over rosbridge that writes the ops itself.
+
+    Args:
+        robot: connection of another client, for reading.
+        send: sends a message.
+        receive: returns the next message.
+        encode: encodes an op.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        send: Callable[[bytes], Awaitable[object]],
+        receive: Callable[[], Awaitable[Any]],
+        encode: Callable[[Any], bytes],
+    ) -> None:
+        super().__init__(robot)
+        self._send = send
+        self._receive = receive
+        self._encode = encode
+        self._count = count()
+
+    async def publish(self, topic: str, speed: float) -> None:
+        message = {"linear": {"x": speed}}
+        await self._send(self._encode({"op": "publish", "topic": topic, "type": TWIST, "msg": message}))
+
+    async def call(self, service: str, request: Mapping[str, object]) -> None:
+        id = str(next(self._count))
+        op = {"op": "call_service", "service": f"/gate/{service}", "id": id, "args": dict(request)}
+        await self._send(self._encode(op))
+        with anyio.fail_after(PATIENCE_SECONDS):
+            while True:
+                answer = await self._receive()
+                decode = bson.decode if self._encode is bson.encode else json.loads
+                if decode(answer).get("id") == id:
+                    return
 
 
 class HttpOperator(Operator):
@@ -133,32 +177,84 @@ class FoxgloveOperator(Operator):
                     return
 
 
+Over = Callable[[Mapping[str, str], Robot], AbstractAsyncContextManager[Operator]]
+"""Connects an operator, given the URLs of the server by kind and a connection for reading."""
+
+
+def _client(url: Callable[[Mapping[str, str]], str]) -> Over:
+    """Connect the Python client."""
+
+    @asynccontextmanager
+    async def over(urls: Mapping[str, str], robot: Robot) -> AsyncIterator[Operator]:
+        async with AsyncExitStack() as stack:
+            for left in reversed(range(_ATTEMPTS)):  # The robot may not have reached the hub yet.
+                try:
+                    own = await stack.enter_async_context(
+                        connect(url(urls), timeout=PATIENCE_SECONDS, status_level="error")
+                    )
+                    break
+                except CannotConnect:
+                    if not left:
+                        raise
+                    await anyio.sleep(_RETRY_SECONDS)
+            yield Operator(own)
+
+    return over
+
+
+def _binary(kind: str, encode: Callable[[Any], bytes]) -> Over:
+    """Connect a WebSocket with binary messages."""
+
+    @asynccontextmanager
+    async def over(urls: Mapping[str, str], robot: Robot) -> AsyncIterator[Operator]:
+        async with open_websocket(urls[kind], additional_headers=_HEADERS) as wire:
+            yield EncodedOperator(robot, wire.send, wire.recv, encode)
+
+    return over
+
+
 @asynccontextmanager
-async def operator_over(protocol: str, robot: Robot, host: str, port: int) -> AsyncIterator[Operator]:
-    """Connect an operator.
-
-    Args:
-        protocol: one of :data:`PROTOCOLS`.
-        robot: connection of the operator over rosbridge.
-        host: address of the server.
-        port: port of the server.
-    """
-    if protocol == "rosbridge":
-        yield Operator(robot)
-    elif protocol == "foxglove":
-        kind = [Subprotocol("foxglove.sdk.v1")]
-        url = f"ws://{host}:{port}"
-        async with open_websocket(url, subprotocols=kind, additional_headers=_HEADERS) as wire:
-            yield FoxgloveOperator(robot, wire)
-    else:
-        url = f"http://{host}:{port}"
-        async with httpx.AsyncClient(base_url=url, headers=_HEADERS, timeout=PATIENCE_SECONDS) as http:
-            if protocol == "http":
-                yield HttpOperator(robot, http)
-                return
-            agent = McpOperator(robot, http)
-            await agent.begin()
-            yield agent
+async def _udp(urls: Mapping[str, str], robot: Robot) -> AsyncIterator[Operator]:
+    parts = urlsplit(urls["udp"])
+    async with await anyio.create_connected_udp_socket(str(parts.hostname), parts.port or 0) as wire:
+        yield EncodedOperator(robot, wire.send, wire.receive, lambda op: json.dumps(op).encode())
 
 
-PROTOCOLS: Final = ("rosbridge", "foxglove", "http", "mcp")
+@asynccontextmanager
+async def _foxglove(urls: Mapping[str, str], robot: Robot) -> AsyncIterator[Operator]:
+    kind = [Subprotocol("foxglove.sdk.v1")]
+    async with open_websocket(urls["ws"], subprotocols=kind, additional_headers=_HEADERS) as wire:
+        yield FoxgloveOperator(robot, wire)
+
+
+@asynccontextmanager
+async def _http(urls: Mapping[str, str], robot: Robot) -> AsyncIterator[Operator]:
+    url = urls["ws"].replace("ws:", "http:")
+    async with httpx.AsyncClient(base_url=url, headers=_HEADERS, timeout=PATIENCE_SECONDS) as http:
+        yield HttpOperator(robot, http)
+
+
+@asynccontextmanager
+async def _mcp(urls: Mapping[str, str], robot: Robot) -> AsyncIterator[Operator]:
+    url = urls["ws"].replace("ws:", "http:")
+    async with httpx.AsyncClient(base_url=url, headers=_HEADERS, timeout=PATIENCE_SECONDS) as http:
+        agent = McpOperator(robot, http)
+        await agent.begin()
+        yield agent
+
+
+OVER: Final[Mapping[str, Over]] = {
+    "websocket": _client(lambda urls: f"{urls['ws']}?token={TOKEN}"),
+    "cbor": _binary("ws", cbor2.dumps),
+    "bson": _binary("bson", bson.encode),
+    "tcp": _client(lambda urls: urls["tcp"]),
+    "unix": _client(lambda urls: urls["unix"]),
+    "udp": _udp,
+    "webrtc": _client(lambda urls: f"webrtc+{urls['ws'].replace('ws:', 'http:')}?token={TOKEN}"),
+    "hub": _client(lambda urls: f"{urls['hub']}/robot?token={TOKEN}"),
+    "asgi": _client(lambda urls: f"{urls['asgi']}?token={TOKEN}"),
+    "foxglove": _foxglove,
+    "http": _http,
+    "mcp": _mcp,
+}
+"""Protocols of operators; for rosbridge, each transport and encoding."""

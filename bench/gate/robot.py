@@ -1,21 +1,35 @@
-"""Server with a gate, whose robot publishes when it heard which speed, and the longest turn before."""
+"""Server with a gate, whose robot publishes when it heard which speed, and the longest turn before.
+
+`python bench/gate/robot.py FOLDER [HUB]` writes the URLs of its listeners to `urls.json` in the folder, and
+dials the hub.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import signal
+import socket
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import uvicorn
+
 from bench.message.holds import TimedSelector
-from rwt import Server
+from rwt import Server, Settings
 from rwt.cli.commands.serve import BoundedGarbageCollection
+from rwt.gateways.rosbridge import Bridge
+from rwt_transports.listener import listen
 
 TOKEN: Final = "operator-of-the-benchmark"
 ASKER_TOKEN: Final = "asker-of-the-benchmark"
+ATTACKER_TOKEN: Final = "attacker-of-the-benchmark"
+URLS: Final = "urls.json"
 LEASE_SECONDS: Final = 0.2
 TWIST: Final = "geometry_msgs/Twist"
 LIST: Final = "std_msgs/Float64MultiArray"
@@ -66,26 +80,40 @@ class _Base:
             self._turns.longest = 0.0
 
 
-async def main(folder: Path, turns: TimedSelector) -> None:
+async def main(folder: Path, turns: TimedSelector, hubs: Sequence[str]) -> None:
     """Serve until a signal."""
     rights = {act: ["*"] for act in ("publish", "subscribe", "call", "goals", "provide", "set_param")}
+    tokens = {"operator": TOKEN, "asker": ASKER_TOKEN, "agent": ATTACKER_TOKEN}
     server = Server(
         "ws://127.0.0.1:0",
+        "tcp://127.0.0.1:0",
+        f"unix://{folder}/socket",
+        "udp://127.0.0.1:0",
         nodes=("rosapi",),
         gateways=("foxglove", "http", "mcp"),
         gate=_gate(folder),
-        roles={"operator": rights, "agent": rights, "asker": rights},
+        roles=dict.fromkeys(tokens, rights),
+        # Operators over TCP, Unix sockets and UDP have no token.
         auth={
-            "default_role": "agent",
-            "tokens": {
-                "operator": {"token": TOKEN, "role": "operator"},
-                "asker": {"token": ASKER_TOKEN, "role": "asker"},
-            },
+            "default_role": "operator",
+            "tokens": {role: {"token": token, "role": role} for role, token in tokens.items()},
         },
+        webrtc={"enabled": True},
+        dial={"urls": tuple(f"{hub}/robots/robot" for hub in hubs)},
     )
+    asgi = uvicorn.Server(uvicorn.Config(server.asgi(), log_level="critical", lifespan="off"))
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
-    async with server:
+    async with AsyncExitStack() as stack:
+        await stack.enter_async_context(server)
+        bson = Bridge(server.graph, Settings(bson_only_mode=True), server.bridge.access)
+        bson_listener = await stack.enter_async_context(listen("ws://127.0.0.1:0", bson.accept, bson=True))
+        tasks = await stack.enter_async_context(asyncio.TaskGroup())
+        asgi_socket = socket.create_server(("127.0.0.1", 0))
+        tasks.create_task(asgi.serve([asgi_socket]))
+        urls = {"bson": bson_listener.url, "asgi": f"ws://127.0.0.1:{asgi_socket.getsockname()[1]}"}
+        urls |= {url.partition(":")[0]: url for url in server.urls}
+        (folder / URLS).write_text(json.dumps(urls), encoding="utf-8")
         robot = server.node("base")
         robot.advertise_service("/reset", "std_srvs/Trigger", lambda request: {"success": True})
         confirmed = robot.advertise("/heard/confirm", LIST)
@@ -101,9 +129,10 @@ async def main(folder: Path, turns: TimedSelector) -> None:
         print("listening on", *server.urls, flush=True)
         BoundedGarbageCollection(asyncio.get_running_loop().call_soon).begin()
         await ended.wait()
+        asgi.should_exit = True
 
 
 if __name__ == "__main__":
     selector = TimedSelector()
     with asyncio.Runner(loop_factory=partial(asyncio.SelectorEventLoop, selector)) as runner:
-        runner.run(main(Path(sys.argv[1]), selector))
+        runner.run(main(Path(sys.argv[1]), selector, sys.argv[2:]))

@@ -6,14 +6,16 @@ from bench.gate.__main__ import LEASE, STOP, TURN, table
 from bench.gate.attackers import KINDS
 
 
-def test_the_table_has_a_row_for_each_number_of_attackers() -> None:
+def test_the_table_has_a_row_for_each_operator() -> None:
     found = {STOP: [0.001 * each for each in range(1, 201)], LEASE: [0.002], TURN: [0.003]}
-    lines = table({0: found, 10: found}).splitlines()
-    assert lines[2:4] == [
-        "| emergency stop | 0 | 101.0 ms | 199.0 ms | 200.0 ms |",
-        "| emergency stop | 10 | 101.0 ms | 199.0 ms | 200.0 ms |",
+    results = [("websocket", {0: found, 10: found}), ("mcp", {0: {STOP: [0.004]}, 10: {}})]
+    lines = list(table(results, 0, 10))
+    stop, one, none = "101.0 / 199.0 / 200.0", "2.0 / 2.0 / 2.0", "-"
+    turn = "3.0 / 3.0 / 3.0"
+    assert [line.split(" | ") for line in lines[2:]] == [
+        ["| websocket", stop, stop, one, one, none, none, turn, f"{turn} |"],
+        ["| mcp", "4.0 / 4.0 / 4.0", none, none, none, none, none, none, f"{none} |"],
     ]
-    assert len(lines) == 8
 
 
 def test_every_attacker_has_frames() -> None:

@@ -9,6 +9,8 @@ from functools import partial
 from typing import Any
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import MAX_OF_CREDENTIAL, MAX_PENDING, Approval
@@ -422,6 +424,32 @@ def test_a_text_in_a_request_cannot_look_like_other_fields() -> None:
     assert ', x = 0.1; {\\"x\\":0.1}' in asked.content, "quoted"
 
 
+@settings(max_examples=60, deadline=None)
+@example(name="x" * 5000, x=99.0)
+@example(name='a", x = 0.1; {"x":0.1}\u202e\u2028\n', x=99.0)
+@given(name=st.text(max_size=300), x=st.floats(-100, 100, width=32))
+def test_any_request_is_shown_with_its_own_values_first(name: str, x: float) -> None:
+    """A reader that parses the text finds the values that the robot will receive, and no others."""
+    rules = {
+        "asked": {"services": ["/spawn"], "roles": ["agent"], "approval": APPROVAL},
+        "limits": {
+            "services": ["/spawn"],
+            "roles": ["operator"],
+            "fields": {"x": {"max": 100}, "name": {"one_of": ["turtle"]}},
+        },
+    }
+    robot = QuietRobot(rules)
+    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    robot.client("agent").say("call_service", service="/spawn", args={"name": name, "x": x})
+    (asked,) = robot.gate.approvals.pending
+    found = re.match(r"sha256:[0-9a-f]{16}, \d+ bytes; x = ([^,;]+), name = ", asked.content)
+    assert found is not None and float(found[1]) == x
+    shown, end = json.JSONDecoder().raw_decode(asked.content, found.end())
+    assert shown == name[:100]
+    assert asked.content[end:].startswith('; {"x":')
+    assert asked.content.isprintable() and len(asked.content) < 4000
+
+
 @pytest.mark.parametrize("act", ["publish", "call"])
 def test_a_member_that_occurs_twice_is_approved_and_sent_once(act: str) -> None:
     robot = AskedRobot()
@@ -446,20 +474,40 @@ def test_a_member_that_occurs_twice_is_approved_and_sent_once(act: str) -> None:
     assert len(sent) == (act == "publish")
 
 
-def test_a_reload_denies_requests_that_a_changed_rule_would_check() -> None:
-    asked = {"services": ["/spawn", "/blink"], "approval": APPROVAL}
-    robot = QuietRobot({"asked": asked})
+_ASKED: Mapping[str, Any] = {"services": ["/spawn", "/blink"], "approval": APPROVAL}
+_LIMITS: Mapping[str, Any] = {"services": ["/spawn"], "fields": {"x": {"max": 1}}}
+
+
+@pytest.mark.parametrize(
+    ("after", "kept"),
+    [
+        ({"asked": _ASKED}, ["/spawn", "/blink"]),
+        ({"asked": _ASKED, "other": {"topics": ["/cmd_vel"], "stop": {}}}, ["/spawn", "/blink"]),
+        ({"asked": _ASKED, "limits": _LIMITS}, ["/blink"]),
+        ({"asked": _ASKED, "limits": {**_LIMITS, "roles": ["operator"]}}, ["/blink"]),
+        ({"asked": _ASKED, "twice": {"services": ["/spawn"], "approval": APPROVAL}}, ["/blink"]),
+        ({"asked": {**_ASKED, "services": ["/blink"]}}, []),
+        ({"asked": {**_ASKED, "approval": {**APPROVAL, "roles": ["operator"]}}}, []),
+        ({"asked": {**_ASKED, "finite": False}}, []),
+        ({"asked": {**_ASKED, "roles": ["operator"]}}, []),
+        ({"limits": _LIMITS}, []),
+    ],
+)
+def test_a_reload_denies_requests_that_a_changed_rule_would_check(
+    after: Mapping[str, Any], kept: list[str]
+) -> None:
+    robot = QuietRobot({"asked": _ASKED})
     done: list[Any] = []
     for name, kind in (("/spawn", "turtlesim/Spawn"), ("/blink", "std_srvs/SetBool")):
         robot.node.advertise_service(name, kind, partial(_note, done))
     agent, supervisor = robot.client("agent"), robot.client("supervisor")
     agent.say("call_service", service="/spawn", args={"x": 99.0})
     _blink(agent)
-    limits = {"services": ["/spawn"], "fields": {"x": {"max": 1}}}
-    robot.access.reload(settings_of({"rules": {"asked": asked, "limits": limits}}))
-    assert [each.name for each in robot.gate.approvals.pending] == ["/blink"]
-    assert not _answer(supervisor, "1")["success"]
-    assert done == []
+    robot.access.reload(settings_of({"rules": after}))
+    assert [each.name for each in robot.gate.approvals.pending] == kept
+    answered = [_answer(supervisor, id)["success"] for id in ("1", "2")]
+    assert answered == ["/spawn" in kept, "/blink" in kept]
+    assert len(done) == len(kept)
 
 
 def test_messages_that_are_not_approved_do_not_use_up_the_rate_of_others() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 import anyio
@@ -15,9 +15,10 @@ from rwt import Server, connect
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.http.clients import MAX_SESSIONS
-from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, token
+from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, settings_of, token
 from tests.rwt.gateways.foxglove.viewer import Viewer
 from tests.rwt.gateways.mcp.agents import agent_at, url_of
+from tests.rwt.gateways.rosbridge.recording_client import Client
 
 RULE = {**DRIVE, "emergency": True}
 
@@ -173,6 +174,122 @@ def test_a_client_is_told_what_was_clamped_and_what_waits() -> None:
     client.say("set_level", level="error")
     client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
     assert client.heard() == []
+
+
+TWIST, SPAWN, FIBONACCI = "geometry_msgs/Twist", "turtlesim/Spawn", "example_interfaces/Fibonacci"
+REQUESTS: dict[str, dict[str, Any]] = {
+    "topic": {"linear": {"x": 5.0}},
+    "service": {"x": 5.0},
+    "action": {"order": 5},
+    "parameter": {"name": "/base:asked", "value": "2.0"},
+}
+
+
+async def _over_rosbridge(server: Server, kind: str, name: str) -> str:
+    client = Client(server.bridge, headers={"authorization": f"Bearer {token('agent')}"})
+    client.say("set_level", level="warning")
+    request = REQUESTS[kind]
+    ops: dict[str, dict[str, Any]] = {
+        "topic": {"op": "publish", "topic": name, "type": TWIST, "msg": request},
+        "service": {"op": "call_service", "service": name, "args": request},
+        "action": {"op": "send_action_goal", "action": name, "action_type": FIBONACCI, "args": request},
+        "parameter": {"op": "call_service", "service": "/rosapi/set_param", "args": request},
+    }
+    client.say(**ops[kind])
+    told = " ".join(each["msg"] for each in client.heard() if each["op"] == "status")
+    client.leave()
+    return told
+
+
+async def _over_foxglove(server: Server, kind: str, name: str) -> str:
+    gateway = FoxgloveGateway(server.graph, server.bridge.access)
+    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('agent')}"})
+    request = json.dumps(REQUESTS[kind]).encode()
+    if kind == "topic":
+        viewer.advertise(name, "geometry_msgs/msg/Twist")
+        viewer.heard()
+        viewer.publish(request)
+    else:
+        viewer.call(name, request)
+    told = " ".join(viewer.statuses())
+    gateway.close()
+    return told
+
+
+async def _over_http(server: Server, kind: str, name: str) -> str:
+    headers = {"Authorization": f"Bearer {token('agent')}"}
+    async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1), headers=headers) as http:
+        if kind == "parameter":
+            answer = await http.put("/api/parameters/base:asked", json=2.0)
+        else:
+            end = "/goals" if kind == "action" else ""
+            answer = await http.post(f"/api/{kind}s{name}{end}", json=REQUESTS[kind])
+    return f"{answer.headers.get('gate-notice')} {answer.text}"
+
+
+async def _over_mcp(server: Server, kind: str, name: str) -> str:
+    tools: dict[str, tuple[str, dict[str, Any]]] = {
+        "topic": ("publish", {"topic": name, "message": REQUESTS[kind]}),
+        "service": ("call_service", {"service": name, "request": REQUESTS[kind], "timeout": 0.1}),
+        "action": ("send_goal", {"action": name, "goal": REQUESTS[kind]}),
+    }
+    async with agent_at(url_of(server), token=token("agent")) as agent:
+        return str((await agent.call_tool(*tools[kind])).content)
+
+
+@pytest.mark.parametrize(
+    ("over", "kind", "says_what_waits"),
+    [
+        (_over_rosbridge, "topic", "under id 1: send it again"),
+        (_over_rosbridge, "service", "waiting for approval by supervisor (45 s left"),
+        (_over_rosbridge, "action", "waiting for approval by supervisor (45 s left"),
+        (_over_rosbridge, "parameter", "waiting for approval by supervisor (45 s left"),
+        (_over_foxglove, "topic", "under id 1: send it again"),
+        (_over_foxglove, "service", "waiting for approval by supervisor (45 s left"),
+        (_over_http, "topic", "under id 1: send it again"),
+        (_over_http, "service", "waiting for approval by supervisor (4"),
+        (_over_http, "action", "waiting for approval by supervisor (4"),
+        (_over_http, "parameter", "waiting for approval by supervisor (4"),
+        (_over_mcp, "topic", "under id 1: send it again"),
+        (_over_mcp, "service", "nobody has given the yes that the gate wants"),
+        (_over_mcp, "action", ""),
+    ],
+)
+@pytest.mark.anyio
+async def test_every_gateway_tells_what_was_clamped_and_what_waits(
+    over: Callable[[Server, str, str], Awaitable[str]], kind: str, says_what_waits: str
+) -> None:
+    """Table: gateway by kind of request."""
+    beyond = {"max": 1, "beyond": "clamp"}
+    rules = {
+        "clamp": {"topics": ["/clamp"], "type": TWIST, "fields": {"linear.x": beyond}},
+        "clamp_service": {"services": ["/clamp"], "fields": {"x": beyond}},
+        "clamp_action": {"actions": ["/clamp"], "fields": {"order": beyond}},
+        "asked": {
+            "topics": ["/asked"],
+            "services": ["/asked"],
+            "actions": ["/asked"],
+            "parameters": ["*:asked"],
+            "type": TWIST,
+            "approval": {"roles": ["supervisor"], "seconds": 45},
+        },
+    }
+    settings = settings_of({"rules": rules}, gateways=("http", "mcp"))
+    async with Server("ws://127.0.0.1:0", settings=settings) as server:
+        node = server.node("base")
+        node.parameters.declare("asked", 1.0)
+        for name in ("/clamp", "/asked"):
+            node.advertise(name, TWIST)
+            node.advertise_service(name, SPAWN, lambda _: {})
+            node.advertise_action(name, FIBONACCI, _count)
+        if kind != "parameter":
+            assert "1 in place of 5 (gate.rules.clamp" in await over(server, kind, "/clamp")
+        if says_what_waits:
+            assert says_what_waits in await over(server, kind, "/asked")
+
+
+async def _count(goal: Any) -> dict[str, list[int]]:
+    return {"sequence": [1]}
 
 
 def test_a_foxglove_client_is_told_what_was_clamped() -> None:

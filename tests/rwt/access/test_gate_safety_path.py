@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+import tracemalloc
+from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +23,10 @@ from rwt.composition.pages import guarded
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
 from rwt.gateways.http.settings import HttpSettings
+from rwt.gateways.mcp.gateway import McpGateway
+from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.visitors import peer_of
+from rwt.nodes.rosapi import Rosapi
 from rwt_graph.api import GoalEvents, Sample, ServerGoal
 from rwt_graph.clock import SteadyClock
 from rwt_interfaces.payload import Payload
@@ -73,6 +79,18 @@ def test_the_work_of_a_stop_does_not_grow_with_topics_and_clients() -> None:
     counts = [_calls(partial(robot.gate.stop, None)) for robot in (few, many)]
     assert counts[1] < 1.1 * counts[0]
     assert many.take()[0] == (0.0, GATE)
+
+
+def test_the_work_of_a_stop_does_not_grow_with_connected_clients() -> None:
+    counts = []
+    for clients in (10, 500):
+        robot = GatedRobot({"drive": EVERY_DRIVE})
+        for _ in range(clients):
+            robot.client("operator").say("subscribe", topic="/gate/stopped")
+        drive(robot.client("admin"), 0.5)
+        counts.append(_calls(partial(robot.gate.stop, None)))
+        assert robot.take()[-1] == (0.0, GATE)
+    assert counts[1] < 1.1 * counts[0]
 
 
 def _with_history(events: int) -> GatedRobot:
@@ -143,6 +161,49 @@ def test_long_names_of_clients_are_not_kept() -> None:
     rules = Rules(GateSettings.model_validate({"rules": {"drive": EVERY_DRIVE}}).rules)
     assert rules.of("publish", "/x/" + "n" * 10_000) == rules.all
     assert not rules._found
+
+
+_OPS: Mapping[str, Callable[[str], dict[str, Any]]] = {
+    "publish": lambda name: {"op": "publish", "topic": name, "msg": {}},
+    "call": lambda name: {"op": "call_service", "service": name, "args": {}},
+    "goal": lambda name: {"op": "send_action_goal", "action": name, "action_type": "x/Y", "args": {}},
+    "take lease": lambda name: _asked("take_lease", topic=name),
+    "request lease": lambda name: _asked("request_lease", topic=name),
+    "pass lease": lambda name: _asked("pass_lease", topic="/cmd_vel", to=name),
+    "approve": lambda name: _asked("approve", id=name, approve=True),
+    "release": lambda name: _asked("release_stop", reason=name),
+    "parameter": lambda name: _asked("set_param", "/rosapi", name=name, value="1"),
+}
+
+
+def _asked(service: str, node: str = "/gate", **args: object) -> dict[str, Any]:
+    return {"op": "call_service", "service": f"{node}/{service}", "args": args}
+
+
+@pytest.mark.parametrize("verb", _OPS)
+def test_no_verb_keeps_long_names(verb: str) -> None:
+    asked = {"topics": ["/x/*"], "services": ["/x/*"], "parameters": ["*"], "actions": ["*"]}
+    robot = GatedRobot({"drive": EVERY_DRIVE, "asked": {**asked, "approval": {"roles": ["admin"]}}})
+    Rosapi(robot.graph)
+    client = robot.client()
+    size, sent = 20_000, 100
+
+    def send(first: int) -> None:
+        for number in range(first, first + sent):
+            op = _OPS[verb](f"/x/{number}".ljust(size, "n"))
+            client.say(op.pop("op"), **op)
+            client.heard()
+        robot.clock.advance(100.0)
+
+    send(0)  # Fills what is loaded or compiled once.
+    tracemalloc.start()
+    try:
+        send(sent)
+        gc.collect()
+        kept = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert kept < size * sent / 4
 
 
 def test_one_timer_repeats_all_stop_messages() -> None:
@@ -412,3 +473,36 @@ def test_a_stop_over_http_has_no_rate_of_work(path: str) -> None:
     assert ask(path) in (200, 204)
     assert robot.gate.stopped_by.startswith("http:1")
     assert ask(path) == 429, "while it is stopped, a press is a request like any other"
+
+
+@pytest.mark.parametrize(
+    ("role", "method", "arguments", "pressed_by"),
+    [
+        ("operator", "POST", {"service": "/gate/stop", "request": {"reason": "now"}}, "mcp:arm"),
+        ("operator", "POST", {"service": "gate/stop/"}, "mcp:arm"),
+        ("operator", "GET", {"service": "/gate/stop"}, ""),
+        ("operator", "POST", {"service": "/gate/release_stop"}, ""),
+        ("operator", "POST", {"service": "/gate/stop", "request": {"reason": 5}}, ""),
+        ("operator", "POST", {"service": "/gate/stop", "reason": "now"}, ""),
+        ("agent", "POST", {"service": "/gate/stop"}, ""),
+        ("supervisor", "POST", {"service": "/gate/stop"}, ""),
+        ("nobody", "POST", {"service": "/gate/stop"}, ""),
+    ],
+)
+def test_a_stop_of_an_agent_does_not_wait_for_the_sdk(
+    role: str, method: str, arguments: dict[str, object], pressed_by: str
+) -> None:
+    robot = GatedRobot(RULES, emergency={"stop_roles": ["operator", "supervisor"]})
+    supervisor = robot.access.admission.role_of_token(peer_of(_request("/mcp", role="supervisor")))
+    assert supervisor is not None
+    supervisor.globs = {**supervisor.globs, "call": ()}
+    gateway = McpGateway(robot.graph, robot.access, McpSettings())
+    meta = {"io.modelcontextprotocol/clientInfo": {"name": "arm", "version": "1"}}
+    params = {"name": "call_service", "arguments": arguments, "_meta": meta}
+    body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}).encode()
+    request = replace(_request("/mcp", body, role), method=method)
+    route = next(each for each in gateway.http.routes if each.method == method)
+    answer = route.page(request, robot.access.nobody)
+    if isinstance(answer, Coroutine):
+        answer.close()  # Its turns are those of the SDK.
+    assert robot.gate.stopped_by.partition(" ")[0] == pressed_by

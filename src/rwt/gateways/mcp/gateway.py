@@ -6,8 +6,8 @@ import html
 import json
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
@@ -19,9 +19,12 @@ import msgspec
 from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
 from mcp.server.auth.provider import AccessToken
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
+from mcp_types import CLIENT_INFO_META_KEY
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
+from pydantic import ValidationError
 
 from rwt.access.audit import LineRate, one_line
+from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, canonical
 from rwt.access.roles import glob_pattern
 from rwt.access.settings import LINGER_SECONDS
@@ -34,8 +37,10 @@ from rwt.gateways.mcp.goals import GoalTable
 from rwt.gateways.mcp.person import Questions
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
-from rwt.gateways.mcp.tools.acting import CALL_SERVICE
+from rwt.gateways.mcp.tools.acting import CALL_SERVICE, CallServiceArguments
 from rwt.gateways.visitors import Visitor, Visitors, peer_of, url_of
+from rwt_participant.errors import RobotError
+from rwt_participant.messages import to_payload
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
@@ -123,10 +128,12 @@ class _Session:
 
     Attributes:
         used_at: monotonic time at which a request of it last ended.
+        program: name that the agent's program reports.
     """
 
     network: str
     used_at: float
+    program: str
     under_way: int = 0
 
 
@@ -219,15 +226,45 @@ class McpGateway(Gateway):
 
     # -- requests --------------------------------------------------------------------------------------------
 
-    async def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+    def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
         info = peer_of(request)
         try:
             role = self._role(info)
-            if not (self.access.is_stop_due(role) and presses_stop(request)):
+            presses = self.access.is_stop_due(role) and presses_stop(request)
+            if not presses:
                 self._check_room(request)
         except Refused as refused:
             self._refused += 1
             return _refusal(refused)
+        if presses:
+            self._press_stop(request, info, role)
+        return self._answer(request, reader, info, role)
+
+    def _press_stop(self, request: HttpRequest, info: PeerInfo, role: Role) -> None:
+        """Press the emergency stop before the SDK reads the request, for which it needs several turns.
+
+        The tool's call follows: it has the same response while the robot is stopped, and reports errors.
+        """
+        if CALL_SERVICE.act not in _acts(role):
+            return
+        params = msgspec.json.decode(request.body, type=_ToolCall).params
+        session = self._sessions.get(request.headers.get("mcp-session-id", ""))
+        reported = "" if params.meta is None else params.meta.program.name
+        program = reported if session is None else session.program
+        client = self.access.client(self.shared, role, info.address, f"mcp:{_shortened(program)}")
+        # The tool's call reports wrong arguments, and rejections by the gate.
+        with suppress(ValidationError, RobotError, AccessError):
+            asked = CallServiceArguments.model_validate(params.arguments)
+            client.call_service(
+                STOP,
+                lambda type: to_payload(type.request, asked.request, client.clock.time_ns),
+                lambda response: None,
+            )
+        client.close()
+
+    async def _answer(
+        self, request: HttpRequest, reader: GraphView, info: PeerInfo, role: Role
+    ) -> HttpResponse:
         await self._is_up.wait()
         if self._tasks is None:
             return _refusal(Refused(503, "this server is closing"))
@@ -302,7 +339,8 @@ class McpGateway(Gateway):
         opened = answer.headers.get("mcp-session-id", "")
         if opened and not known and answer.status < 400:
             self._forget_ended_sessions()
-            self._sessions[opened] = _Session(network_of(caller.info.address), time.monotonic())
+            program = _program_of(request)
+            self._sessions[opened] = _Session(network_of(caller.info.address), time.monotonic(), program)
 
     def _left(self, caller: _Caller, visitor: Visitor, session: _Session | None) -> None:
         self._callers.discard(caller)
@@ -438,7 +476,19 @@ def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
 def _name_of(context: ServerRequestContext[Any, Any]) -> str:
     """Return the name that an agent's program reports, shortened; it is not trusted."""
     params = context.session.client_params
-    return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
+    return _shortened("" if params is None else params.client_info.name)
+
+
+def _shortened(program: str) -> str:
+    return one_line(program[:60]) or "unnamed"
+
+
+def _program_of(request: HttpRequest) -> str:
+    """Return the name that an agent's program reports in a request which opens a session."""
+    try:
+        return msgspec.json.decode(request.body, type=_Initialize).params.program.name
+    except (msgspec.DecodeError, UnicodeDecodeError):  # The SDK accepts more texts than msgspec.
+        return ""
 
 
 def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
@@ -466,7 +516,7 @@ def _note_once(notices: list[str], text: str) -> None:
 
 def presses_stop(request: HttpRequest) -> bool:
     """Return True for a request that presses the emergency stop: a call of its service by a tool."""
-    if len(request.body) > MAX_STOP_BYTES or b"gate" not in request.body:
+    if request.method != "POST" or len(request.body) > MAX_STOP_BYTES or b"gate" not in request.body:
         return False
     try:
         call = msgspec.json.decode(request.body, type=_ToolCall)
@@ -477,9 +527,30 @@ def presses_stop(request: HttpRequest) -> bool:
     return is_call and canonical(str(params.arguments.get("service"))) == STOP
 
 
+class _Program(msgspec.Struct):
+    """Program of an agent, as it describes itself."""
+
+    name: str = ""
+
+
+class _InitializeParams(msgspec.Struct):
+    program: _Program = msgspec.field(default_factory=_Program, name="clientInfo")
+
+
+class _Initialize(msgspec.Struct):
+    """Request that opens a session."""
+
+    params: _InitializeParams
+
+
+class _Meta(msgspec.Struct):
+    program: _Program = msgspec.field(default_factory=_Program, name=CLIENT_INFO_META_KEY)
+
+
 class _ToolParams(msgspec.Struct):
     name: str
     arguments: dict[str, object] = {}
+    meta: _Meta | None = msgspec.field(default=None, name="_meta")
 
 
 class _ToolCall(msgspec.Struct):

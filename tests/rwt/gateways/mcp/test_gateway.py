@@ -276,3 +276,14 @@ async def test_a_session_that_takes_its_time_to_begin_is_one(monkeypatch: pytest
         metrics = server.metrics.text().decode()
         assert 'rwt_clients{gateway="mcp"} 1' in metrics
         assert 'rwt_connections_total{gateway="mcp"} 1' in metrics
+
+
+@pytest.mark.parametrize("era", ERAS)
+async def test_a_stop_names_the_program_and_is_answered_by_its_tool(era: Era) -> None:
+    drive = {"topics": ["/cmd_vel"], "type": "geometry_msgs/Twist", "stop": {}, "emergency": True}
+    gate = {"rules": {"drive": drive}}
+    async with served(gate=gate, **OPEN) as server, agent_at(url_of(server), era) as agent:
+        answer = await done(agent, "call_service", service="/gate/stop")
+        assert json.loads(answer)["message"].startswith("stopped; commands of clients are rejected")
+        stop = server.bridge.access.gate
+        assert stop is not None and stop.stopped_by == "mcp:mcp (role admin)" and stop.presses == 1
