@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
-from rwt_graph.memory.remote_types import RemoteTypes
+from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
@@ -72,7 +72,7 @@ class Discovery:
         self._connection: Connection | None = None
         self._nodes: Counter[str] = Counter()
         self._endpoints: dict[bytes, tuple[FoundEndpoint, RemoteEndpoint]] = {}
-        self._types = RemoteTypes(graph.registry)
+        self._types = EndpointTypes(graph.registry)
 
     def open(self, connection: Connection) -> None:
         """Add what is known, and follow later changes."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rwt_graph.errors import InvalidGraphName, WireError
-from rwt_graph.memory.remote_types import RemoteTypes
+from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import validate
 from rwt_graph.zenoh.rmw.keys import type_name
@@ -45,7 +45,7 @@ class Discovery:
         self._link: ZenohLink | None = None
         # Function to call when a token ends, by its key.
         self._alive: dict[str, Callable[[], None]] = {}
-        self._types = RemoteTypes(graph.registry)
+        self._types = EndpointTypes(graph.registry)
         # GIDs of departed publishers, which may be behind a broken link; the oldest are removed.
         self._gone: dict[bytes, None] = {}
 

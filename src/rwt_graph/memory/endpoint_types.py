@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-class RemoteTypes:
+class EndpointTypes:
     """Types of ROS 2's endpoints in other processes. A type that cannot be exchanged is logged once."""
 
     def __init__(self, registry: Registry) -> None:
