@@ -34,22 +34,12 @@ def time_struct(field_type: field_types.Time) -> type[msgspec.Struct]:
 def annotation(field_type: FieldType) -> object:
     """Return the Python type of a field in its message's Struct."""
     match field_type:
-        case field_types.Bool():
-            return bool
-        case field_types.Int():
-            return int
-        case field_types.Float():
-            return float
-        case field_types.String():
-            return str
-        case field_types.Time():
-            return time_struct(field_type)
         case field_types.Octets():
             return bytes
-        case field_types.Message():
-            return field_type.type.struct
         case field_types.Array():
-            return _LIST[annotation(field_type.element)]
+            return _LIST[_scalar_type(field_type.element)]
+        case _:
+            return _scalar_type(field_type)
 
 
 def default_maker(field_type: FieldType) -> Callable[[], object]:
@@ -59,11 +49,13 @@ def default_maker(field_type: FieldType) -> Callable[[], object]:
             octets = bytes(field_type.length or 0)
             return lambda: octets
         case field_types.Array():
-            return _array_default(default_maker(field_type.element), field_type.length or 0)
-        case field_types.Time():
-            return time_struct(field_type)
-        case field_types.Message():
-            return field_type.type.struct
+            return _array_default(_scalar_type(field_type.element), field_type.length or 0)
+        case _:
+            return _scalar_type(field_type)
+
+
+def _scalar_type(field_type: field_types.Scalar) -> type[object]:
+    match field_type:
         case field_types.Bool():
             return bool
         case field_types.Int():
@@ -72,6 +64,10 @@ def default_maker(field_type: FieldType) -> Callable[[], object]:
             return float
         case field_types.String():
             return str
+        case field_types.Time():
+            return time_struct(field_type)
+        case field_types.Message():
+            return field_type.type.struct
 
 
 def _array_default(element: Callable[[], object], length: int) -> Callable[[], object]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import logging
 import random
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -358,22 +357,6 @@ def inputs(seed: int) -> Iterator[Input]:
 
 
 # -- costs -------------------------------------------------------------------------------------------------
-
-
-def calls(act: Callable[[], object]) -> int:
-    """Return the number of Python and C functions that are called."""
-    count = 0
-
-    def note(frame: object, event: str, arg: object) -> None:
-        nonlocal count
-        count += event in ("call", "c_call")
-
-    sys.setprofile(note)
-    try:
-        act()
-    finally:
-        sys.setprofile(None)
-    return count
 
 
 def cost(world: World, given: Input) -> float:

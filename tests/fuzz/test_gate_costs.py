@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.gate_costs import MOST_CALLS, SHAPES, Input, World, calls, inputs
+from tests.call_counts import count_calls
+from tests.fuzz.gate_costs import MOST_CALLS, SHAPES, Input, World, inputs
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def test_an_input_costs_as_much_at_a_crowded_gate(worlds: list[World], shape: st
     chosen = random.Random(17)
     for number in range(4):
         given = Input(shape, role, tuple(map(json.dumps, SHAPES[shape](chosen))))
-        counts = [calls(partial(world.play, given)) for world in worlds]
+        counts = [count_calls(partial(world.play, given)) for world in worlds]
         for world in worlds:
             world.clock.advance(0.2)
         if number:  # The first input of a shape fills caches.

@@ -16,7 +16,7 @@ from typing import Final
 import pytest
 
 from rwt_graph.ros1 import Ros1Graph
-from tests.ros1.program import Program
+from tests.statements import Program
 
 HAS_ROS = shutil.which("rosmaster", path="/usr/bin") is not None
 
@@ -72,7 +72,8 @@ class Ros:
 
     def program(self, node: str = "program") -> Program:
         """Start a `rospy` program in the namespace `/robot`, which ends with the test."""
-        program = Program({**self.environment, "ROS_NAMESPACE": "/robot"}, node)
+        environment = {**self.environment, "ROS_NAMESPACE": "/robot"}
+        program = Program("/usr/bin/python3", "tests.ros1.program", node, environment=environment)
         self._programs.callback(program.close)
         program.run("")
         return program

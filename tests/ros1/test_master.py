@@ -17,7 +17,7 @@ from tests.ros1.test_services import CALL, OFFER
 from tests.waiting import until, wait_until
 
 if TYPE_CHECKING:
-    from tests.ros1.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 

@@ -6,12 +6,14 @@ They are skipped where the real `rclpy` is not installed.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import AsyncIterator, Iterator
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.ros2.program import Program
+from tests.statements import Program
 
 if TYPE_CHECKING:
     from rwt_graph.ros2 import Ros2Graph
@@ -40,7 +42,8 @@ def domain() -> int:
 @pytest.fixture
 def program(domain: int) -> Iterator[Program]:
     """A ROS 2 program in another process, with the node `/robot/program`."""
-    with Program(domain) as running:
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    with closing(Program(sys.executable, "tests.ros2.program", environment=environment)) as running:
         yield running
 
 

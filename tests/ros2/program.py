@@ -1,65 +1,13 @@
-"""A real ROS 2 program in another process, which runs the statements that tests give it."""
+"""A real ROS 2 program, which runs statements that see `node`, `executor`, `rclpy`, `qos` and `plain`."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import threading
-import traceback
-from typing import Any, Final, Self
+from typing import Any, Final
+
+from tests.statements import run_statements
 
 NODE: Final = "/robot/program"
-
-
-class Program:
-    """A process with `rclpy`, whose node is :data:`NODE`.
-
-    Statements see `node`, `executor`, `rclpy` and `qos`.
-    """
-
-    def __init__(self, domain: int) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-        )
-
-    def run(self, statements: str) -> Any:
-        """Run statements in the program; return the value that they give to `result`, if any.
-
-        Raises:
-            RuntimeError: they failed there; the text is the traceback.
-        """
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.write(json.dumps(statements) + "\n")
-        self.process.stdin.flush()
-        answer = json.loads(self.process.stdout.readline() or '{"failed": "the program has ended"}')
-        if "failed" in answer:
-            raise RuntimeError(answer["failed"])
-        return answer["result"]
-
-    def kill(self) -> None:
-        """End the process without a farewell."""
-        assert self.process.stdin is not None
-        self.process.kill()
-        self.process.wait()
-        self.process.stdin.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        if self.process.poll() is None:
-            self.process.stdin.close()
-            self.process.wait(10)
-        self.process.stdout.close()
 
 
 def plain(value: Any) -> Any:
@@ -97,16 +45,7 @@ def main() -> None:
 
     spinning = threading.Thread(target=spin)
     spinning.start()
-    scope: dict[str, Any] = {"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain}
-    for line in sys.stdin:
-        scope["result"] = None
-        try:
-            exec(json.loads(line), scope)
-            answer = {"result": scope["result"]}
-        except Exception:
-            answer = {"failed": traceback.format_exc()}
-        sys.stdout.write(json.dumps(answer) + "\n")
-        sys.stdout.flush()
+    run_statements({"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain})
     rclpy.shutdown()
     spinning.join()
     executor.shutdown()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import ClientGoal, Participant
     from rwt_graph.ros2 import Ros2Graph
     from rwt_participant.errors import CallFailed
-    from tests.ros2.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 

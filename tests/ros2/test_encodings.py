@@ -19,8 +19,8 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
 from tests.processes import running
-from tests.ros2.program import Program
 from tests.ros2.values import TYPES, comparable
+from tests.statements import Program
 from tests.waiting import wait_until
 
 _TIMEOUT: Final = 30.0

@@ -13,7 +13,7 @@ from tests.waiting import until
 
 if TYPE_CHECKING:
     from rwt_graph.ros2 import Ros2Graph
-    from tests.ros2.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 

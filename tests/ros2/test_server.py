@@ -18,7 +18,7 @@ from tests.processes import running
 from tests.waiting import until
 
 if TYPE_CHECKING:
-    from tests.ros2.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 

@@ -17,7 +17,7 @@ from tests.waiting import until
 if TYPE_CHECKING:
     from rwt_graph.api import Sample
     from rwt_graph.ros2 import Ros2Graph
-    from tests.ros2.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 
@@ -114,7 +114,7 @@ b = node.create_subscription(String, '/b', print, 10)
     program.run("node.destroy_publisher(a)")
     await until(lambda: graph.topic("/a") is None)
     assert graph.version > before
-    program.__exit__()
+    program.close()
     await until(lambda: NODE not in [node.name for node in graph.nodes()])
 
 

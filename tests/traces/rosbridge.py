@@ -149,6 +149,7 @@ def session(transcript: Transcript, *, distro: str) -> None:
             a.ask({"op": "set_level", "level": "info", "id": "level"})
             _topics(transcript, a, b)
             _services(transcript, a, b)
+            _client_services(transcript, a, b)
             _actions(transcript, a, b)
             _fragments(transcript, a)
             _rosapi(transcript, a)
@@ -271,6 +272,8 @@ def _services(transcript: Transcript, a: Wire, b: Wire) -> None:
     a.say(call)
     a.hear()
 
+
+def _client_services(transcript: Transcript, a: Wire, b: Wire) -> None:
     transcript.title("a service of a client")
     offered = {"op": "advertise_service", "service": "/sum", "type": ADD}
     b.ask({"op": "set_level", "level": "info"}, {**offered, "type": "std_srvs/Trigger"})

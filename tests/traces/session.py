@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from tests.traces import access, commands, gateways, rosbridge
+from tests.traces import access, commands, gateways, http_gateway, rosbridge
 from tests.traces.transcript import Session, Transcript
 
 SESSIONS: Final[Mapping[str, Session]] = {
     **rosbridge.SESSIONS,
     **gateways.SESSIONS,
+    **http_gateway.SESSIONS,
     **access.SESSIONS,
     **commands.SESSIONS,
 }

@@ -109,42 +109,41 @@ def _interrupt(number: int, after: float = 0.3) -> None:
     threading.Timer(after, os.kill, (os.getpid(), number)).start()
 
 
-def interrupted_spin() -> None:
-    """Ctrl-C during rclpy.spin."""
+def _spin_until(number: int) -> None:
     with node() as made:
-        _interrupt(signal.SIGINT)
+        _interrupt(number)
         try:
             rclpy.spin(made)
         except BaseException as error:
             print(type(error).__name__)
         print(rclpy.ok())
+
+
+def _end_by(number: int) -> None:
+    rclpy.init(args=[])
+    made = rclpy.create_node("node")
+    _interrupt(number)
+    rclpy.spin(made)
+
+
+def interrupted_spin() -> None:
+    """Ctrl-C during rclpy.spin."""
+    _spin_until(signal.SIGINT)
 
 
 def interrupted_program() -> None:
     """A program that Ctrl-C ends."""
-    rclpy.init(args=[])
-    made = rclpy.create_node("node")
-    _interrupt(signal.SIGINT)
-    rclpy.spin(made)
+    _end_by(signal.SIGINT)
 
 
 def terminated_spin() -> None:
     """SIGTERM during rclpy.spin."""
-    with node() as made:
-        _interrupt(signal.SIGTERM)
-        try:
-            rclpy.spin(made)
-        except BaseException as error:
-            print(type(error).__name__)
-        print(rclpy.ok())
+    _spin_until(signal.SIGTERM)
 
 
 def terminated_program() -> None:
     """A program that SIGTERM ends."""
-    rclpy.init(args=[])
-    made = rclpy.create_node("node")
-    _interrupt(signal.SIGTERM)
-    rclpy.spin(made)
+    _end_by(signal.SIGTERM)
 
 
 def interrupted_executors() -> None:

@@ -226,22 +226,15 @@ def fixed_arrays() -> None:
     """Arrays of fixed length."""
     message = PoseWithCovariance()
     print(type(message.covariance).__name__, message.covariance.dtype, len(message.covariance))
-    for value in (
-        [0.0] * 36,
-        [0.0] * 35,
-        numpy.zeros(36),
-        numpy.zeros(35),
-        numpy.zeros(36, numpy.float32),
-        None,
-        [0] * 36,
-    ):
-        tell(type(value).__name__, setattr, message, "covariance", value)
-        print(type(message.covariance).__name__)
+    _set_covariances(message)
 
 
 def fixed_arrays_checked() -> None:
     """Arrays of fixed length with checks."""
-    message = PoseWithCovariance(check_fields=True)
+    _set_covariances(PoseWithCovariance(check_fields=True))
+
+
+def _set_covariances(message: PoseWithCovariance) -> None:
     for value in (
         [0.0] * 36,
         [0.0] * 35,

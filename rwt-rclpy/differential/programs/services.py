@@ -154,20 +154,26 @@ def callback_raises() -> None:
         print(future.done())
 
 
+def _client_of_failing(made: Any) -> tuple[Any, list[bool]]:
+    """Return a client of a service that fails on the first call, and the requests of all calls."""
+    calls: list[bool] = []
+
+    def fail_once(request: Any, response: Any) -> Any:
+        calls.append(request.data)
+        if len(calls) == 1:
+            raise ValueError("no")
+        return _answer(request, response)
+
+    made.create_service(SetBool, "service", fail_once)
+    client = made.create_client(SetBool, "service")
+    client.wait_for_service(5)
+    return client, calls
+
+
 def callback_raises_then_answers() -> None:
     """Answers after an exception of the callback."""
     with node() as made, spinner(made) as spin:
-        calls: list[bool] = []
-
-        def fail_once(request: Any, response: Any) -> Any:
-            calls.append(request.data)
-            if len(calls) == 1:
-                raise ValueError("no")
-            return _answer(request, response)
-
-        made.create_service(SetBool, "service", fail_once)
-        client = made.create_client(SetBool, "service")
-        client.wait_for_service(5)
+        client, calls = _client_of_failing(made)
         first = client.call_async(SetBool.Request())
         tell("spin", spin, first.done)
         second = client.call_async(SetBool.Request(data=True))
@@ -178,17 +184,7 @@ def callback_raises_then_answers() -> None:
 def callback_raises_new_executor() -> None:
     """Answers after an exception of the callback, with rclpy.spin again."""
     with node() as made:
-        calls: list[bool] = []
-
-        def fail_once(request: Any, response: Any) -> Any:
-            calls.append(request.data)
-            if len(calls) == 1:
-                raise ValueError("no")
-            return _answer(request, response)
-
-        made.create_service(SetBool, "service", fail_once)
-        client = made.create_client(SetBool, "service")
-        client.wait_for_service(5)
+        client, calls = _client_of_failing(made)
         first = client.call_async(SetBool.Request())
         tell("spin", rclpy.spin_until_future_complete, made, first, timeout_sec=2)
         second = client.call_async(SetBool.Request(data=True))

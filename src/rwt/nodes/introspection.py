@@ -49,32 +49,23 @@ class Introspection(CallObserver):
 
     Args:
         graph: graph of ROS 2.
-        takes: filter of services and actions by name; by default all except rosapi.
         on_topic: called when a topic was added, before its first message.
-        name: absolute name of the node.
 
     Raises:
         NotObservable: the calls of the graph cannot be published.
     """
 
-    def __init__(
-        self,
-        graph: Graph,
-        takes: Callable[[str], bool] = lambda name: not name.startswith("/rosapi/"),
-        on_topic: Callable[[], None] = lambda: None,
-        name: str = "/introspection",
-    ) -> None:
+    def __init__(self, graph: Graph, on_topic: Callable[[], None] = lambda: None) -> None:
         if not graph.distro.introspects_calls:
             raise NotObservable("ROS 1 has no service introspection; its actions are topics already")
         self._graph = graph
-        self._takes = takes
         self._on_topic = on_topic
         self._publishers: dict[str, tuple[str, Publisher]] = {}  # by topic, with the type's name
         self._needed: set[str] = set()
         self._refused: set[str] = set()
         self._statuses: dict[str, dict[str, tuple[GoalStatus, int]]] = {}
         self._calls = 0
-        self._participant = graph.participant(name)
+        self._participant = graph.participant("/introspection")
         self._timer: Timer | None = None
         if not graph.observe_calls(self):
             self._participant.close()
@@ -85,10 +76,10 @@ class Introspection(CallObserver):
         """Add the topics of new services and actions, and withdraw those of former ones."""
         self._needed.clear()
         for service in self._graph.services():
-            if self._takes(service.name) and "/_action/" not in service.name:
+            if _is_observed(service.name):
                 self._events_of(service.name, service.type.name)
         for action in self._graph.actions():
-            if self._takes(action.name):
+            if _is_observed(action.name):
                 self._topics_of(action)
         for topic in self._publishers.keys() - self._needed:
             self._publishers.pop(topic)[1].close()
@@ -140,7 +131,7 @@ class Introspection(CallObserver):
 
     def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
         """Publish a call, and later its response."""
-        if not self._takes(service.name) or "/_action/" in service.name:
+        if not _is_observed(service.name):
             return on_reply
         call = self._begin(service.name, service.type.name)
         self.publish_event(call, REQUEST_RECEIVED, request.value())
@@ -178,7 +169,7 @@ class Introspection(CallObserver):
 
     def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:
         """Publish a goal, and later its progress."""
-        if not self._takes(action.name):
+        if not _is_observed(action.name):
             return events
         watched = _WatchedGoal(self, action, goal_id, events)
         watched.sent(goal)
@@ -272,6 +263,10 @@ class _WatchedGoal:
         if sending is not None:
             response = {"accepted": accepted, "stamp": self._introspection.now()}
             self._introspection.publish_event(sending, RESPONSE_SENT, response)
+
+
+def _is_observed(name: str) -> bool:
+    return not name.startswith("/rosapi/") and "/_action/" not in name
 
 
 def uuid(goal_id: str) -> dict[str, bytes]:

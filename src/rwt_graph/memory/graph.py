@@ -288,7 +288,15 @@ class MemoryGraph(Runtime, Graph):
 
     async def __aenter__(self) -> Self:
         await self._start()
+        try:
+            await self._join()
+        except BaseException:
+            await self.__aexit__()
+            raise
         return self
+
+    async def _join(self) -> None:
+        """Connect to other processes; overridden by graphs that span several."""
 
     async def __aexit__(self, *exc: object) -> None:
         await self._stop(self._close_participants)

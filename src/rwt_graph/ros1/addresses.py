@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 from urllib.parse import urlsplit
@@ -31,7 +30,7 @@ class Address:
     source: str
 
 
-def master_uri(given: str | None, environment: Mapping[str, str] = os.environ) -> str:
+def master_uri(given: str | None) -> str:
     """Return the URI of the master: the given one, else `ROS_MASTER_URI`, else that of this host.
 
     Args:
@@ -42,7 +41,7 @@ def master_uri(given: str | None, environment: Mapping[str, str] = os.environ) -
     """
     if given == "ros1-master":
         given = f"{given}://127.0.0.1"
-    text = given or environment.get("ROS_MASTER_URI") or DEFAULT_MASTER
+    text = given or os.environ.get("ROS_MASTER_URI") or DEFAULT_MASTER
     try:
         parts = urlsplit(text)
         port = parts.port or _DEFAULT_PORT
@@ -54,14 +53,14 @@ def master_uri(given: str | None, environment: Mapping[str, str] = os.environ) -
     return f"http://{host}:{port}/"
 
 
-def own_address(master: str, environment: Mapping[str, str] = os.environ) -> Address:
+def own_address(master: str) -> Address:
     """Return the address of this process: `ROS_HOSTNAME`, `ROS_IP`, or the one that reaches the master.
 
     The host name would be ROS 1's default, which robots often cannot resolve. It is used only for a master on
     this host, if it resolves.
     """
     for variable in ("ROS_HOSTNAME", "ROS_IP"):
-        host = environment.get(variable)
+        host = os.environ.get(variable)
         if host:
             return Address(host, "127.0.0.1" if is_loopback(host) else "", variable)
     host = _local_address(master)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import partial
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 import anyio.to_thread
 
@@ -86,22 +86,12 @@ class Ros1Graph(MemoryGraph):
     def make_participant(self, name: str) -> MemoryParticipant:
         return Ros1Participant(self, name)
 
-    async def __aenter__(self) -> Self:
-        """Run on the current event loop, and join ROS 1.
+    async def _join(self) -> None:
+        """Join ROS 1.
 
         Raises:
             Ros1Error: no socket can be opened, or the port of the own master is in use.
-            NotRunning: the graph was entered before.
         """
-        await super().__aenter__()
-        try:
-            await self._join()
-        except BaseException:
-            await self.__aexit__()
-            raise
-        return self
-
-    async def _join(self) -> None:
         address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
         try:
             session = self._session = Session(self, self.master, address)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from rwt_interfaces.errors import InterfaceError
@@ -16,19 +16,19 @@ logger = logging.getLogger(__name__)
 _INDEX = Path("share/ament_index/resource_index/rosidl_interfaces")
 
 
-def prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
+def prefixes() -> tuple[Path, ...]:
     """Return the folders of `AMENT_PREFIX_PATH`; earlier ones have priority, as in ROS.
 
     Without it, ROS 2 is installed as wheels in this Python's environment.
     """
-    path = environment.get("AMENT_PREFIX_PATH") or sys.prefix
+    path = os.environ.get("AMENT_PREFIX_PATH") or sys.prefix
     return tuple(Path(folder) for folder in path.split(os.pathsep) if folder)
 
 
-def package_folders(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
+def package_folders() -> Iterator[Path]:
     """Yield the share folder of every installed package that defines interfaces, once each."""
     seen: set[str] = set()
-    for prefix in prefixes(environment):
+    for prefix in prefixes():
         index = prefix / _INDEX
         for entry in sorted(index.iterdir()) if index.is_dir() else ():
             if entry.name not in seen:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
@@ -108,22 +108,12 @@ class Ros2Graph(MemoryGraph):
     ) -> Callable[[], None]:
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
-    async def __aenter__(self) -> Self:
-        """Run on the current event loop, and join ROS 2.
+    async def _join(self) -> None:
+        """Join ROS 2.
 
         Raises:
             Ros2Error: ROS 2 rejects the settings, such as the domain.
-            NotRunning: the graph was entered before.
         """
-        await super().__aenter__()
-        try:
-            self._join()
-        except BaseException:
-            await self.__aexit__()
-            raise
-        return self
-
-    def _join(self) -> None:
         connection = Connection(
             self, self._domain, self._discovery.on_change, use_callbacks=self._use_callbacks
         )

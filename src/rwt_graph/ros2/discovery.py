@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,21 +10,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
+from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.connection import Connection, now
 from rwt_graph.ros2.rcl import GID_BYTES
-from rwt_interfaces.errors import InterfaceError
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
     from rwt_graph.ros2.services import Ros2Services
     from rwt_graph.ros2.topics import Ros2Topics
-    from rwt_interfaces.structs import MessageType
     from rwt_participant.qos import QoS
-
-logger = logging.getLogger(__name__)
 
 #: Name that ROS 2 reports until it knows the node of an endpoint.
 _UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
@@ -76,7 +72,7 @@ class Discovery:
         self._connection: Connection | None = None
         self._nodes: Counter[str] = Counter()
         self._endpoints: dict[bytes, tuple[FoundEndpoint, RemoteEndpoint]] = {}
-        self._warned: set[tuple[str, str]] = set()
+        self._types = EndpointTypes(graph.registry)
 
     def open(self, connection: Connection) -> None:
         """Add what is known, and follow later changes."""
@@ -129,7 +125,8 @@ class Discovery:
 
     def _add(self, found: FoundEndpoint) -> None:
         earlier = self._endpoints.get(found.gid)
-        endpoint = RemoteEndpoint(found.node, found.type_name, self._type_of(found), found.qos)
+        known = self._types.find(found.type_name, found.type_hash, found.topic, found.node)
+        endpoint = RemoteEndpoint(found.node, found.type_name, known, found.qos)
         if earlier is not None:
             endpoint.cache = earlier[1].cache
         self._endpoints[found.gid] = (found, endpoint)
@@ -147,29 +144,6 @@ class Discovery:
         for each in _of_others(connection, _publishers(connection, topic)):
             if each.gid not in self._endpoints:
                 self._add(each)
-
-    def _type_of(self, found: FoundEndpoint) -> MessageType | None:
-        try:
-            known = self._topics.registry.message(found.type_name)
-        except InterfaceError:
-            self._warn_once(found, "its definition is not known here: give it with --interfaces")
-            return None
-        if found.type_hash and known.rihs01 != found.type_hash:
-            self._warn_once(found, f"the other program defines it otherwise ({found.type_hash})")
-            return None
-        return known
-
-    def _warn_once(self, found: FoundEndpoint, why: str) -> None:
-        what = (found.type_name, found.type_hash)
-        if what not in self._warned:
-            self._warned.add(what)
-            logger.warning(
-                "%s of node %s cannot be exchanged, it has type %s: %s",
-                found.topic,
-                found.node,
-                found.type_name,
-                why,
-            )
 
 
 def read(connection: Connection) -> Snapshot:

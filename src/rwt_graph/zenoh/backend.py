@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import anyio
 import anyio.to_thread
@@ -113,22 +113,12 @@ class ZenohGraph(MemoryGraph):
     ) -> Callable[[], None]:
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
-    async def __aenter__(self) -> Self:
-        """Run on the current event loop, and connect to the other processes.
+    async def _join(self) -> None:
+        """Connect to the other processes.
 
         Raises:
             ZenohError: an endpoint or the configuration file cannot be used.
-            NotRunning: the graph was entered before.
         """
-        await super().__aenter__()
-        try:
-            await self._join()
-        except BaseException:
-            await self.__aexit__()
-            raise
-        return self
-
-    async def _join(self) -> None:
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
         link = ZenohLink(session, self.options.domain, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rwt_graph.errors import InvalidGraphName, WireError
+from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import validate
 from rwt_graph.zenoh.rmw.keys import type_name
 from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, all_tokens, gid_of, parse
-from rwt_interfaces.errors import InterfaceError
 from rwt_participant.qos import Durability
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Discovery:
         self._link: ZenohLink | None = None
         # Function to call when a token ends, by its key.
         self._alive: dict[str, Callable[[], None]] = {}
-        self._warned: set[tuple[str, str]] = set()
+        self._types = EndpointTypes(graph.registry)
         # GIDs of departed publishers, which may be behind a broken link; the oldest are removed.
         self._gone: dict[bytes, None] = {}
 
@@ -140,28 +140,8 @@ class Discovery:
             del self._gone[next(iter(self._gone))]
 
     def _type_of(self, end: TokenEndpoint, token: Token) -> tuple[str, MessageType | None]:
-        registry = self._topics.registry
         try:
             name = type_name(end.dds_type)
-            known = registry.message(name)
         except WireError:
             return end.dds_type, None
-        except InterfaceError:
-            self._warn_once(end, "its definition is not known here: give it with --interfaces", token)
-            return name, None
-        if known.rihs01 != end.type_hash:
-            self._warn_once(end, f"the other process defines it otherwise ({end.type_hash})", token)
-            return name, None
-        return name, known
-
-    def _warn_once(self, end: TokenEndpoint, why: str, token: Token) -> None:
-        what = (end.dds_type, end.type_hash)
-        if what not in self._warned:
-            self._warned.add(what)
-            logger.warning(
-                "%s of node %s cannot be exchanged, it has type %s: %s",
-                end.name,
-                token.node,
-                end.dds_type,
-                why,
-            )
+        return name, self._types.find(name, end.type_hash, end.name, token.node)

@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 _HEADER = "std_msgs/Header"
+_MAX_PATHS = 10
 
 
-def missing_fields(message: MessageType, value: object, most: int = 10) -> tuple[str, ...]:
-    """Return the paths of the fields that `value` does not have, for example ``pose.position.z``.
+def missing_fields(message: MessageType, value: object) -> tuple[str, ...]:
+    """Return the paths of the first ten fields that `value` does not have, for example ``pose.position.z``.
 
     Headers are excluded, because the server may complete them (PUB-05). A missing nested message is named
     once.
@@ -24,9 +25,8 @@ def missing_fields(message: MessageType, value: object, most: int = 10) -> tuple
     Args:
         message: type of the value.
         value: the message as plain objects.
-        most: maximum number of paths.
     """
-    return tuple(islice(_missing(message, value), most))
+    return tuple(islice(_missing(message, value), _MAX_PATHS))
 
 
 def _missing(message: MessageType, value: object) -> Iterator[str]:

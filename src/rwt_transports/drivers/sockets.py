@@ -103,14 +103,13 @@ class Handshakes:
     An active handshake takes milliseconds, so the oldest is most likely abandoned.
     """
 
-    def __init__(self, most: int = MAX_HANDSHAKES) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self._open: dict[anyio.CancelScope, None] = {}
 
     @contextlib.contextmanager
     def one(self) -> Iterator[anyio.CancelScope]:
         """Count a handshake inside the block, which is cancelled if there are too many."""
-        if len(self._open) >= self._most:
+        if len(self._open) >= MAX_HANDSHAKES:
             oldest = next(iter(self._open))
             del self._open[oldest]
             oldest.cancel()

@@ -6,7 +6,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from types import FrameType
 from typing import Any, Final, Literal
@@ -23,6 +23,7 @@ from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from tests.call_counts import count_calls
 from tests.rwt.access.gated_robot import GatedRobot, drive
 
 REGISTRY: Final = Registry(JAZZY)
@@ -291,21 +292,6 @@ def test_a_message_costs_few_calls() -> None:
 ARRAY: Final = REGISTRY.message("std_msgs/Float64MultiArray")
 
 
-def _python_calls(act: Callable[[], object]) -> int:
-    count = 0
-
-    def profile(frame: FrameType, event: str, _: object) -> None:
-        nonlocal count
-        count += event == "call"
-
-    sys.setprofile(profile)
-    try:
-        act()
-    finally:
-        sys.setprofile(None)
-    return count
-
-
 def _array(items: str) -> Payload:
     layout = b'{"layout": {"dim": [], "data_offset": 0}, "data": [%s]}'
     return Payload.from_json(ARRAY, layout % items.encode())
@@ -347,7 +333,7 @@ def test_a_list_within_its_range_is_not_looked_at_item_by_item() -> None:
     for size in (10, 10_000):
         payload = _array(",".join(["0.5"] * size))
         payload.value()
-        counts.append(_python_calls(partial(checks.check, payload, 0.0)))
+        counts.append(count_calls(partial(checks.check, payload, 0.0), ["call"]))
     assert counts[0] == counts[1]
 
 

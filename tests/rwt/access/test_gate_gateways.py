@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from typing import Any
 
 import anyio
@@ -15,10 +15,13 @@ from rwt import Server, connect
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.http.clients import MAX_SESSIONS
+from rwt_client import Robot
+from rwt_graph import Node
 from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, settings_of, token
 from tests.rwt.gateways.foxglove.viewer import Viewer
 from tests.rwt.gateways.mcp.agents import agent_at, url_of
 from tests.rwt.gateways.rosbridge.recording_client import Client
+from tests.waiting import until
 
 RULE = {**DRIVE, "emergency": True}
 
@@ -138,13 +141,13 @@ async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> No
 
             async with connect(server.urls[0]) as admin, anyio.create_task_group() as tasks:
                 tasks.start_soon(ask, one)
-                await eventually(lambda: ["1"] in waiting)
+                await until(lambda: ["1"] in waiting)
                 approval = {"id": "1", "approve": True, "seconds": 60.0}
                 assert (await admin.call("/gate/approve", approval, "rwt_gate_msgs/Approve")).success
                 await ask(one)
                 assert len(done) == 2
                 tasks.start_soon(ask, two)
-                await eventually(lambda: ["2"] in waiting)
+                await until(lambda: ["2"] in waiting)
                 assert len(done) == 2
                 refused_too = {"id": "2", "approve": False, "seconds": 0.0}
                 await admin.call("/gate/approve", refused_too, "rwt_gate_msgs/Approve")
@@ -356,8 +359,33 @@ async def test_programs_with_one_token_do_not_alternate_commands_over_http() -> 
             assert await drive_as(RWT_Session="one") == 204
 
 
-@pytest.mark.anyio
-async def test_what_waits_for_approval_over_http_is_answered_at_once() -> None:
+class Approvals:
+    """A robot whose commands over HTTP require approval, and an administrator.
+
+    Attributes:
+        http: client of the agent.
+        others: client of others.
+    """
+
+    def __init__(self, node: Node, admin: Robot, http: httpx.AsyncClient, others: httpx.AsyncClient) -> None:
+        self.node = node
+        self.http = http
+        self.others = others
+        self._admin = admin
+
+    async def answer(self, *, approve: bool = True) -> None:
+        """Answer the first request, once it waits."""
+        request = {"id": "1", "approve": approve}
+        with anyio.fail_after(10):
+            while True:
+                if (await self._admin.call("/gate/approve", request, "rwt_gate_msgs/Approve")).success:
+                    return
+                await anyio.sleep(0.01)
+
+
+@pytest.fixture
+async def approvals() -> AsyncIterator[Approvals]:
+    """A server whose rule requires approval of a service, an action and parameters."""
     asked = {
         "services": ["/blink", "/rosapi/set_param"],
         "actions": ["/count"],
@@ -382,66 +410,63 @@ async def test_what_waits_for_approval_over_http_is_answered_at_once() -> None:
         async with (
             connect(server.urls[0]) as admin,
             httpx.AsyncClient(base_url=base, headers=agent) as http,
+            httpx.AsyncClient(base_url=base) as others,
         ):
-
-            async def answer(id: str, *, approve: bool = True) -> None:
-                request = {"id": id, "approve": approve}
-                with anyio.fail_after(10):
-                    while True:
-                        answered = await admin.call("/gate/approve", request, "rwt_gate_msgs/Approve")
-                        if answered.success:
-                            return
-                        await anyio.sleep(0.01)
-
-            # A call: its state, and then its response.
-            waiting = await http.post("/api/services/blink", json={"data": True})
-            state = waiting.json()
-            assert (waiting.status_code, state["state"], state["approval"]["roles"]) == (
-                202,
-                "waiting",
-                ["admin"],
-            )
-            assert re.fullmatch(
-                r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)", state["reason"]
-            )
-            where = waiting.headers["location"]
-            assert (await http.get(where)).status_code == 202
-            async with httpx.AsyncClient(base_url=base) as other:
-                assert (await other.get(where)).status_code == 404, "another client's call"
-            await answer("1")
-            for _ in range(2):
-                done = await http.get(where)
-                assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
-            # A client that prefers to wait.
-            async with anyio.create_task_group() as tasks:
-                tasks.start_soon(answer, "2")
-                patient = {"Prefer": "wait=20"}
-                done = await http.post("/api/services/blink", json={"data": True}, headers=patient)
-            assert (done.status_code, done.json()["message"]) == (200, "done")
-            # A denied call.
-            where = (await http.post("/api/services/blink", json={"data": True})).headers["location"]
-            await answer("3", approve=False)
-            denied = await http.get(where)
-            assert (denied.status_code, "a person said no" in denied.text) == (502, True)
-            # A parameter, by the service of rosapi.
-            where = (await http.put("/api/parameters/base:speed", json=2.0)).headers["location"]
-            assert node.parameters.get("speed") == 1.0
-            await answer("4")
-            assert (await http.get(where)).status_code == 200
-            assert node.parameters.get("speed") == 2.0
-            # A goal.
-            goal = await http.post("/api/actions/count/goals", json={"order": 1})
-            state = goal.json()
-            assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "5")
-            await answer("5")
-            with anyio.fail_after(10):
-                while state["state"] != "succeeded":
-                    await anyio.sleep(0.01)
-                    state = (await http.get(goal.headers["location"])).json()
+            yield Approvals(node, admin, http, others)
 
 
-async def eventually(condition: Callable[[], bool]) -> None:
-    """Wait until a condition holds."""
-    with anyio.fail_after(30):
-        while not condition():  # noqa: ASYNC110 - messages of the robot come from other tasks
+@pytest.mark.anyio
+async def test_a_call_that_waits_for_approval_over_http_is_answered_at_once(approvals: Approvals) -> None:
+    http = approvals.http
+    waiting = await http.post("/api/services/blink", json={"data": True})
+    state = waiting.json()
+    assert (waiting.status_code, state["state"], state["approval"]["roles"]) == (202, "waiting", ["admin"])
+    assert re.fullmatch(
+        r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)", state["reason"]
+    )
+    where = waiting.headers["location"]
+    assert (await http.get(where)).status_code == 202
+    assert (await approvals.others.get(where)).status_code == 404, "another client's call"
+    await approvals.answer()
+    for _ in range(2):
+        done = await http.get(where)
+        assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
+
+
+@pytest.mark.anyio
+async def test_a_client_may_wait_for_approval_over_http(approvals: Approvals) -> None:
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(approvals.answer)
+        patient = {"Prefer": "wait=20"}
+        done = await approvals.http.post("/api/services/blink", json={"data": True}, headers=patient)
+    assert (done.status_code, done.json()["message"]) == (200, "done")
+
+
+@pytest.mark.anyio
+async def test_a_call_over_http_that_is_denied(approvals: Approvals) -> None:
+    where = (await approvals.http.post("/api/services/blink", json={"data": True})).headers["location"]
+    await approvals.answer(approve=False)
+    denied = await approvals.http.get(where)
+    assert (denied.status_code, "a person said no" in denied.text) == (502, True)
+
+
+@pytest.mark.anyio
+async def test_a_parameter_is_set_over_http_once_it_is_approved(approvals: Approvals) -> None:
+    http, parameters = approvals.http, approvals.node.parameters
+    where = (await http.put("/api/parameters/base:speed", json=2.0)).headers["location"]
+    assert parameters.get("speed") == 1.0
+    await approvals.answer()
+    assert (await http.get(where)).status_code == 200
+    assert parameters.get("speed") == 2.0
+
+
+@pytest.mark.anyio
+async def test_a_goal_over_http_starts_once_it_is_approved(approvals: Approvals) -> None:
+    goal = await approvals.http.post("/api/actions/count/goals", json={"order": 1})
+    state = goal.json()
+    assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "1")
+    await approvals.answer()
+    with anyio.fail_after(10):
+        while state["state"] != "succeeded":
             await anyio.sleep(0.01)
+            state = (await approvals.http.get(goal.headers["location"])).json()

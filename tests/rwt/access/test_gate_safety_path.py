@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Coroutine, Mapping
@@ -31,6 +30,7 @@ from rwt_graph.api import GoalEvents, Sample, ServerGoal
 from rwt_graph.clock import SteadyClock
 from rwt_interfaces.payload import Payload
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
+from tests.call_counts import count_calls
 from tests.rwt.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, token
 from tests.rwt.gateways.foxglove.viewer import Viewer
 
@@ -41,22 +41,6 @@ EVERY_DRIVE: Mapping[str, Any] = {
     "stop": {},
 }
 RULES = {"drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}}}
-
-
-def _calls(act: Callable[[], object]) -> int:
-    """Number of Python and C functions that are called."""
-    count = 0
-
-    def note(frame: object, event: str, arg: object) -> None:
-        nonlocal count
-        count += event in ("call", "c_call")
-
-    sys.setprofile(note)
-    try:
-        act()
-    finally:
-        sys.setprofile(None)
-    return count
 
 
 def _crowded(topics: int) -> GatedRobot:
@@ -76,7 +60,7 @@ def _crowded(topics: int) -> GatedRobot:
 
 def test_the_work_of_a_stop_does_not_grow_with_topics_and_clients() -> None:
     few, many = _crowded(300), _crowded(4000)
-    counts = [_calls(partial(robot.gate.stop, None)) for robot in (few, many)]
+    counts = [count_calls(partial(robot.gate.stop, None)) for robot in (few, many)]
     assert counts[1] < 1.1 * counts[0]
     assert many.take()[0] == (0.0, GATE)
 
@@ -88,7 +72,7 @@ def test_the_work_of_a_stop_does_not_grow_with_connected_clients() -> None:
         for _ in range(clients):
             robot.client("operator").say("subscribe", topic="/gate/stopped")
         drive(robot.client("admin"), 0.5)
-        counts.append(_calls(partial(robot.gate.stop, None)))
+        counts.append(count_calls(partial(robot.gate.stop, None)))
         assert robot.take()[-1] == (0.0, GATE)
     assert counts[1] < 1.1 * counts[0]
 
@@ -114,7 +98,7 @@ def _with_history(events: int) -> GatedRobot:
 
 
 def test_the_work_of_a_stop_does_not_grow_with_history() -> None:
-    counts = [_calls(partial(_with_history(events).gate.stop, None)) for events in (5, 150)]
+    counts = [count_calls(partial(_with_history(events).gate.stop, None)) for events in (5, 150)]
     assert counts[1] < 1.1 * counts[0]
 
 
@@ -124,7 +108,7 @@ def test_the_work_at_the_end_of_a_lease_does_not_grow() -> None:
         robot = make(size)
         lease = next(topic.lease for topic in robot.gate.topics if topic.name == "/cmd_vel")
         assert lease is not None
-        counts.append(_calls(partial(lease.release, None, "silence")))
+        counts.append(count_calls(partial(lease.release, None, "silence")))
         assert robot.take()[0] == (0.0, GATE)
     assert max(counts) < 1.2 * min(counts)
 
@@ -145,7 +129,7 @@ def test_a_new_topic_examines_a_fixed_number_of_others() -> None:
     counts = []
     for robot in (few, many):
         client = robot.client("admin")
-        counts.append(_calls(partial(client.say, "advertise", topic="/x/new", type=TWIST)))
+        counts.append(count_calls(partial(client.say, "advertise", topic="/x/new", type=TWIST)))
     assert counts[1] < 1.2 * counts[0]
 
 
@@ -153,7 +137,7 @@ def test_a_client_that_leaves_costs_as_much_as_it_has() -> None:
     counts = []
     for robot in (_crowded(100), _crowded(3000)):
         actor = robot.gate.join("", robot.access.admission.roles["operator"], "")
-        counts.append(_calls(partial(robot.gate.leave, actor)))
+        counts.append(count_calls(partial(robot.gate.leave, actor)))
     assert counts[0] == counts[1]
 
 
@@ -245,7 +229,7 @@ def test_the_work_of_a_stop_does_not_grow_with_goals() -> None:
     counts = []
     for goals in (400, 998):
         robot, told = _busy(goals)
-        counts.append(_calls(partial(robot.gate.stop, None)))
+        counts.append(count_calls(partial(robot.gate.stop, None)))
         assert robot.take() == [(0.0, GATE)]
         assert told[:2] == ["/a/many", "/a/one"], "each action's oldest goal comes first"
         assert len(told) < 300

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from rwt.nodes.recording.mcap_files import McapRecording
 from rwt_client.blocking import connect
 from rwt_interfaces import JAZZY, Registry
 from tests import processes
+from tests.waiting import wait_until
 
 running = partial(processes.running, stderr=subprocess.STDOUT)
 
@@ -55,14 +56,6 @@ def rows(path: Path) -> list[tuple[Any, ...]]:
         ]
 
 
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for something in another process."""
-    deadline = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 @pytest.mark.parametrize(("distro", "encoding"), FORMS)
 def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
     tmp_path: Path, distro: str, encoding: str
@@ -71,7 +64,7 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
     with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro) as (_, url):
         arguments = ("bag", "record", "--url", url, "-o", str(first), "--encoding", encoding, *OWN)
         with running(*arguments, ready="recording ") as (recorder, _):
-            until(lambda: first.stat().st_size > 20_000)
+            wait_until(lambda: first.stat().st_size > 20_000)
     player_arguments = ("bag", "play", str(first), "ws://127.0.0.1:0", "--start-paused", "--rate", "4")
     with running(*player_arguments) as (player, url):
         again = (
@@ -103,7 +96,7 @@ def test_a_recording_survives_kill_9(tmp_path: Path, demo: str, capsys: pytest.C
     words = ("bag", "record", "--url", demo, "-o", str(path), *OWN)
     with running(*words, ready="recording ") as (recorder, _):
         began = path.stat().st_size
-        until(lambda: path.stat().st_size > began + 50_000)
+        wait_until(lambda: path.stat().st_size > began + 50_000)
         recorder.send_signal(signal.SIGKILL)
         recorder.wait(timeout=10)
     with McapRecording(path) as recording:
@@ -184,10 +177,10 @@ def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp
     ):
         robot.call("/add_two_ints", {"a": 1, "b": 1})
         late = robot.advertise("/late", "std_msgs/String")
-        until(lambda: bool(robot.api.subscribers("/late")))
+        wait_until(lambda: bool(robot.api.subscribers("/late")))
         late.publish({"data": "here"})
         began = path.stat().st_size
-        until(lambda: path.stat().st_size > began)
+        wait_until(lambda: path.stat().st_size > began)
         recorder.send_signal(signal.SIGINT)
         recorder.communicate(timeout=10)
     topics = [row[0] for row in rows(path)]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 import pytest
@@ -14,6 +13,7 @@ from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt_graph import MemoryGraph, Node
+from tests.call_counts import count_calls
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 LISTINGS = ("topics", "topics_and_raw_types", "services", "nodes", "action_servers")
@@ -35,22 +35,6 @@ def _client(nodes: int, role: str) -> Client:
     return Client(Bridge(graph, settings, Access(graph, settings, DISCLOSURES)))
 
 
-def _work(do: Callable[[], object]) -> int:
-    """How many functions are called."""
-    calls = 0
-
-    def count(_frame: object, event: str, _arg: object) -> None:
-        nonlocal calls
-        calls += event in ("call", "c_call")
-
-    sys.setprofile(count)
-    try:
-        do()
-    finally:
-        sys.setprofile(None)
-    return calls
-
-
 @pytest.mark.parametrize("role", ROLES)
 @pytest.mark.parametrize("listing", LISTINGS)
 def test_a_listing_that_was_asked_for_before_costs_no_more_in_a_large_graph(listing: str, role: str) -> None:
@@ -60,7 +44,7 @@ def test_a_listing_that_was_asked_for_before_costs_no_more_in_a_large_graph(list
         ask = partial(client.say, "call_service", service=f"/rosapi/{listing}")
         ask()
         answer = client.heard()
-        costs.append(_work(ask))
+        costs.append(count_calls(ask))
         assert client.heard() == answer
         assert answer[0]["result"] is True
     assert costs[1] <= costs[0] * 1.2 + 20
@@ -72,5 +56,5 @@ def test_the_first_listing_after_a_change_grows_with_the_graph_and_no_faster(lis
     for nodes in (50, 200):
         _client(nodes, "viewer").say("call_service", service=f"/rosapi/{listing}")  # compiles the types
         ask = partial(_client(nodes, "viewer").say, "call_service", service=f"/rosapi/{listing}")
-        costs.append(_work(ask))
+        costs.append(count_calls(ask))
     assert costs[1] < costs[0] * 5

@@ -6,10 +6,11 @@ import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../forms/icon";
 import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
+import { useNarrow } from "../forms/narrow";
 import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import { panelIcon } from "../panels/icons";
-import { NARROW, panelKinds } from "../panels/registry";
+import { panelKinds } from "../panels/registry";
 import { Banners } from "./banners";
 import { ConnectForm, TokenForm } from "./connect";
 import { BatteryFact, ClockFact, DriverFact, Footer, RecordingFact, RoleFact } from "./facts";
@@ -20,23 +21,15 @@ import type { App } from "./state";
 import { Tabs } from "./tabs";
 
 export function Shell({ app }: { app: App }) {
-  const narrow = useSignal(matchMedia(NARROW).matches);
+  const narrow = useNarrow();
   useEffect(() => {
-    const query = matchMedia(NARROW);
-    const change = () => {
-      narrow.value = query.matches;
-    };
-    query.addEventListener("change", change);
     const key = (event: KeyboardEvent) => {
       if (event.key === "Escape") app.stop.stop();
     };
     // Before every other control: whatever has the focus, a menu or a tool, the robot stops.
     addEventListener("keydown", key, { capture: true });
-    return () => {
-      query.removeEventListener("change", change);
-      removeEventListener("keydown", key, { capture: true });
-    };
-  }, [app, narrow]);
+    return () => removeEventListener("keydown", key, { capture: true });
+  }, [app]);
   const { session } = app;
   return (
     <>
@@ -44,7 +37,7 @@ export function Shell({ app }: { app: App }) {
         {t("app.skip")}
       </a>
       <header>
-        {!narrow.value && <StopButton app={app} />}
+        {!narrow && <StopButton app={app} />}
         <div class="robot">
           <span class="robot-mark">
             <Icon of={Bot} size={20} />
@@ -65,7 +58,7 @@ export function Shell({ app }: { app: App }) {
         <RecordingFact app={app} />
         <ClockFact session={session} />
         <nav class="menus">
-          {!narrow.value && (
+          {!narrow && (
             <button
               type="button"
               class="tip-below"
@@ -108,7 +101,7 @@ export function Shell({ app }: { app: App }) {
       {app.scanning.value && <ScanBar app={app} />}
       <Banners app={app} />
       <div class="body">
-        {!narrow.value && <Side app={app} />}
+        {!narrow && <Side app={app} />}
         <main id="panels" tabIndex={-1}>
           {session.state.value === "refused" && <TokenForm app={app} />}
           {session.connections.value === 0 && session.state.value === "lost" && <ConnectForm app={app} />}
@@ -121,7 +114,7 @@ export function Shell({ app }: { app: App }) {
             <p class="waiting">{t("state.connecting")}…</p>
           )}
           {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
-          {narrow.value ? <Tabs app={app} stop={<StopButton app={app} />} /> : <Dock app={app} />}
+          {narrow ? <Tabs app={app} stop={<StopButton app={app} />} /> : <Dock app={app} />}
         </main>
       </div>
       <Notices app={app} />

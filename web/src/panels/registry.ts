@@ -6,9 +6,6 @@ import type { Navigation } from "../robot/navigation";
 import type { RobotSession } from "../robot/session";
 import type { Stop } from "../robot/stop";
 
-/** Screens that are narrower or lower, such as phones, show one panel at a time. */
-export const NARROW = "(max-width: 760px), (max-height: 500px)";
-
 /** What a panel was set to, as plain JSON: it is part of saved layouts. */
 export type PanelConfig = Record<string, unknown>;
 

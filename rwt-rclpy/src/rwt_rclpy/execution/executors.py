@@ -201,13 +201,22 @@ class Executor:
             self.spin_once()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Run one callback, waiting for one; raises what it raises."""
-        raise NotImplementedError
+        """Run one callback, waiting for one; raises what it raises, or an earlier one raised."""
+        self._spin_once_impl(timeout_sec)
 
     def spin_once_until_future_complete(
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
         """Run one callback, waiting for one or for the future."""
+        future._rwt_resume_with(self.wake)
+        self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
+
+    def _spin_once_impl(
+        self,
+        timeout_sec: float | TimeoutObject | None = None,
+        wait_condition: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Run one callback, waiting for one or for the condition."""
         raise NotImplementedError
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
@@ -389,17 +398,6 @@ class SingleThreadedExecutor(Executor):
             if task.exception() is not None:
                 task.result()
 
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Run one callback, waiting for one; raises what it raises."""
-        self._spin_once_impl(timeout_sec)
-
-    def spin_once_until_future_complete(
-        self, future: Future, timeout_sec: float | TimeoutObject | None = None
-    ) -> None:
-        """Run one callback, waiting for one or for the future."""
-        future._rwt_resume_with(self.wake)
-        self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
-
 
 class MultiThreadedExecutor(Executor):
     """Executor that runs callbacks in a pool of threads.
@@ -469,17 +467,6 @@ class MultiThreadedExecutor(Executor):
             self._run(task, entity, node)
 
         self._pool.submit(run)
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Hand one callback to the pool, waiting for one; raises what an earlier one has raised."""
-        self._spin_once_impl(timeout_sec)
-
-    def spin_once_until_future_complete(
-        self, future: Future, timeout_sec: float | TimeoutObject | None = None
-    ) -> None:
-        """Hand one callback to the pool, waiting for one or for the future."""
-        future._rwt_resume_with(self.wake)
-        self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = False) -> bool:
         """Shut down and wait for running callbacks; with `wait_for_threads`, for the threads themselves."""

@@ -71,7 +71,6 @@ class GateNode:
         self._gate = gate
         self._clock = graph.clock
         self._distro = graph.distro
-        self._registry = graph.registry
         self._due: set[str] = set()
         self._published_at: dict[str, float] = {}
         #: Clients that ask for a lease, by its topic and their identity, with the end of the request.

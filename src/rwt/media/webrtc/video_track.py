@@ -59,7 +59,6 @@ class TopicTrack(MediaStreamTrack):
         request: request of the viewer, with the resolved topic.
         work: account to which the viewer's share of the encoders' work is charged.
         on_end: called once with the reason when the video has ended.
-        now: returns the seconds of a steady clock.
     """
 
     kind = "video"
@@ -70,18 +69,16 @@ class TopicTrack(MediaStreamTrack):
         request: StreamRequest,
         work: Work,
         on_end: Callable[[str], None],
-        now: Callable[[], float] = monotonic,
     ) -> None:
         super().__init__()
         self._server = server
         self._requests = rung_requests(request)
         self._work = work
         self._on_end = on_end
-        self._now = now
         best = _bitrate(request)
         self._ladder = BitrateLadder(best)
         start = max(START_BITS, best * RUNGS[1] / MEDIA)
-        self._controller = CongestionController(start, LEAST_BITS, best / MEDIA, now())
+        self._controller = CongestionController(start, LEAST_BITS, best / MEDIA, monotonic())
         self._rung = 0
         self._viewer: Viewer | None = None
         self._resendable = 0
@@ -95,10 +92,10 @@ class TopicTrack(MediaStreamTrack):
         """Send at the rate of the peer's link. Call before the peer is described."""
         PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
         if negotiate_transport_feedback(peer.connection, transceiver):
-            peer.on_feedback = lambda feedback: self._controller.acknowledged(feedback, self._now())
+            peer.on_feedback = lambda feedback: self._controller.acknowledged(feedback, monotonic())
 
     def _ask_for_key(self) -> None:
-        self._ladder.asked_for_key(self._now())
+        self._ladder.asked_for_key(monotonic())
         if self._viewer is not None:
             self._viewer.ask_for_key()
 
@@ -109,7 +106,7 @@ class TopicTrack(MediaStreamTrack):
             except ValueError:
                 return  # Another application layer message.
             if ssrc in ssrcs:
-                self._controller.estimated(bits, self._now())
+                self._controller.estimated(bits, monotonic())
         elif isinstance(packet, RtcpRtpfbPacket) and packet.fmt == RTCP_RTPFB_NACK:
             # Bound retransmissions by what was sent, whatever the receiver claims to have lost.
             packet.lost = packet.lost[: self._resendable]
@@ -133,7 +130,7 @@ class TopicTrack(MediaStreamTrack):
         if self.readyState != "live":
             raise MediaStreamError
         rate, viewer = MEDIA * self._controller.target, self._viewer
-        self._ladder.choose(rate, self._now())
+        self._ladder.choose(rate, monotonic())
         wanted = self._ladder.rung
         if viewer is not None and wanted == self._rung:
             viewer.bitrate = self._ladder.bitrate(rate)

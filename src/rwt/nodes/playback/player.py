@@ -97,7 +97,6 @@ class Player:
     node: Final = NODE
 
     def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
-        self._graph = graph
         self._clock = graph.clock
         self._recording = recording
         self._options = options = options or PlayOptions()

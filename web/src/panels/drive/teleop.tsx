@@ -2,18 +2,19 @@
 
 import { useSignal } from "@preact/signals";
 import { SlidersHorizontal } from "lucide";
-import { useEffect, useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { blockText } from "../../forms/commanding";
 import { Clamped, Driver } from "../../forms/gate";
 import { Icon } from "../../forms/icon";
 import { Check } from "../../forms/inputs";
+import { useNarrow } from "../../forms/narrow";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { cameraTopics } from "../../robot/camera";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
 import { componentPanel, now, Refusal, TopicChoice } from "../component";
-import { NARROW, type PanelContext, type PanelKind } from "../registry";
+import type { PanelContext, PanelKind } from "../registry";
 import { View } from "../view/camera";
 
 /** The least limit that can be set, and by how much a button changes one, in m/s and rad/s. */
@@ -35,18 +36,10 @@ function TeleopPanel({ context }: { context: PanelContext }) {
   const topics = driveTopics(session);
   const topic = String(config.value.topic ?? topics[0] ?? "");
   const camera = cameraTopics(session)[0];
-  const narrow = useSignal(matchMedia(NARROW).matches);
-  useEffect(() => {
-    const query = matchMedia(NARROW);
-    const change = () => {
-      narrow.value = query.matches;
-    };
-    query.addEventListener("change", change);
-    return () => query.removeEventListener("change", change);
-  }, [narrow]);
+  const narrow = useNarrow();
   if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
   // Where there is room for one panel, the camera is behind the controls.
-  const feed = narrow.value && context.visible.value && session.hasAsked ? camera : undefined;
+  const feed = narrow && context.visible.value && session.hasAsked ? camera : undefined;
   return (
     <div class={feed ? "teleop over-camera" : "teleop"}>
       {feed && (

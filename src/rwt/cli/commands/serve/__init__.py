@@ -55,6 +55,33 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         description=__doc__,
         epilog=_EXAMPLES,
     )
+    _add_listener_options(parser)
+    _add_robot_options(parser)
+    _add_recording_options(parser)
+    parser.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
+        " requires Linux and the extra zenoh",
+    )
+    parser.add_argument(
+        "--gate",
+        choices=("enforce", "observe"),
+        help="enforce the rules under `gate`, or only log what they would reject",
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="check the settings and files that they name, without serving",
+    )
+    _add_graph_options(parser)
+    add_settings_options(parser)
+    add_log_options(parser)
+    parser.set_defaults(run=_run)
+
+
+def _add_listener_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "url",
         nargs="*",
@@ -80,7 +107,9 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         default=None,
         help="also accept clients over WebRTC, with offers to /webrtc (requires the extra webrtc)",
     )
-    _add_robot_options(parser)
+
+
+def _add_recording_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record",
         type=Path,
@@ -108,27 +137,6 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         action="store_true",
         help="publish calls and goals on topics, as ROS 2 can, and record them with --record",
     )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
-        " requires Linux and the extra zenoh",
-    )
-    parser.add_argument(
-        "--gate",
-        choices=("enforce", "observe"),
-        help="enforce the rules under `gate`, or only log what they would reject",
-    )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="check the settings and files that they name, without serving",
-    )
-    _add_graph_options(parser)
-    add_settings_options(parser)
-    add_log_options(parser)
-    parser.set_defaults(run=_run)
 
 
 def _split(text: str) -> Split:

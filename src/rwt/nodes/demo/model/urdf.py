@@ -112,9 +112,9 @@ def visuals(chassis: Chassis) -> Mapping[str, Visual]:
     }
 
 
-def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
+def urdf(chassis: Chassis) -> str:
     """Return the description as XML text."""
-    robot = ET.Element("robot", name=name)
+    robot = ET.Element("robot", name="demo_robot")
     seen = visuals(chassis)
     _link(robot, BASE, seen, "0 0 0.09")
     laser, caster, camera, optical, arm_base, tool = fixed_mounts(chassis)

@@ -12,6 +12,8 @@ Point = tuple[float, float]
 
 #: Side of a planning cell, metres; half the size of the robot suffices.
 _CELL = 0.1
+#: Free space around the robot, metres.
+_MARGIN = 0.05
 #: Distance to walls below which cells cost more, so that paths use the middle of doors; metres.
 _COMFORT = 0.5
 #: Maximum distance of a point from the free cell that represents it, metres.
@@ -27,10 +29,10 @@ class NoPath(Exception):
 class Planner:
     """Path planner for a round robot in a static world."""
 
-    def __init__(self, world: World, body_radius: float, margin: float = 0.05) -> None:
+    def __init__(self, world: World, body_radius: float) -> None:
         floor = world.floor
         self._world = world
-        self._needed = body_radius + margin
+        self._needed = body_radius + _MARGIN
         self._left, self._bottom = floor.left, floor.bottom
         self._columns = math.ceil((floor.right - floor.left) / _CELL)
         self._rows = math.ceil((floor.top - floor.bottom) / _CELL)

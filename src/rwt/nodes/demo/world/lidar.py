@@ -32,19 +32,19 @@ class Lidar:
         noise: standard deviation of a range, metres.
     """
 
+    ray_count = 360
     range_min = 0.05
     range_max = 12.0
 
-    def __init__(self, world: World, ray_count: int = 360, seed: int = 1) -> None:
-        self.ray_count = ray_count
+    def __init__(self, world: World, seed: int = 1) -> None:
         self.angle_min = -math.pi
-        self.angle_increment = math.tau / ray_count
+        self.angle_increment = math.tau / self.ray_count
         self.noise = 0.0
         self._world = world
         self._random = random.Random(seed)
         # Drawn once: scans use random sections of it, which is far cheaper than drawing for each ray.
-        self._errors = [self._random.gauss(0.0, 1.0) for _ in range(16 * ray_count)]
-        angles = [self.angle_min + i * self.angle_increment for i in range(ray_count)]
+        self._errors = [self._random.gauss(0.0, 1.0) for _ in range(16 * self.ray_count)]
+        angles = [self.angle_min + i * self.angle_increment for i in range(self.ray_count)]
         # Twice around, so that a span of rays across the seam is one range of indices.
         self._cos = [math.cos(angle) for angle in angles] * 2
         self._sin = [math.sin(angle) for angle in angles] * 2

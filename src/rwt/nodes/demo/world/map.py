@@ -16,6 +16,9 @@ from rwt.nodes.demo.world.pose import ORIGIN, Pose
 FREE = 0
 OCCUPIED = 100
 
+#: Side of a cell, metres.
+_RESOLUTION = 0.05
+
 
 @dataclass(frozen=True, slots=True)
 class Box:
@@ -93,9 +96,9 @@ class Grid:
     cells: Sequence[int]
 
 
-def draw_map(world: World, resolution: float = 0.05) -> Grid:
+def draw_map(world: World) -> Grid:
     """Return the occupancy grid; a cell is occupied if its centre is in an obstacle."""
-    floor = world.floor
+    floor, resolution = world.floor, _RESOLUTION
     columns = math.ceil((floor.right - floor.left) / resolution - 1e-9)
     rows = math.ceil((floor.top - floor.bottom) / resolution - 1e-9)
     cells = [FREE] * (columns * rows)

@@ -1,0 +1,44 @@
+"""Message types of endpoints in other processes."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from rwt_interfaces.errors import InterfaceError
+
+if TYPE_CHECKING:
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+
+class EndpointTypes:
+    """Types of ROS 2's endpoints in other processes. A type that cannot be exchanged is logged once."""
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+        self._logged: set[tuple[str, str]] = set()
+
+    def find(self, name: str, type_hash: str, topic: str, node: str) -> MessageType | None:
+        """Return a type; None if it is unknown here, or its definition has another hash.
+
+        Args:
+            name: full name of the type.
+            type_hash: `RIHS01_…`; empty if the other process does not announce one.
+            topic: topic of the endpoint, for the log.
+            node: node of the endpoint, for the log.
+        """
+        try:
+            known = self._registry.message(name)
+        except InterfaceError:
+            why = "its definition is not known here: give it with --interfaces"
+        else:
+            if type_hash in ("", known.rihs01):
+                return known
+            why = f"the other process defines it otherwise ({type_hash})"
+        if (name, type_hash) not in self._logged:
+            self._logged.add((name, type_hash))
+            logger.warning("%s of node %s cannot be exchanged, it has type %s: %s", topic, node, name, why)
+        return None
