@@ -34,6 +34,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
 from tests.browser.driver import find_browser, opened_browser
+from tests.waiting import until
 
 OUTSIDE: Final = "203.0.113.1"
 HUB_PORT, STUN_PORT, TURN_PORT = 9091, 3478, 3479
@@ -209,8 +210,7 @@ async def hub() -> None:
     transport, _ = await loop.create_datagram_endpoint(StunServer, local_addr=(OUTSIDE, STUN_PORT))
     async with open_hub(f"ws://{OUTSIDE}:{HUB_PORT}") as opened:
         print("up", flush=True)
-        while not any(each.idle for each in opened.robots):  # noqa: ASYNC110 - a hub has no event for a robot that comes
-            await anyio.sleep(0.05)
+        await until(lambda: any(each.idle for each in opened.robots), "no robot has connected")
         print("the robot is there", flush=True)
         await anyio.to_thread.run_sync(sys.stdin.read)
     transport.close()

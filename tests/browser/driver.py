@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -324,17 +324,6 @@ class Picture:
         rows, columns = np.nonzero(self.mask(colour, tolerance))
         assert len(rows), f"{self.path}: nothing is {colour}"
         return float(columns.mean()), float(rows.mean())
-
-
-async def until(is_so: Callable[[], bool]) -> None:
-    """Wait for what a page sends over the network.
-
-    Raises:
-        TimeoutError: it does not come.
-    """
-    with anyio.fail_after(PATIENCE):
-        while not is_so():  # noqa: ASYNC110 - whatever the condition looks at tells nobody of its change
-            await anyio.sleep(0.02)
 
 
 def near(colour: tuple[int, int, int], expected: tuple[int, int, int], tolerance: int = 40) -> bool:

@@ -15,9 +15,10 @@ import pytest
 
 from rwt import Server
 from rwt.composition.web import serve_page
-from tests.browser.driver import REFUSED, Browser, Page, Size, until
+from tests.browser.driver import REFUSED, Browser, Page, Size
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import release
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

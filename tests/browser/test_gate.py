@@ -9,8 +9,9 @@ import pytest
 
 from rwt import Server, connect
 from rwt_participant.errors import RobotError
-from tests.browser.driver import Browser, until
+from tests.browser.driver import Browser
 from tests.browser.test_panels import open_panels, release, text, violations
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -20,9 +20,10 @@ from rwt.nodes.interactive_markers import (
     move_plane,
     six_dof,
 )
-from tests.browser.driver import Browser, near, until
+from tests.browser.driver import Browser, near
 from tests.browser.stand import Stand, stand
 from tests.browser.test_scene import BACKGROUND, BODY, scene
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

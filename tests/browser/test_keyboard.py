@@ -26,10 +26,11 @@ from rwt.nodes.interactive_markers import (
     move_plane,
     six_dof,
 )
-from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, REFUSED, Browser, Page, until
+from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, REFUSED, Browser, Page
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import KINDS, open_panels, panel, text
 from tests.processes import running
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

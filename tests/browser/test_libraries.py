@@ -18,11 +18,12 @@ import pytest
 
 from rwt import Server
 from rwt.web import find_static_files
-from tests.browser.driver import HERE, Browser, Picture, near, until
+from tests.browser.driver import HERE, Browser, Picture, near
 from tests.browser.stand import REGISTRIES
 from tests.docs.blocks import ROOT
 from tests.docs.processes import Running, commands_folder
 from tests.processes import free_port
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

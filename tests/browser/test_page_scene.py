@@ -21,8 +21,9 @@ from rwt.nodes.interactive_markers import (
     move_plane,
 )
 from rwt_graph import Node
-from tests.browser.driver import Browser, Page, Picture, Size, until
+from tests.browser.driver import Browser, Page, Picture, Size
 from tests.browser.test_panels import open_panels, text
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -19,8 +19,9 @@ from PIL import Image
 from rwt import Server
 from rwt.nodes.recording import open_recording
 from rwt_participant.qos import LATCHED
-from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page, until
+from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page
 from tests.browser.stand import Stand, stand
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

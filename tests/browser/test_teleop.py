@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.browser.driver import Browser, Picture, until
+from tests.browser.driver import Browser, Picture
 from tests.browser.stand import stand
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

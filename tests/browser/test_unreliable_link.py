@@ -13,9 +13,10 @@ from PIL import Image
 from rwt import Server
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
-from tests.browser.driver import Browser, Page, until
+from tests.browser.driver import Browser, Page
 from tests.browser.stalling_proxy import stalling_proxy
 from tests.browser.test_panels import open_panels, text
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

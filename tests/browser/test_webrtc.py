@@ -13,8 +13,9 @@ from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
-from tests.browser.driver import Browser, Page, until
+from tests.browser.driver import Browser, Page
 from tests.browser.stand import stand
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -19,11 +19,12 @@ import pytest
 from PIL import Image
 
 from rwt import Server
-from tests.browser.driver import NODE, REFUSED, Browser, Page, Picture, near, until
+from tests.browser.driver import NODE, REFUSED, Browser, Page, Picture, near
 from tests.browser.stand import REGISTRIES
 from tests.docs.blocks import ALL_BLOCKS, ROOT
 from tests.docs.processes import Running, commands_folder
 from tests.processes import free_port
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

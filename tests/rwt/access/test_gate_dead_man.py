@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
-import anyio
 import pytest
 
 from rwt import Server
@@ -18,6 +17,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph.api import Sample
 from tests.processes import LONGEST
 from tests.rwt.access.network import Cable, why_no_cables
+from tests.waiting import until
 
 pytestmark = [
     pytest.mark.slow,
@@ -82,10 +82,8 @@ class Witness:
         self.moved.append((stamp.sec + stamp.nanosec / 1e9, value.twist.twist.linear.x))
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Wait for something; a driver may take long to start where much else does."""
-        with anyio.fail_after(3 * LONGEST):
-            while not condition():  # noqa: ASYNC110 - what is waited for has no event
-                await anyio.sleep(0.01)
+        """Wait until a condition is true; a driver may start slowly on a busy machine."""
+        await until(condition, seconds=3 * LONGEST)
 
     @property
     def drives(self) -> bool:

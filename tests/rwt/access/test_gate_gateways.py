@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import anyio
@@ -18,6 +18,7 @@ from rwt.gateways.http.clients import MAX_SESSIONS
 from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, token
 from tests.rwt.gateways.foxglove.viewer import Viewer
 from tests.rwt.gateways.mcp.agents import agent_at, url_of
+from tests.waiting import until
 
 RULE = {**DRIVE, "emergency": True}
 
@@ -137,13 +138,13 @@ async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> No
 
             async with connect(server.urls[0]) as admin, anyio.create_task_group() as tasks:
                 tasks.start_soon(ask, one)
-                await eventually(lambda: ["1"] in waiting)
+                await until(lambda: ["1"] in waiting)
                 approval = {"id": "1", "approve": True, "seconds": 60.0}
                 assert (await admin.call("/gate/approve", approval, "rwt_gate_msgs/Approve")).success
                 await ask(one)
                 assert len(done) == 2
                 tasks.start_soon(ask, two)
-                await eventually(lambda: ["2"] in waiting)
+                await until(lambda: ["2"] in waiting)
                 assert len(done) == 2
                 refused_too = {"id": "2", "approve": False, "seconds": 0.0}
                 await admin.call("/gate/approve", refused_too, "rwt_gate_msgs/Approve")
@@ -321,10 +322,3 @@ async def test_what_waits_for_approval_over_http_is_answered_at_once() -> None:
                 while state["state"] != "succeeded":
                     await anyio.sleep(0.01)
                     state = (await http.get(goal.headers["location"])).json()
-
-
-async def eventually(condition: Callable[[], bool]) -> None:
-    """Wait until a condition holds."""
-    with anyio.fail_after(30):
-        while not condition():  # noqa: ASYNC110 - messages of the robot come from other tasks
-            await anyio.sleep(0.01)
