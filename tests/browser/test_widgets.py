@@ -75,8 +75,8 @@ class Odometry:
         self.fastest = 0.0
         server.node("odometry").subscribe("/odom", self._hear)
 
-    def _hear(self, odom: object) -> None:
-        twist = odom.twist.twist  # type: ignore[attr-defined] # of nav_msgs/Odometry
+    def _hear(self, odom: Any) -> None:
+        twist = odom.twist.twist
         self.linear, self.angular = twist.linear.x, twist.angular.z
         self.fastest = max(self.fastest, self.linear)
 

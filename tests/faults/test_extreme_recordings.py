@@ -108,7 +108,7 @@ def _channels(
             channel = writer.register_channel(topic, "cdr", schema)
             for time in times:
                 writer.add_message(channel, time, b"\0\1\0\0\2\0\0\0a\0", time)
-        writer.finish()  # type: ignore[no-untyped-call]  # the library's own has no types
+        writer.finish()
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +274,7 @@ def test_chunks_are_as_large_as_they_are_let(
         for size in (100, 3_000_000, 200):  # The large one is a chunk of its own, of some hundred bytes.
             text = (size + 1).to_bytes(4, "little") + b"x" * size + b"\0"
             writer.add_message(channel, size, b"\0\1\0\0" + text, size)
-        writer.finish()  # type: ignore[no-untyped-call]  # the library's own has no types
+        writer.finish()
     assert path.stat().st_size < 10_000
     for options, count in (([], 3), (["--chunk-bytes", "1000000"], 1)):
         arguments = ["bag", "recover", str(path), "-o", str(whole), "--overwrite", *options]

@@ -52,7 +52,7 @@ class ZenohPublisher:
         """Undeclare the publisher with its cache and its token."""
         self._publisher.on_publish_remote = None
         self._presence.end()
-        self._sender.undeclare()  # type: ignore[no-untyped-call] # The stub has no return type.
+        self._sender.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs lack its return type
 
 
 def _flow(qos: QoS) -> tuple[zenoh.Reliability, zenoh.CongestionControl]:

@@ -198,7 +198,9 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
     assert len(heard) == 6
 
 
-def test_a_text_about_many_things_is_done_in_turns(graph: MemoryGraph, viewer: Viewer) -> None:
+def test_a_text_about_many_things_is_done_in_turns(
+    graph: MemoryGraph, viewer: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clock = BusyClock(START_NS)
     graph = MemoryGraph(clock=clock)
     gateway = FoxgloveGateway(graph, Access(graph, Settings()))
@@ -210,7 +212,7 @@ def test_a_text_about_many_things_is_done_in_turns(graph: MemoryGraph, viewer: V
         clock.worked += 0.6 * CLIENT_SECONDS
         original(id)
 
-    viewer.client.subscriptions.unsubscribe = work  # type: ignore[method-assign]  # work that takes time
+    monkeypatch.setattr(viewer.client.subscriptions, "unsubscribe", work)
     viewer.say("unsubscribe", subscriptionIds=list(range(10)))
     viewer.say("fetchAsset", uri="package://a/b", requestId=1)
     assert viewer.heard() == []

@@ -139,7 +139,9 @@ def test_the_outcome_is_that_of_reading_in_full(name: str, latch: bool) -> None:
     ],
     ids=["what is no refusal", "a quota", "the gate"],
 )
-def test_what_a_publisher_raises_is_answered(client: Client, error: Exception, answered: str) -> None:
+def test_what_a_publisher_raises_is_answered(
+    client: Client, error: Exception, answered: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     client.say("set_level", level="error")
     client.say("advertise", topic="/t", type="std_msgs/Int32")
     client.say_raw(GOOD)
@@ -148,7 +150,7 @@ def test_what_a_publisher_raises_is_answered(client: Client, error: Exception, a
     def fail(payload: object) -> None:
         raise error
 
-    publisher.publish = fail  # type: ignore[method-assign]  # as a backend's may fail
+    monkeypatch.setattr(publisher, "publish", fail)
     client.heard()
     client.say_raw(GOOD)
     (answer,) = client.heard()
