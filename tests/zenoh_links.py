@@ -28,7 +28,7 @@ class Counting:
     def __init__(self, graph: ZenohGraph) -> None:
         self.count = 0
         self._run = graph.run_on_graph
-        graph.run_on_graph = self._run_on_graph  # type: ignore[method-assign] # It is what the graph gives its link.
+        graph.run_on_graph = self._run_on_graph  # type: ignore[method-assign]  # wrapped, to count the calls of links
 
     def _run_on_graph(self, call: Callable[[], None]) -> None:
         self.count += 1

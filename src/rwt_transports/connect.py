@@ -147,7 +147,7 @@ async def connect(
     buffers: ReceiveBufferPool | None = None,
     tls: ssl.SSLContext | None = None,
     headers: Mapping[str, str] | None = None,
-    timeout: float = 10.0,  # noqa: ASYNC109 - raises our own error
+    timeout: float = 10.0,  # noqa: ASYNC109 - a timeout raises an error of this package
     ice_servers: Sequence[Mapping[str, str]] | None = None,
 ) -> AsyncIterator[OutgoingConnection]:
     """Connect to `url` for the length of the block; the endpoint that `accept` makes gets what arrives.

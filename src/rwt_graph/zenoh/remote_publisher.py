@@ -38,7 +38,7 @@ class ZenohPublisher:
 
     def _send_if_matched(self, sample: Sample) -> None:
         # Encode only for remote subscribers.
-        if self._sender.matching_status.matching:  # type: ignore[union-attr] # The stub says bool.
+        if self._sender.matching_status.matching:  # type: ignore[union-attr]  # zenoh returns a MatchingStatus, its stub says bool
             self._send(sample)
 
     def _send(self, sample: Sample) -> None:

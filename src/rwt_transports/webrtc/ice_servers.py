@@ -15,7 +15,7 @@ from aiortc import RTCConfiguration, RTCIceServer
 from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
-import rwt_transports.webrtc.ice_agent  # noqa: F401 - it guards connections to TURN servers
+import rwt_transports.webrtc.ice_agent  # noqa: F401 - the import replaces aioice's classes for TURN
 from rwt_transports.errors import TransportError
 from rwt_transports.webrtc.stun_messages import BadStun, check_stun
 

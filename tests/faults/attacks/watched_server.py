@@ -149,12 +149,12 @@ def _time_callbacks(seconds: float) -> None:
             sys.stderr.write(f"{took * 1000:.0f} ms in {handle!r}\n")
             sys.stderr.flush()
 
-    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]  # it is watched
+    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]  # wrapped, to time each callback
 
 
 def _watch() -> None:
     _time_collections(threading.get_ident())
-    selectors.DefaultSelector = _WatchedSelector  # type: ignore[misc]  # what asyncio makes its loops with
+    selectors.DefaultSelector = _WatchedSelector  # type: ignore[misc]  # asyncio looks the class up here
     threading.Thread(target=_answer, daemon=True).start()
     seconds = float(os.environ.get("HOLDS_TO_TRACE", "0"))
     if seconds:

@@ -80,7 +80,7 @@ def test_octets_do_not_change_with_the_buffer_that_they_came_in(graph: MemoryGra
     viewer.advertise("/t", "std_msgs/String", "cdr")
     frame = bytearray(struct.pack("<BI", 1, 1) + HELLO)
     viewer.received += 1
-    viewer.endpoint.receive(frame, True)  # type: ignore[arg-type]  # a transport may use its buffer again
+    viewer.endpoint.receive(frame, True)  # type: ignore[arg-type]  # a buffer that its transport reuses
     frame[:] = b"\xff" * len(frame)
     assert kept[0].payload.json() == b'{"data":"hello"}'
 

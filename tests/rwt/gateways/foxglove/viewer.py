@@ -94,7 +94,7 @@ class Viewer(Client):
     ) -> None:
         self.channels: dict[str, Text] = {}
         self.services: dict[str, Text] = {}
-        super().__init__(gateway, address, path=path, headers=headers)  # type: ignore[arg-type]  # a gateway's accept is a bridge's
+        super().__init__(gateway, address, path=path, headers=headers)  # type: ignore[arg-type]  # only `accept` is called, which bridge and gateway both have
 
     @property
     def client(self) -> FoxgloveClient:

@@ -115,7 +115,7 @@ class Call:
 def writes(monkeypatch: pytest.MonkeyPatch) -> list[Call]:
     """Every write of asyncio's transports, in order: each is one call of the kernel while readers keep up."""
     calls: list[Call] = []
-    transports = selector_events._SelectorSocketTransport  # type: ignore[attr-defined] # private, and in no stub
+    transports = selector_events._SelectorSocketTransport  # type: ignore[attr-defined]  # private to asyncio; typeshed lacks it
     real = transports.write
 
     def write(transport: asyncio.Transport, data: bytes) -> None:
