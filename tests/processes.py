@@ -36,7 +36,7 @@ _APPLIED: Final = ("PYTHONPATH", "PYTHONUNBUFFERED")
 
 
 def free_port() -> int:
-    """A port that nobody listens on now."""
+    """A port without a listener."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port: int = listener.getsockname()[1]
     return port

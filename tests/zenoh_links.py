@@ -18,7 +18,7 @@ QUICK = Path(__file__).parent / "quick.zenoh.json5"
 
 
 def free_endpoint() -> str:
-    """An endpoint on loopback that nobody listens on now."""
+    """An endpoint on loopback without a listener."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 

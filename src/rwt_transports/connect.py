@@ -235,7 +235,7 @@ def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
     elif isinstance(error, socket.gaierror):
         reason, cause = "the host is not known", "unknown_host"
     elif number == errno.ECONNREFUSED or not number or number < 0:
-        reason, cause = "nobody listens there; is the server running?", "refused"
+        reason, cause = "the connection was refused; is the server running?", "refused"
     else:
         reason = os.strerror(number)
     return ConnectError(f"cannot connect to {target.address}: {reason}", cause)

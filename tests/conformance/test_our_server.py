@@ -214,7 +214,7 @@ def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_server_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ws://127.0.0.1:9", "--run", "publish/*"]) == 3
     assert capsys.readouterr().err == (
-        "rosbridge-conformance: ws://127.0.0.1:9: cannot connect: nobody listens there\n"
+        "rosbridge-conformance: ws://127.0.0.1:9: cannot connect: the connection was refused\n"
     )
 
 
