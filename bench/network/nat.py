@@ -242,6 +242,7 @@ async def operator() -> None:
         async with connect_transport(url, _nobody) as connection:
             print(json.dumps({"way": connection.path}), flush=True)
     except Exception as error:
+        # Any failure is a result: this network lets no connection through.
         print(json.dumps({"way": "", "why": str(error)}), flush=True)
 
 
