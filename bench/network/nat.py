@@ -96,7 +96,7 @@ def _run(*words: str) -> None:
 
 
 def _nft(namespace: str, nat: str) -> str:
-    """Let a router masquerade, and let nothing in that nobody asked for; returns what went wrong."""
+    """Let a router masquerade, and reject unsolicited packets; return the error output."""
     rules = "\n".join(
         (
             "add table ip nat",
@@ -144,7 +144,7 @@ class Networks:
         self._ip("net", "link", "add", "bridge", "type", "bridge")
         self._ip("net", "addr", "add", f"{OUTSIDE}/24", "dev", "bridge")
         self._ip("net", "link", "set", "bridge", "up")
-        # What is meant for a private address is lost out here, and nobody is told.
+        # Packets to private addresses are dropped here, without an ICMP error.
         self._ip("net", "route", "add", "default", "dev", "bridge")
         for number, host in enumerate(("robot", "operator"), 1):
             router, lan = f"{host}-router", f"192.168.{number}"

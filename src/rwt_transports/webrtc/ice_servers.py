@@ -169,7 +169,7 @@ async def probe(server: IceServer) -> Probe:
 def _refusal(refused: stun.TransactionFailed, server: IceServer) -> str:
     code, reason = refused.response.attributes.get("ERROR-CODE", (0, "without a reason"))
     if code == 401:
-        who = f"the credential of {server.username!r}" if server.username else "whoever has no credential"
+        who = f"the credential of {server.username!r}" if server.username else "clients without a credential"
         return f"it refuses {who} (401 {reason})"
     return f"it refuses ({code} {reason})"
 

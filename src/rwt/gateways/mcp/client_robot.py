@@ -92,7 +92,7 @@ class ClientRobot(GraphVerbs):
         except ProviderNotFound as error:
             raise ProviderNotFound(f"{error}{self._meant(service, self._client.services())}") from None
         await self.pass_gate()
-        late = f"{service} has not answered, or nobody has given the yes that the gate wants,"
+        late = f"{service} has not answered, or the gate has not received an approval,"
         patience = None if seconds is None else seconds + _GRACE_SECONDS
         return await answer.get(patience, late, self.clock.within)
 
@@ -128,9 +128,7 @@ class ClientRobot(GraphVerbs):
             raise ProviderNotFound(f"{error}{self._meant(name, client.actions())}") from None
         try:
             await self.pass_gate()
-            late = (
-                f"{action} has not taken the goal, or nobody has given the yes that the robot's gate wants,"
-            )
+            late = f"{action} has not accepted the goal, or the gate has not received an approval,"
             await sent.accepted.get(_ACCEPT_SECONDS, late, self.clock.within)
         except BaseException:
             sent.cancel()
