@@ -1,4 +1,4 @@
-"""What happens when the connection is lost, and when it comes back."""
+"""Loss of the connection, and reconnection."""
 
 from __future__ import annotations
 
