@@ -44,7 +44,7 @@ def _peak() -> int:
 
 
 LENGTHS: Final = (0, 1, 2**16, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
-"""What is written over a length, a time, or whatever else stands there."""
+"""Values written over a length, a time or any other field."""
 
 _PARSER: Final = parser_for("bag")
 
@@ -113,7 +113,7 @@ def _channels(
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """What the commands said of a recording.
+    """Output of the commands about a recording.
 
     Attributes:
         played: messages that the player published; None where it refused.
@@ -164,7 +164,7 @@ class Reader:
 
 
 def _played(path: Path) -> int | None:
-    """How many messages are played; None for a recording that is refused. The graph is empty afterwards."""
+    """Return the number of played messages; None for a rejected recording. The graph is empty afterwards."""
     try:
         with open_recording([path]) as recording:
             graph = MemoryGraph(Registry(recording.distro), SimulatedClock())

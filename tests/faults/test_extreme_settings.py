@@ -50,7 +50,7 @@ def _put(values: dict[str, object], key: Key, value: object) -> dict[str, object
 
 
 def _accepted(key: Key, value: object) -> bool:
-    """Whether a setting may have a value; the text of a refusal names it."""
+    """Return True if a setting may have a value; the text of a refusal names it."""
     try:
         settings: dict[str, Any] = _put({}, key, value)
         Server(**settings)

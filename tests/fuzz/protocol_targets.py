@@ -70,7 +70,7 @@ def bson(data: bytes) -> None:
 
 
 def _check_document(data: bytes) -> None:
-    """What the check of large documents refuses, the library refuses, too."""
+    """Check that the library rejects every document that the check of large ones rejects."""
     try:
         finished(check_structure(data, LIMITS))
     except (ValueError, struct.error, IndexError):
@@ -93,7 +93,7 @@ def _frames(chosen: Session, data: bytes) -> None:
 
 
 def _check_usual(chosen: Session, data: bytes) -> None:
-    """What the ends of a frame show of a `publish` is what its parse finds, if what is between is JSON."""
+    """Compare the quick split of a `publish` with the parse of the frame, if the payload is JSON."""
     usual = split_publish(data) if chosen.is_quick else None
     if usual is None:
         return

@@ -1,4 +1,4 @@
-"""What a registry knows and how it answers."""
+"""Lookups in a registry."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ def outcome(take: Callable[[], Payload]) -> object:
 
 
 def wholly(kind: MessageType, raw: bytes) -> object:
-    """What the lenient decoder makes of a text, which is parsed by Python's own parser."""
+    """Return the result of the lenient decoder for a text parsed by Python's own parser."""
     try:
         value: Any = json.loads(raw)
     except ValueError:

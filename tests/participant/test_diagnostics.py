@@ -1,4 +1,4 @@
-"""What a robot says of its own health."""
+"""Diagnostics of a robot."""
 
 from __future__ import annotations
 

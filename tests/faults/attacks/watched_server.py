@@ -29,7 +29,7 @@ QUIET_YARDSTICK: Final = 0.010
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What is seen of a server.
+    """Observed state of a server.
 
     Attributes:
         held: CPU seconds of the loop's thread between two looks at its sockets, at most, since it was asked;
@@ -66,7 +66,7 @@ class _WatchedSelector(selectors.DefaultSelector):
 
 
 class _MallInfo(ctypes.Structure):
-    """What mallinfo2(3) says, in bytes."""
+    """Fields of mallinfo2(3), in bytes."""
 
     _fields_ = tuple(
         (name, ctypes.c_size_t)

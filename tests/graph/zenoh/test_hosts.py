@@ -63,7 +63,7 @@ class Scene:
         return [number for number in self.page.on("/tick") if number >= since]
 
     def gone(self) -> bool:
-        """Whether a call of the page succeeds; asks again after each that failed."""
+        """Return True if a call of the page succeeds; asks again after each that failed."""
         answers = [self.page.answer(id) for id in self.calls]
         if any(answer is not None and answer["result"] for answer in answers):
             return True
