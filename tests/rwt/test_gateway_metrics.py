@@ -1,4 +1,4 @@
-"""What is counted of every gateway in the same way, whatever it speaks."""
+"""Metrics that all gateways have in common."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def running(arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 def beeps(url: str) -> bool:
-    """Whether the program's service answers."""
+    """Return True if the program's service answers."""
     with connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/beep"}))
         return bool(json.loads(wire.recv(timeout=20))["result"])

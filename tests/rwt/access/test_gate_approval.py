@@ -65,7 +65,7 @@ class AskedRobot(QuietRobot):
         goal.accept()
 
     def waiting(self) -> list[Any]:
-        """What `/gate/approvals` lists."""
+        """Entries of `/gate/approvals`."""
         heard: list[Any] = []
         self.clock.advance(0.1)
         self.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals").close()

@@ -42,7 +42,7 @@ GATE = {
 
 
 class Witness:
-    """What the robot is told and does, with the times of its own clock, in seconds.
+    """Commands to the robot and its motion, with times of its own clock in seconds.
 
     Attributes:
         told: times, speeds and nodes of `/cmd_vel`.
@@ -87,12 +87,12 @@ class Witness:
 
     @property
     def drives(self) -> bool:
-        """Whether the robot has moved for a few samples."""
+        """True if the robot has moved for a few samples."""
         return len(self.moved) > 3 and all(abs(speed) > SPEED / 2 for _, speed in self.moved[-3:])
 
     @property
     def stands(self) -> bool:
-        """Whether the gate has stopped it, and it stands."""
+        """True if the gate has stopped it, and it stands."""
         return self.told[-1][2] == "/gate" and self.moved[-1][1] == 0.0
 
     def check(self) -> None:

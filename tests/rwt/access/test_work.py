@@ -82,7 +82,7 @@ def _read(client: Client, *texts: str) -> None:
 
 @contextmanager
 def _turn(server: Server) -> Iterator[None]:
-    """What is in the block happens in one turn of the event loop, and the next turn follows."""
+    """Run the block in one turn of the event loop, and then the next turn."""
     yield
     server.clock.advance(0.0)
 

@@ -36,7 +36,7 @@ def _client(nodes: int, role: str) -> Client:
 
 
 def _work(do: Callable[[], object]) -> int:
-    """How many functions are called."""
+    """Count the called functions."""
     calls = 0
 
     def count(_frame: object, event: str, _arg: object) -> None:

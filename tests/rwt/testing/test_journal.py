@@ -1,4 +1,4 @@
-"""What the journal keeps, and of whom."""
+"""Entries of the journal, by sender."""
 
 from __future__ import annotations
 

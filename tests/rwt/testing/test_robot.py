@@ -1,4 +1,4 @@
-"""What a scripted robot does and expects."""
+"""Behaviour and expectations of a scripted robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What clients publish: channels of theirs, in each encoding, and what of them is refused."""
+"""Channels of clients in each encoding, and their rejection."""
 
 from __future__ import annotations
 

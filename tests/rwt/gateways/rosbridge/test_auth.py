@@ -1,4 +1,4 @@
-"""Who comes in: `auth` as rosauth computes it, and bearer tokens."""
+"""Admission: `auth` as rosauth computes it, and bearer tokens."""
 
 from __future__ import annotations
 

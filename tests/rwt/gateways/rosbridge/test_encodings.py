@@ -1,4 +1,4 @@
-"""What a subscriber gets for each `compression`: by the shared frames and by independent decoders."""
+"""Messages of a subscriber for each `compression`: by the shared frames and by independent decoders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must hold whatever the speed: one encode, one frame, no task per message."""
+"""Structure that keeps the server fast: one encode, one frame, no task per message."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ class Wired(Outbox):
         raise AssertionError("clients are let in at once")
 
     def numbers(self) -> list[int]:
-        """What is published that this client has been sent, since the last time."""
+        """Return the published messages sent to this client since the last call."""
         data = b"".join(iter(self.take, None))
         return [int(found) for found in re.findall(rb'"data": ?(\d+)', data)]
 

@@ -60,7 +60,7 @@ def clock() -> BusyClock:
 
 @pytest.fixture
 def heard(graph: MemoryGraph, clock: BusyClock) -> list[str]:
-    """What has come through the graph, each message after 2 ms of work."""
+    """Messages received through the graph, each after 2 ms of work."""
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
@@ -218,7 +218,7 @@ def _long_path(**first: object) -> dict[str, object]:
 
 
 class TestALargeMessage:
-    """It is checked in steps, and no turn takes more of them than its share."""
+    """Check a message in steps, with at most its share of each turn."""
 
     @pytest.fixture
     def clock(self) -> SteppingClock:
@@ -285,7 +285,7 @@ class TestALargeMessage:
 
 
 class TestALongSample:
-    """It is encoded in steps, once for all clients of an encoding, and what follows on its topic waits."""
+    """Encode in steps, once for all clients of an encoding, while later messages of the topic wait."""
 
     @pytest.fixture
     def clock(self) -> SteppingClock:

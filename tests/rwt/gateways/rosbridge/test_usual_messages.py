@@ -102,7 +102,7 @@ FRAMES = {
 
 
 def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bool) -> list[object]:
-    """What comes of frames: what the topic's subscriber gets, what the client hears, and what is counted."""
+    """Return the effects of frames: messages to the subscriber, answers to the client, and counts."""
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     bridge = Bridge(MemoryGraph(registry=Registry(), clock=clock), Settings())
     client, reader = Client(bridge), Client(bridge)
@@ -220,7 +220,7 @@ RESPONSES = {
 
 
 def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = False) -> list[object]:
-    """What comes of calls, and of what a provider says to each that reaches it."""
+    """Return the effects of calls, and of the provider's answers."""
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     graph = MemoryGraph(registry=Registry(), clock=clock)
     bridge = Bridge(graph, Settings())

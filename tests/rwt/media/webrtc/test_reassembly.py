@@ -16,7 +16,7 @@ TSNS = 2**32
 
 
 class Held:
-    """How much a stream says that it holds."""
+    """Bytes that a stream reports as held."""
 
     def __init__(self) -> None:
         self.bytes = self.count = 0

@@ -1,4 +1,4 @@
-"""What is taken of an offer, and what is refused of it; what comes after it in pieces."""
+"""Accepted and rejected offers, and later fragments."""
 
 from __future__ import annotations
 

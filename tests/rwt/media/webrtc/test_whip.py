@@ -107,7 +107,7 @@ def _value(server: Server, name: str) -> float:
 
 
 def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
-    """Who sends, after each change."""
+    """Senders after each change."""
     told: list[list[tuple[str, str, str, str]]] = []
 
     def take(message: Any) -> None:

@@ -30,7 +30,7 @@ def _url(server: Server, query: str) -> str:
 
 
 class Ear:
-    """What comes on the two topics of a microphone."""
+    """Messages on the two topics of a microphone."""
 
     def __init__(self, server: Server) -> None:
         self.pieces: list[bytes] = []

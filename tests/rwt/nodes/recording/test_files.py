@@ -1,4 +1,4 @@
-"""What is written, read by the independent readers; and files that are cut, damaged or not recordings."""
+"""Recorded files read by independent readers, and files that are cut, damaged or not recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a recording is played: when, in what order, and what a client can do about it."""
+"""Playback of a recording: times, order, and control by a client."""
 
 from __future__ import annotations
 
