@@ -36,6 +36,7 @@ from bench.traffic.wire import Connection, Loop, masked
 from bench.transport.zenoh import free_endpoint, small
 from rwt_graph.zenoh import ZenohGraph
 from rwt_participant.qos import DEFAULT_QOS
+from tests.waiting import until
 
 ENCODINGS: Final = (DEFLATE, "png", "cbor", "none", "cbor-raw")
 """The dearest first, so that a curve that bends upwards says that one pays for another."""
@@ -320,12 +321,10 @@ async def _publish_to_peers(endpoint: str, count: int, seconds: float, start: Ca
         publisher = graph.participant("/sender").advertise("/small", payload.type)
         for _ in range(count):
             start()
-        with anyio.fail_after(READY_SECONDS + 5 * count):
-            while publisher.subscriber_count < count:  # noqa: ASYNC110 - a graph has no event for a subscriber that comes
-                await anyio.sleep(0.02)
+        await until(lambda: publisher.subscriber_count >= count, seconds=READY_SECONDS + 5 * count)
         begin, sent = time.process_time(), 0
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
             for _ in range(16):
                 publisher.publish(payload)
             sent += 16

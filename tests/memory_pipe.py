@@ -93,7 +93,7 @@ class _PipeLink:
         self._pipe.callbacks = callbacks
 
     def wake(self) -> None:
-        """Nothing to do: the peer looks when it wants to."""
+        """No-op: the peer polls."""
 
     def finish(self) -> None:
         self._pipe.ended = True

@@ -36,7 +36,7 @@ _APPLIED: Final = ("PYTHONPATH", "PYTHONUNBUFFERED")
 
 
 def free_port() -> int:
-    """A port that nobody listens on now."""
+    """A port without a listener."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port: int = listener.getsockname()[1]
     return port
@@ -174,7 +174,7 @@ class _ForkedCommand(subprocess.Popen[str]):
             self.pid = _fork_server().fork({**request, "takes_terminal": takes_terminal}, streams)
             self._child_created = True
         finally:
-            self._close_pipe_fds(*pipes)  # type: ignore[attr-defined] # private: the stubs lack it
+            self._close_pipe_fds(*pipes)  # type: ignore[attr-defined]  # private to Popen; typeshed lacks it
 
 
 class _ForkServer:

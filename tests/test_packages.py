@@ -15,10 +15,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 THROUGH_OTHERS = {"annotated-types", "pydantic-core", "mcp-types"}
-"""What comes with a dependency that speaks of it in its own interface: pydantic, and the SDK for agents."""
+"""Packages that a dependency uses in its own interface: of pydantic, and of the SDK for agents."""
 
 NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest", "rclpy"}
-"""What only checkers have, the suite beside the project, what the plugin is for, and ROS 2's own."""
+"""Packages of type checkers, the suite, pytest for the plugin, and packages of ROS 2."""
 
 PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},

@@ -18,7 +18,7 @@ QUICK = Path(__file__).parent / "quick.zenoh.json5"
 
 
 def free_endpoint() -> str:
-    """An endpoint on loopback that nobody listens on now."""
+    """An endpoint on loopback without a listener."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
@@ -28,7 +28,7 @@ class Counting:
     def __init__(self, graph: ZenohGraph) -> None:
         self.count = 0
         self._run = graph.run_on_graph
-        graph.run_on_graph = self._run_on_graph  # type: ignore[method-assign] # It is what the graph gives its link.
+        graph.run_on_graph = self._run_on_graph  # type: ignore[method-assign]  # wrapped, to count the calls of links
 
     def _run_on_graph(self, call: Callable[[], None]) -> None:
         self.count += 1

@@ -109,7 +109,7 @@ def build_once(folder: Path, commit: str, when: str, installed: Path | None = No
     copy.mkdir(parents=True)
     with tarfile.open(fileobj=BytesIO(run("git", "archive", commit))) as archive:
         archive.extractall(copy, filter="data")
-    # The robot's page is part of the wheel: whoever installs it needs no Node.
+    # The robot's page is part of the wheel: installing it needs no Node.
     web = str(copy / "web")
     if installed is None:
         run("npm", "ci", "--prefix", web, "--no-audit", "--no-fund", "--loglevel=error")

@@ -136,8 +136,10 @@ def _signature(value: object) -> str:
     """The signature as the source has it, without self; of a msgspec structure, its members."""
     if isinstance(value, type) and issubclass(value, msgspec.Struct):
         return f"({', '.join(value.__struct_fields__)})"
+    if not callable(value):
+        return "(…)"
     try:
-        signature = inspect.signature(value)  # type: ignore[arg-type]  # what cannot be called is a TypeError, below
+        signature = inspect.signature(value)
     except (TypeError, ValueError):
         return "(…)"
     parameters = [

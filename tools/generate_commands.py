@@ -108,8 +108,8 @@ def _verb(parser: argparse.ArgumentParser) -> Iterator[str]:
             code = "\n".join(line.removeprefix("  ") for line in lines)
             yield f"<!-- not run: the tour runs its like -->\n```sh\n{code}\n```\n"
         else:
-            text = " ".join(lines)
-            yield f"{text[:1].upper()}{text[1:]}{'' if text.endswith(':') else '.'}\n"
+            text = " ".join(lines).strip()
+            yield f"{text[:1].upper()}{text[1:]}{'' if text.endswith((':', '.')) else '.'}\n"
     if shape:
         code = "\n".join(line.removeprefix("  ") for line in shape.splitlines())
         yield f"`--json` prints\n\n<!-- not run: output -->\n```text\n{code}\n```\n"

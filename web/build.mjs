@@ -148,7 +148,7 @@ async function workerSource() {
   return outputFiles[0].text;
 }
 
-/** What other people's pages load: names without hashes, since their authors write them down. */
+/** Files that other pages load: names without hashes, since their authors write them down. */
 async function buildForOtherPages() {
   const widgets = join(here, "src", "elements", "widgets.ts");
   if (existsSync(widgets)) {

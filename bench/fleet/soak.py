@@ -43,7 +43,7 @@ _CLOSE = masked((1000).to_bytes(2, "big"), 8)
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The server when nobody is connected."""
+    """The server without clients."""
 
     after: float
     memory: float

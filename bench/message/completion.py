@@ -2,7 +2,7 @@
 
 Every figure is process CPU time, the best of seven runs. Beside it stands what `msgspec.json.decode` and
 `encode` of the same bytes take, without a look at any type, and what the complete message of the same type
-takes, which is passed on as it came. Large messages cost several times as much where the allocator gives
+takes, which is passed on unchanged. Large messages cost several times as much where the allocator gives
 memory back after each: MALLOC_MMAP_THRESHOLD_=131072 in the environment shows that (glibc).
 
 Example: python -m bench.message.completion --only Image

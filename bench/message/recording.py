@@ -118,7 +118,7 @@ def _library(load: Load, message: MessageType, payloads: list[Payload]) -> float
             channel = _registered(writer, form)
             for index in range(load.count):
                 writer.add_message(channel, STAMP, contents[index % len(contents)], STAMP, index)
-            writer.finish()  # type: ignore[no-untyped-call]  # mcap has no types for `finish`
+            writer.finish()
 
     return _cpu_seconds(run) / load.count
 

@@ -34,6 +34,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
 from tests.browser.driver import find_browser, opened_browser
+from tests.waiting import until
 
 OUTSIDE: Final = "203.0.113.1"
 HUB_PORT, STUN_PORT, TURN_PORT = 9091, 3478, 3479
@@ -95,7 +96,7 @@ def _run(*words: str) -> None:
 
 
 def _nft(namespace: str, nat: str) -> str:
-    """Let a router masquerade, and let nothing in that nobody asked for; returns what went wrong."""
+    """Let a router masquerade, and reject unsolicited packets; return the error output."""
     rules = "\n".join(
         (
             "add table ip nat",
@@ -143,7 +144,7 @@ class Networks:
         self._ip("net", "link", "add", "bridge", "type", "bridge")
         self._ip("net", "addr", "add", f"{OUTSIDE}/24", "dev", "bridge")
         self._ip("net", "link", "set", "bridge", "up")
-        # What is meant for a private address is lost out here, and nobody is told.
+        # Packets to private addresses are dropped here, without an ICMP error.
         self._ip("net", "route", "add", "default", "dev", "bridge")
         for number, host in enumerate(("robot", "operator"), 1):
             router, lan = f"{host}-router", f"192.168.{number}"
@@ -209,8 +210,7 @@ async def hub() -> None:
     transport, _ = await loop.create_datagram_endpoint(StunServer, local_addr=(OUTSIDE, STUN_PORT))
     async with open_hub(f"ws://{OUTSIDE}:{HUB_PORT}") as opened:
         print("up", flush=True)
-        while not any(each.idle for each in opened.robots):  # noqa: ASYNC110 - a hub has no event for a robot that comes
-            await anyio.sleep(0.05)
+        await until(lambda: any(each.idle for each in opened.robots), "no robot has connected")
         print("the robot is there", flush=True)
         await anyio.to_thread.run_sync(sys.stdin.read)
     transport.close()
@@ -242,6 +242,7 @@ async def operator() -> None:
         async with connect_transport(url, _nobody) as connection:
             print(json.dumps({"way": connection.path}), flush=True)
     except Exception as error:
+        # Any failure is a result: this network lets no connection through.
         print(json.dumps({"way": "", "why": str(error)}), flush=True)
 
 

@@ -30,13 +30,16 @@ STEP: Final = 1 / 60
 
 
 _NOTES = f"""\
-{len(LINKS) + 1} frames, {{seconds:g}} s of teleoperation on a simulated clock, the base driving in {{driving:g}} s of 60;
-odometry at {ODOMETRY_HZ} Hz, joints and fixed frames at {STATE_HZ} Hz: plain /tf is about as heavy as in the paper.
+{len(LINKS) + 1} frames, {{seconds:g}} s of teleoperation on a simulated clock, \
+the base driving in {{driving:g}} s of 60;
+odometry at {ODOMETRY_HZ} Hz, joints and fixed frames at {STATE_HZ} Hz: plain /tf is \
+about as heavy as in the paper.
 Republished at {RATE:g} Hz, {LINEAR} m, {ANGULAR} rad, seen from {ROOT}, or as changes of the tree.
 Bytes with WebSocket headers, no deflate.
 Off: the largest difference of any frame's pose, seen from the root, from what a page on plain /tf holds then.
-Seen from a target, poses are of the latest time that all transforms on the way have, as tf2 has it: they lag.
-"""  # noqa: E501 - lines of a printed report
+Seen from a target, poses are of the latest time \
+that all transforms on the way have, as tf2 has it: they lag.
+"""
 
 
 @dataclass(slots=True)

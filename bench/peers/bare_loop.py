@@ -19,7 +19,7 @@ from bench.traffic.messages import Stream, strings
 
 BUFFER = 1 << 21
 LARGE = 1 << 16
-"""A frame of fewer bytes is none of the load's messages, and nobody gets anything for it."""
+"""Shorter frames are not messages of the load, and are not forwarded."""
 ACCEPTED = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 """Constant that follows the key in the hash of RFC 6455, section 4.2.2."""
 CLOSE = 0x8

@@ -1,6 +1,6 @@
 """Foxglove's SDK as a peer: its server, and a callback that puts each message of a client on a channel.
 
-The SDK is written in Rust and checks nothing; what a client publishes goes to the subscribers as it came.
+The SDK is written in Rust and checks nothing; what a client publishes goes to the subscribers unchanged.
 
     python -m bench.peers.foxglove_sdk                                 one channel of Twists in JSON
     python -m bench.peers.foxglove_sdk /topic sensor_msgs/Image        one channel in CDR, of a type of ROS 2

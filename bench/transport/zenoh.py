@@ -27,6 +27,7 @@ from rwt_graph.api import Participant, Publisher, Sample
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import DEFAULT_QOS, History, QoS
+from tests.waiting import until
 
 SMALL, LARGE = "std_msgs/String", "sensor_msgs/Image"
 #: Messages between two looks at the event loop.
@@ -88,8 +89,7 @@ def large(graph: MemoryGraph) -> Payload:
 
 
 async def ready(publisher: Publisher) -> None:
-    while not publisher.subscriber_count:  # noqa: ASYNC110 - a graph has no event for a subscriber that comes
-        await anyio.sleep(0.01)
+    await until(lambda: publisher.subscriber_count, "no subscriber has connected")
 
 
 async def flood(graph: MemoryGraph, node: Participant, kind: str, seconds: float) -> int:

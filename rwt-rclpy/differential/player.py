@@ -53,7 +53,7 @@ def play(chosen: dict[str, Program], jobs: int, first_domain: int) -> Iterator[t
     while waiting or running:
         while waiting and len(running) < jobs:
             name = waiting.pop(0)
-            output = tempfile.TemporaryFile()  # noqa: SIM115 - It is read after the process has ended.
+            output = tempfile.TemporaryFile()  # noqa: SIM115 - read and closed after the process has ended
             domain = DOMAINS[(first_domain + number) % len(DOMAINS)]
             number += 1
             pid = os.fork()
@@ -105,7 +105,7 @@ def main() -> Program | None:
         import rwt_rclpy
 
         rwt_rclpy.install([HERE / "interfaces"])
-    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # It is a text file.
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # a TextIOWrapper in a program
     wanted = options.names or areas()
     chosen: dict[str, Program] = {}
     for name in wanted:

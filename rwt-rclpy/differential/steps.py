@@ -20,7 +20,7 @@ QUIET_S = 0.25
 
 def with_logs(program: F) -> F:
     """Compare what a program writes to standard error, too."""
-    program.with_logs = True  # type: ignore[attr-defined]  # Read by the player.
+    program.with_logs = True  # type: ignore[attr-defined]  # a mark on the function, read by the player
     return program
 
 

@@ -27,7 +27,7 @@ def stamped(seconds: float) -> Any:
 
 def test_transforms_travel_and_move_points(rclpy_graph: VirtualDomain) -> None:
     import rclpy
-    import tf2_geometry_msgs  # noqa: F401 - it registers what points are transformed by
+    import tf2_geometry_msgs  # noqa: F401 - the import registers the conversions of points
     import tf2_ros
 
     node = rclpy.create_node("frames")

@@ -1,4 +1,4 @@
-"""What is imported under ROS's names, when, and what is said of the rest."""
+"""Imports under ROS's names, and errors of the others."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def shell(script: str, **options: Any) -> ExecuteProcess:
 
 
 def told(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """What the launch file itself said, and what processes printed."""
+    """Output of the launch file itself, and of its processes."""
     lines = capsys.readouterr().out.splitlines()
     return [re.sub(r"^\[(INFO\] \[launch.user\]: |sh-\d+\] )", "", each) for each in lines if _counts(each)]
 

@@ -388,7 +388,7 @@ def test_lifecycle_nodes_change_their_state_from_outside(rclpy: Any, executor: A
     Transition = classes("lifecycle_msgs/msg/Transition")
     heard: list[int] = []
 
-    class Lamp(LifecycleNode):  # type: ignore[misc]  # its class is found at run time
+    class Lamp(LifecycleNode):  # type: ignore[misc]  # the base class is made at run time
         def on_configure(self, state: Any) -> Any:
             self.lamp = self.create_lifecycle_publisher(Int32, "lamp", 10)
             return TransitionCallbackReturn.SUCCESS

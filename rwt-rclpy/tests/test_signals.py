@@ -204,7 +204,7 @@ for name in ("call", "send_goal", "rate.sleep", "sleep_for", "wait_for_message",
 
 
 def run(tmp_path: Path, program: str, number: signal.Signals | None) -> tuple[list[str], int]:
-    """What a program says from when it spins and gets a signal, if any, and its exit code."""
+    """Return the output of a program after it spins and receives a signal, if any, and its exit code."""
     file = tmp_path / "program.py"
     file.write_text(program)
     with subprocess.Popen(

@@ -100,6 +100,7 @@ class ServerThread:
         try:
             anyio.run(self._serve, backend=backend, backend_options=options)
         except BaseException as error:
+            # Raised on the caller's thread, also SystemExit and KeyboardInterrupt.
             self._failure = error
         if not self._up.done():
             self._up.set_exception(self._failure or NotRunning("the server was stopped before it was up"))

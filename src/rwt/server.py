@@ -224,7 +224,7 @@ class Server:
                 # A robot that only dials out needs no port.
                 self.settings = self.settings.model_copy(update={"listen": ()})
         if self.settings.workers == 1 or worker is not None:
-            self.graph  # noqa: B018 - a graph that cannot be made is the caller's mistake, raised to the caller
+            _ = self.graph  # Made here, so that the constructor raises if it is not possible.
         else:
             self._refuse_several_processes()
 

@@ -34,7 +34,7 @@ class Handle(ABC):
 
     name: str
 
-    async def ready(self) -> None:  # noqa: B027 - a node's are ready at once
+    async def ready(self) -> None:  # noqa: B027 - optional: handles of a node are ready at once
         """Wait until it is in use.
 
         Raises:

@@ -183,5 +183,5 @@ def is_coroutine_function(function: Callable[..., object]) -> bool:
     while isinstance(function, partial):
         function = function.func
     return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
-        getattr(function, "__call__", None)  # noqa: B004 - asked for its kind, not whether it is there
+        getattr(function, "__call__", None)  # noqa: B004 - the method itself is inspected; `callable` would not return it
     )

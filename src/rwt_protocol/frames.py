@@ -247,12 +247,12 @@ class FilledBurst(Burst):
         self._others: dict[object, bytes] | None = None
 
     @property
-    def size(self) -> int:  # type: ignore[override]  # a burst's own is counted, this one is looked up
+    def size(self) -> int:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
         """Bytes of its frames."""
         return self._all.size
 
     @property
-    def members(self) -> list[BurstMember]:  # type: ignore[override]  # as above
+    def members(self) -> list[BurstMember]:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
         """Queues that hold the common burst in any form."""
         return self._all.members
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import Final, Literal, Protocol, Self
+from typing import Any, Final, Literal, Protocol, Self, TypeGuard
 
 import msgspec
 from pydantic import GetCoreSchemaHandler
@@ -177,8 +177,7 @@ EMPTY: Final = RawJson(b"{}")
 def _as_list(value: object) -> object:
     if not _is_array(value):
         raise TypeError(f"{type(value).__name__} is not of JSON")
-    to_list: Callable[[], object] = value.tolist  # type: ignore[attr-defined]  # numpy is not imported here
-    return to_list()
+    return value.tolist()
 
 
 _encode: Final = msgspec.json.Encoder(enc_hook=_as_list).encode
@@ -227,7 +226,7 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
         return self.value if self.size <= FEW_BYTES else _listed(self.value)
 
 
-def _is_array(value: object) -> bool:
+def _is_array(value: object) -> TypeGuard[Any]:
     array = getattr(sys.modules.get("numpy"), "ndarray", None)
     return array is not None and isinstance(value, array)
 

@@ -46,7 +46,7 @@ class OpReader:
         """
         for name, convert in self._payloads:
             if name in members:
-                members[name] = convert(members[name])  # type: ignore[arg-type]  # the decoder left it undecoded
+                members[name] = convert(members[name])  # type: ignore[arg-type]  # codecs leave these members as Raw or RawPayload
         for name in self._ignored:
             members.pop(name, None)
         try:

@@ -66,6 +66,7 @@ async def background_tasks() -> AsyncIterator[TaskGroup]:
         except (GeneratorExit, anyio.get_cancelled_exc_class()):
             raise
         except BaseException as error:
+            # Raised below, and not in the group of the tasks.
             failure = error
         tasks.cancel_scope.cancel()
     if failure is not None:

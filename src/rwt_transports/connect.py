@@ -147,7 +147,7 @@ async def connect(
     buffers: ReceiveBufferPool | None = None,
     tls: ssl.SSLContext | None = None,
     headers: Mapping[str, str] | None = None,
-    timeout: float = 10.0,  # noqa: ASYNC109 - raises our own error
+    timeout: float = 10.0,  # noqa: ASYNC109 - a timeout raises an error of this package
     ice_servers: Sequence[Mapping[str, str]] | None = None,
 ) -> AsyncIterator[OutgoingConnection]:
     """Connect to `url` for the length of the block; the endpoint that `accept` makes gets what arrives.
@@ -235,7 +235,7 @@ def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
     elif isinstance(error, socket.gaierror):
         reason, cause = "the host is not known", "unknown_host"
     elif number == errno.ECONNREFUSED or not number or number < 0:
-        reason, cause = "nobody listens there; is the server running?", "refused"
+        reason, cause = "the connection was refused; is the server running?", "refused"
     else:
         reason = os.strerror(number)
     return ConnectError(f"cannot connect to {target.address}: {reason}", cause)

@@ -41,7 +41,7 @@ class Limits:
             is closed with 1008. While a quarter as many came to their end and wait to be read, no more of
             large ones is received or inflated.
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
-            default: the endpoint gets the bytes as they came and answers, so that one bad message does not
+            default: the endpoint gets the received bytes and answers, so that one bad message does not
             cost the connection.
         connections: open connections of one listener. More are answered with HTTP 503 where the transport
             has HTTP, and cut otherwise; twice as many are always cut.

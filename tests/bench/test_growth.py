@@ -1,4 +1,4 @@
-"""What is said of growth, and that each curve can be measured."""
+"""Conclusions about growth, and a short measurement of each curve."""
 
 from __future__ import annotations
 

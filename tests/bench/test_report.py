@@ -1,4 +1,4 @@
-"""What the table concludes from measurements."""
+"""Conclusions of the table from measurements."""
 
 from __future__ import annotations
 

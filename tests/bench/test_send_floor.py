@@ -23,7 +23,7 @@ def test_every_large_frame_reaches_every_other_client() -> None:
 
 @pytest.mark.parametrize("size", [1, 5, 100_000, 10_000_000])
 def test_frames_are_counted_however_they_are_cut(size: int) -> None:
-    client = Client(sock=None)  # type: ignore[arg-type]  # nothing is sent
+    client = Client(sock=None)  # type: ignore[arg-type]  # the test sends nothing
     stream = memoryview(masked(b"small") + masked(bytes(70_000)) + masked(bytes(200)) + masked(bytes(65_536)))
     pieces = [stream[at : at + size] for at in range(0, len(stream), size)]
     assert sum(map(client.take, pieces)) == 2

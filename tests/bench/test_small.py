@@ -1,4 +1,4 @@
-"""What a small machine needs, measured with the project as it is here."""
+"""Resources that a small machine needs, measured in this checkout."""
 
 from __future__ import annotations
 

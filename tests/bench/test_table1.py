@@ -1,4 +1,4 @@
-"""What Table I is measured with: marks that codecs leave readable, likeness, and clients that see it all."""
+"""Tools that measure Table I: marks that codecs leave readable, likeness, and clients that see it all."""
 
 from __future__ import annotations
 

@@ -228,7 +228,7 @@ class Page:
         return await self._ask("inspect", method=method, params=params)
 
     async def trace(self, seconds: float) -> Path:
-        """What Chromium does for so many seconds, less than a minute, as a file in the form of its traces."""
+        """Record a trace of Chromium for so many seconds, less than a minute, in a file."""
         path = self._browser.built / "trace.json"
         await self._ask("trace", seconds=seconds, path=str(path))
         return path
@@ -239,7 +239,7 @@ class Page:
         return [each for each in said if not any(part in each for part in self._forgiven)]
 
     async def report(self) -> str:
-        """What it did so far and what it waits for, for people who ask why a test failed."""
+        """Return the log of the page and its pending waits, to explain a failed test."""
         return f"{self._name}: {await self._ask('report')}\n"
 
     def forgive(self, *parts: str) -> None:
@@ -247,7 +247,7 @@ class Page:
         self._forgiven += parts
 
     async def picture(self, name: str) -> Picture:
-        """What the page looks like now, kept as a file of that name."""
+        """Take a screenshot of the page, kept as a file of that name."""
         SCREENSHOTS.mkdir(exist_ok=True)
         path = SCREENSHOTS / f"{name}.png"
         await self._ask("screenshot", path=str(path))
@@ -316,7 +316,7 @@ class Picture:
         return (np.abs(self.pixels - np.array(colour)) <= tolerance).all(axis=2)
 
     def count(self, colour: tuple[int, int, int], tolerance: int = 40) -> int:
-        """How many pixels have about that colour."""
+        """Return the number of pixels of about that colour."""
         return int(self.mask(colour, tolerance).sum())
 
     def centre(self, colour: tuple[int, int, int], tolerance: int = 40) -> tuple[float, float]:
@@ -327,5 +327,5 @@ class Picture:
 
 
 def near(colour: tuple[int, int, int], expected: tuple[int, int, int], tolerance: int = 40) -> bool:
-    """Whether two colours look the same."""
+    """Return True if two colours look the same."""
     return all(abs(a - b) <= tolerance for a, b in zip(colour, expected, strict=True))

@@ -139,7 +139,7 @@ async def cuttable(url: str) -> AsyncIterator[tuple[str, anyio.Event]]:
                 await target.send(data)
 
     async def serve(client: anyio.abc.SocketStream) -> None:
-        async with client, await anyio.connect_tcp(host, int(port)) as server:  # noqa: SIM117 - the client is closed if the server cannot be reached
+        async with client, await anyio.connect_tcp(host, int(port)) as server:  # noqa: SIM117 - closes the client even if connecting to the server fails
             async with anyio.create_task_group() as pumps:
                 pumps.start_soon(pump, client, server)
                 pumps.start_soon(pump, server, client)

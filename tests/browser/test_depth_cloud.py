@@ -1,4 +1,4 @@
-"""What `ROS3D.DepthCloud` makes of depth and colour that come to it as one video."""
+"""`ROS3D.DepthCloud` with depth and colour in one video."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def asked(kind: str, *, frame: str, f: float, tile: float) -> list[str]:
 
 
 async def is_there(page: Page, picture: Picture, patch: Patch) -> bool:
-    """Whether the patch is where it should be, and ends where it should."""
+    """Return True if the patch is where it should be, and ends where it should."""
     inside = [patch.place(a, b) for a in (-0.75, 0.0, 0.75) for b in (-0.75, 0.0, 0.75)]
     outside = [patch.place(*at) for at in ((-1.3, 0), (1.3, 0), (0, -1.3), (0, 1.3))]
     seen = [picture.at(*await page.pixel(*point)) for point in inside]

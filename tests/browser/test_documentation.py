@@ -21,7 +21,7 @@ _SEES = re.compile(r"(\d+) of #([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2})")
 
 
 def looks_right(picture: Picture, block: Block) -> bool:
-    """Whether it has all the colours that the block says."""
+    """Return True if it has all the colours that the block says."""
     for line in block.values("sees"):
         found = _SEES.fullmatch(line)
         assert found, f"{block.name}: expected `sees: N of #rrggbb`, got {line!r}"

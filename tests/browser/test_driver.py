@@ -1,4 +1,4 @@
-"""What a test that fails says of its page."""
+"""Report of a failed test about its page."""
 
 from __future__ import annotations
 

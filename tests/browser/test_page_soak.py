@@ -1,4 +1,4 @@
-"""What measures the page with all of its panels open measures something."""
+"""Measurement of the page with all of its panels open."""
 
 from __future__ import annotations
 

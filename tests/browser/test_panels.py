@@ -496,7 +496,7 @@ async def test_axe_finds_nothing(browser: Browser, theme: str, width: int, heigh
 
 
 async def violations(page: Page) -> list[str]:
-    """What axe finds wrong with a page."""
+    """Return the violations that axe finds on a page."""
     await page.evaluate(AXE.read_text(encoding="utf-8") + "; 1")
     found: list[str] = await page.evaluate(
         "axe.run({ resultTypes: ['violations'] }).then(r => r.violations.map(v =>"

@@ -210,7 +210,7 @@ async def test_a_layer_that_is_switched_twice_is_as_before(browser: Browser) -> 
         rows = "document.querySelector('.scene-view')?.robotScene?.rows.value"
         await page.wait(f"{rows}?.some(({{ layer }}) => layer?.handles.value.length)")
         await page.evaluate(
-            "for (const it of document.querySelectorAll('.panel-scene details')) it.open = true"
+            "document.querySelectorAll('.panel-scene details').forEach((it) => { it.open = true; })"
         )
         shown = f"JSON.stringify({rows}.filter(({{ layer }}) => layer).map(({{ topic }}) => topic))"
         await anyio.sleep(1)  # Until all topics are known.

@@ -1,4 +1,4 @@
-"""What ros3d shows of a robot: map, scan, points, description with meshes, transforms, markers."""
+"""Views of a robot in ros3d: map, scan, points, description with meshes, transforms, markers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def transform(parent: str, child: str, x: float, y: float, z: float = 0.0) -> Ma
 
 
 def is_tinted(seen: tuple[int, int, int], colour: tuple[int, int, int]) -> bool:
-    """Whether points of `colour` were drawn there: ros3d draws points twice, which bleaches them."""
+    """Return True if points of `colour` were drawn there: ros3d draws points twice, which bleaches them."""
     bright = [value for value, full in zip(seen, colour, strict=True) if full]
     pale = [value for value, full in zip(seen, colour, strict=True) if not full]
     return min(bright) > 200 and max(pale) < min(bright) - 20
@@ -250,7 +250,7 @@ async def test_axes_follow_a_frame(browser: Browser) -> None:
 
 
 def _is_axis(colour: tuple[int, int, int], channel: int) -> bool:
-    """Whether it is red, or green, in whatever light."""
+    """Return True if a colour is red, or green, in any light."""
     others = [value for index, value in enumerate(colour) if index != channel]
     return colour[channel] > 60 and max(others) < 30
 

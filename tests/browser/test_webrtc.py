@@ -117,7 +117,7 @@ window.fetch = async (...given) => {
   return new Response(deaf, { status: 201, headers: answer.headers });
 };
 """
-"""What comes between the page and the robot: neither hears where the other is."""
+"""Messages between the page and the robot, without the addresses of either."""
 NOTE_PEER = """
 const post = window.fetch;
 window.fetch = async (...given) => {

@@ -68,15 +68,15 @@ async def place(page: Page, what: str) -> tuple[float, float, float, float]:
 
 
 class Odometry:
-    """How fast the robot drives."""
+    """Speed of the robot."""
 
     def __init__(self, server: Server) -> None:
         self.linear = self.angular = math.nan
         self.fastest = 0.0
         server.node("odometry").subscribe("/odom", self._hear)
 
-    def _hear(self, odom: object) -> None:
-        twist = odom.twist.twist  # type: ignore[attr-defined] # of nav_msgs/Odometry
+    def _hear(self, odom: Any) -> None:
+        twist = odom.twist.twist
         self.linear, self.angular = twist.linear.x, twist.angular.z
         self.fastest = max(self.fastest, self.linear)
 
@@ -216,7 +216,7 @@ async def test_plot_draws_values_as_they_come(browser: Browser, distro: str) -> 
             left, top, width, height = await place(page, part("rwt-plot", ".u-over"))
 
             def heights(picture: Picture, colour: tuple[int, int, int]) -> list[int]:
-                """How far below the top of the plot a curve ends, pixels."""
+                """Return the distance in pixels from the top of the plot to the end of a curve."""
                 end = picture.mask(colour, 45)[round(top) : round(top + height), round(left + width) - 6 :]
                 return list(np.nonzero(end)[0])
 
@@ -302,7 +302,7 @@ async def test_scene_shows_the_robot_in_its_house(browser: Browser, distro: str)
 
 
 async def faults(page: Page) -> list[str]:
-    """What axe finds."""
+    """Return the violations that axe finds."""
     await page.evaluate(f"{AXE}; undefined")
     found = await page.evaluate("axe.run()")
     return [f"{each['id']}: {node['html']}" for each in found["violations"] for node in each["nodes"]]

@@ -117,7 +117,7 @@ def served(folder: Path) -> Iterator[str]:
 
 
 class _Quiet(http.server.SimpleHTTPRequestHandler):
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - overrides a method
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name in http.server
         """Say nothing: the test does."""
 
 

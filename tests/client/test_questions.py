@@ -195,8 +195,8 @@ async def test_the_graphs_definition_wins_over_the_standard_one() -> None:
             "typedefs_full_text": [text, "this is no definition at all ="],
         }
         await robot.identify(None, True)
-        string = robot.types["std_msgs/String"]()
-        assert string.mood.level == 0  # type: ignore[attr-defined]  # a class made at run time
+        string: Any = robot.types["std_msgs/String"]()
+        assert string.mood.level == 0
         assert robot.types.full_text("std_msgs/String").strip() == text
 
 

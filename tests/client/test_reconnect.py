@@ -1,4 +1,4 @@
-"""What happens when the connection is lost, and when it comes back."""
+"""Loss of the connection, and reconnection."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ class FlakyServer(ScriptedServer):
         if self.down:
             from rwt_transports.errors import ConnectError
 
-            raise ConnectError("nobody listens there")
+            raise ConnectError("the connection was refused")
         return super().accept(sink, peer)
 
 
@@ -227,6 +227,6 @@ async def test_a_server_that_is_started_again_is_found_again() -> None:
 
 
 async def test_the_first_connection_must_succeed() -> None:
-    with pytest.raises(CannotConnect, match="nobody listens there; is the server running"):
+    with pytest.raises(CannotConnect, match="the connection was refused; is the server running"):
         async with connect("ws://127.0.0.1:1"):
             pass

@@ -216,8 +216,8 @@ async def test_what_can_be_published(transport: str) -> None:
     async with world(transport) as it:
         heard: list[Any] = []
         it.node.subscribe("/cmd_vel", heard.append, type="geometry_msgs/Twist")
-        twist = it.robot.types["geometry_msgs/Twist"]()
-        twist.linear.x = 1.0  # type: ignore[attr-defined]  # its class is made at run time
+        twist: Any = it.robot.types["geometry_msgs/Twist"]()
+        twist.linear.x = 1.0
         await it.robot.publish("/cmd_vel", twist)
         await it.robot.publish("/cmd_vel", {"linear": {"x": 2.0}})
         await it.robot.publish("/cmd_vel", Speed(Vector(3.0)))

@@ -1,4 +1,4 @@
-"""What comes in other wrappings than plain JSON: fragments, pictures, large messages, several in one."""
+"""Messages in other forms than plain JSON: fragments, pictures, large messages, several in one."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ class Program:
         return self._process.line()
 
     def finish(self) -> Answer:
-        """What the scenario that was started last has observed."""
+        """Return the observations of the scenario that was started last."""
         report = json.loads(self._process.line())
         assert report["scenario"] == self._scenario
         assert "failed" not in report, f"{self.name}: {report['failed']}\n{report['complaints']}"
@@ -147,7 +147,7 @@ class Program:
         return self.finish()
 
     def observe(self, scenario: str) -> Observed:
-        """What the scenario observed; the library must have had nothing to complain about."""
+        """Return the observations of the scenario; fails if the library logged an error."""
         observed, complaints = self.answer(scenario)
         assert complaints == []
         return observed

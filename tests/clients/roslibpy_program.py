@@ -37,7 +37,7 @@ Value = Any
 
 
 class Complaints(logging.Handler):
-    """What the library and its event loop logged as an error since the last scenario."""
+    """Errors that the library and its event loop have logged since the last scenario."""
 
     def __init__(self) -> None:
         super().__init__(logging.ERROR)
@@ -137,7 +137,7 @@ def ask(method: Callable[..., Value], *given: Value) -> Value:
 
 
 def exchange(connections: Connections, name: str, type_: str, *messages: Value) -> list[Value]:
-    """What one connection hears of what another publishes."""
+    """Messages that one connection receives from another."""
     heard = Gathered(connections.open(), f"/roslibpy/{name}", type_)
     publish(connections.open(), f"/roslibpy/{name}", type_, *messages)
     return [heard.next() for _ in messages]

@@ -26,7 +26,7 @@ KINDS = {
 
 
 def as_json(value: Any) -> Any:
-    """What was decoded from CBOR, as it would be in JSON."""
+    """Return a value decoded from CBOR as it would be in JSON."""
     if isinstance(value, dict):
         if value.keys() == {"kind", "items"}:
             octets = value["kind"] in ("Uint8Array", "Buffer")

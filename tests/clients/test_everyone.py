@@ -268,7 +268,7 @@ def _listeners(server: Server) -> set[str]:
 async def _hears_everybody(
     server: Server, clients: dict[str, Client], robot: Callable[[dict[str, str]], object]
 ) -> None:
-    """What the robot and each of them say, all hear."""
+    """Every client receives the messages of the robot and of each other client."""
     agent = clients["agent"]
     assert isinstance(agent, Agent)
     for speaker in ("robot", *clients):

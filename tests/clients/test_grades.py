@@ -1,4 +1,4 @@
-"""What the real client libraries are graded is what their target files say."""
+"""Grades of the real client libraries, compared with their target files."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _generator() -> Any:
 
 
 def _column_of_page(library: str) -> dict[str, str]:
-    """What the page says about one library, by section."""
+    """Return the text of the page about one library, by section."""
     page = (Path(__file__).parents[2] / "docs" / "reference" / "client-grades.md").read_text()
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line[:2] == "| "

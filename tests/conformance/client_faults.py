@@ -24,7 +24,7 @@ from tests.conformance.rwt_client_adapter import Adapter, answer, plain
 
 Message: TypeAlias = dict[str, Json]
 Alter: TypeAlias = Callable[[Message], list[Message]]
-"""What becomes of a message."""
+"""Effect of a fault on a message."""
 
 TARGET = Path(__file__).parent / "rwt-client.toml"
 
@@ -223,7 +223,7 @@ def _once_only(op: str) -> Callable[[], Alter]:
 
 
 def _with_set_level() -> Alter:
-    """It cannot speak by itself here: its first message is preceded by another."""
+    """Send a message of its own before the first one, as it cannot speak by itself here."""
     began: list[bool] = []
 
     def alter(message: Message) -> list[Message]:

@@ -1,4 +1,4 @@
-"""What tests of the suite share."""
+"""Fixtures shared by the tests of the suite."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ Message = dict[str, Json]
 
 @dataclass(slots=True)
 class Memory:
-    """What a fault remembers: of one connection, and of the whole server."""
+    """State of a fault: of one connection, and of the whole server."""
 
     server: dict[str, Json]
     here: dict[str, Json] = field(default_factory=dict)

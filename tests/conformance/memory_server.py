@@ -43,7 +43,7 @@ _NO_TIME = 1e-6
 
 
 class _ClientEnd:
-    """What the endpoint writes to, and all that it has written; satisfies
+    """Sink of the endpoint, with everything written to it; satisfies
     :class:`rwt_transports.endpoint.Sink`."""
 
     def __init__(self, accept: Accept) -> None:
@@ -103,7 +103,7 @@ class _ClientFlow:
         """Rules are for slow readers."""
 
     def close(self) -> None:
-        """There are no drops to report."""
+        """No-op: nothing is dropped."""
 
 
 class MemoryWire(Wire):

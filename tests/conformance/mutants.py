@@ -21,7 +21,7 @@ _DISTROS = {1: "noetic", 2: "jazzy"}
 
 @dataclass(frozen=True, slots=True)
 class Hunt:
-    """How the search for one fault went.
+    """Result of the search for one fault.
 
     Attributes:
         asked: cases that were played.

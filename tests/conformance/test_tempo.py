@@ -1,4 +1,4 @@
-"""How long the suite waits for answers: in proportion to what those of the server take."""
+"""Timeouts of the suite, in proportion to the latency of the server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rosbridge_conformance.wire.wires import Wire
 from tests.conformance.memory_server import MemoryServer, MemoryWire, VirtualPace, memory_server
 
 SLOW = Target(name="slow", profiles=("CORE", "ROSAPI"), settle=1.5, timeout=4.0, probe="get_time")
-"""What a target says of a server whose nodes find each other by and by."""
+"""Settings of a target for a server with slow discovery."""
 
 
 pytestmark = pytest.mark.usefixtures("quiet")

@@ -97,11 +97,11 @@ class Running:
         return max(0.01, self._deadline - time.monotonic())
 
     def interrupt(self) -> None:
-        """What Ctrl-C in a terminal does: to the program and to all that it started."""
+        """Interrupt the program and its children, as Ctrl-C in a terminal does."""
         os.killpg(self._process.pid, signal.SIGINT)
 
     def report(self) -> str:
-        """What it printed and complained about so far."""
+        """Return the standard output and standard error so far."""
         return "\n".join([*self._seen, self._errors.read_text(errors="replace")])[-4000:]
 
     def wait_for(self, text: str) -> None:
@@ -133,7 +133,7 @@ class Running:
             raise AssertionError(f"it ended instead of listening:\n{self.report()}")
 
     def expect_no_complaint(self) -> None:
-        """Nothing was written to standard error that tells of a failure."""
+        """Check that standard error reports no failure."""
         errors = self._errors.read_text(errors="replace")
         assert "Traceback" not in errors and "ERROR" not in errors, self.report()
 

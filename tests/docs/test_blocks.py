@@ -1,4 +1,4 @@
-"""How the blocks of a page are found; what runs them is proven by running the pages themselves."""
+"""Parser of the blocks of a page; the pages themselves test the runner."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Copy:
             self.touched.add(name)
 
     def run(self, block: Block) -> Running:
-        """What a page shows, running in the copy."""
+        """Return the output of a page's block, run in the copy."""
         script = {"python": ["show.py", sys.executable], "sh": ["show.sh", "sh", "-eu"]}[block.language]
         (self.folder / script[0]).write_text(block.code, encoding="utf-8")
         command = [*script[1:], script[0]]
@@ -70,7 +70,7 @@ class Copy:
         return Running(command, self.folder, self._commands, packages=packages)
 
     def output(self, *command: str) -> str:
-        """What a program prints that runs in the copy."""
+        """Return the output of a program run in the copy."""
         done = subprocess.run(
             [sys.executable, *command],
             cwd=self.folder,

@@ -23,7 +23,7 @@ _CODE = re.compile(r"`([^`]+)`")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What is wanted, and the statements of either side."""
+    """Task, and the statements of either side."""
 
     wanted: str
     theirs: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What the sentences of the documentation claim: commands, events, what must be installed first."""
+"""Claims of the documentation: commands, events, what must be installed first."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_command_in_a_sentence_is_one(page: str, line: str) -> None:
 
 
 def _mistake(line: str) -> str:
-    """What is wrong with a command line, of which all but the command may be left out; empty if nothing."""
+    """Return the error of a command line, in which only the command is required; empty if there is none."""
     words = shlex.split(line)[1:]
     if words[0].startswith("-"):
         return "" if words[0] in parser_for(None)._option_string_actions else f"no option {words[0]}"

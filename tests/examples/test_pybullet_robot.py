@@ -51,7 +51,7 @@ def robot(port: int) -> Iterator[BlockingRobot]:
 
 
 def fetch(port: int, path: str) -> bytes:
-    """What is at `path`, asked for again while the robot of a busy machine has not made a picture in time."""
+    """Return the content of `path`, requested again while a busy machine has no picture yet."""
     gives_up = time.monotonic() + _PATIENCE
     while True:
         try:

@@ -1,4 +1,4 @@
-"""What a server in this process says of failures of its own."""
+"""Log of internal failures of a server in this process."""
 
 from __future__ import annotations
 

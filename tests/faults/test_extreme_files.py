@@ -1,5 +1,7 @@
-"""What people write into files (parameters, remap rules, settings, definitions of messages) is taken within
-bounds, or refused by the error that is promised, which names the file: however deep, long or large it is."""
+"""Extreme files of parameters, remap rules, settings and definitions of messages.
+
+They are read within bounds, or rejected by the documented error, which names the file.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from rwt_rclpy.parameters.parameter import parameter_dict_from_yaml_file
 EXAMPLES: Final = int(os.environ.get("SWEEP_EXAMPLES", "40"))
 
 MANY: Final = (1, 2, 30, 150, 1_100)
-"""How often something stands within or behind itself."""
+"""Number of nested or repeated elements."""
 
 TRY: Final = settings(
     max_examples=EXAMPLES,

@@ -44,7 +44,7 @@ def _peak() -> int:
 
 
 LENGTHS: Final = (0, 1, 2**16, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
-"""What is written over a length, a time, or whatever else stands there."""
+"""Values written over a length, a time or any other field."""
 
 _PARSER: Final = parser_for("bag")
 
@@ -108,12 +108,12 @@ def _channels(
             channel = writer.register_channel(topic, "cdr", schema)
             for time in times:
                 writer.add_message(channel, time, b"\0\1\0\0\2\0\0\0a\0", time)
-        writer.finish()  # type: ignore[no-untyped-call]  # the library's own has no types
+        writer.finish()
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """What the commands said of a recording.
+    """Output of the commands about a recording.
 
     Attributes:
         played: messages that the player published; None where it refused.
@@ -164,7 +164,7 @@ class Reader:
 
 
 def _played(path: Path) -> int | None:
-    """How many messages are played; None for a recording that is refused. The graph is empty afterwards."""
+    """Return the number of played messages; None for a rejected recording. The graph is empty afterwards."""
     try:
         with open_recording([path]) as recording:
             graph = MemoryGraph(Registry(recording.distro), SimulatedClock())
@@ -274,7 +274,7 @@ def test_chunks_are_as_large_as_they_are_let(
         for size in (100, 3_000_000, 200):  # The large one is a chunk of its own, of some hundred bytes.
             text = (size + 1).to_bytes(4, "little") + b"x" * size + b"\0"
             writer.add_message(channel, size, b"\0\1\0\0" + text, size)
-        writer.finish()  # type: ignore[no-untyped-call]  # the library's own has no types
+        writer.finish()
     assert path.stat().st_size < 10_000
     for options, count in (([], 3), (["--chunk-bytes", "1000000"], 1)):
         arguments = ["bag", "recover", str(path), "-o", str(whole), "--overwrite", *options]

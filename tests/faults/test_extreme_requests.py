@@ -111,7 +111,7 @@ METHODS: Final = (*["GET"] * 8, *["POST"] * 6, *_words("HEAD PUT PATCH DELETE OP
 INCOMPLETE: Final = re.compile(
     rb"\r\n(Expect|Content-Length|Transfer-Encoding|Upgrade|Connection): (?!\d+\r\nConnection: close)"
 )
-"""What may make the server wait for more than what comes."""
+"""Requests that may make the server wait for more bytes than arrive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class Asked:
         return graph.topics(), graph.services(), graph.actions(), graph.nodes()
 
     def ask(self, request: bytes) -> bytes:
-        """How the answer begins."""
+        """Return the beginning of the answer."""
         with socket.create_connection(("127.0.0.1", self.port), PATIENCE) as connection:
             connection.sendall(request)
             if INCOMPLETE.search(request):

@@ -7,7 +7,7 @@ import http.client
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
-from typing import Final, get_args
+from typing import Any, Final, get_args
 
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
@@ -50,9 +50,10 @@ def _put(values: dict[str, object], key: Key, value: object) -> dict[str, object
 
 
 def _accepted(key: Key, value: object) -> bool:
-    """Whether a setting may have a value; the text of a refusal names it."""
+    """Return True if a setting may have a value; the text of a refusal names it."""
     try:
-        Server(**_put({}, key, value))  # type: ignore[arg-type]  # settings by the names at the top
+        settings: dict[str, Any] = _put({}, key, value)
+        Server(**settings)
     except SettingsError as refused:
         assert f"`{'.'.join(key)}`: " in str(refused) and len(str(refused)) < 300
         return False

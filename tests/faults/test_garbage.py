@@ -1,5 +1,7 @@
-"""What clients have is freed when they leave, without Python's collector of cyclic garbage: a server looks at
-old objects as seldom as it can, since to look at all of them holds the event loop."""
+"""Objects of clients are freed when they leave, without Python's collector of cyclic garbage.
+
+A server collects old objects as rarely as it can, since a full collection blocks the event loop.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ COUNT = 200
 """Of what each client has."""
 
 OWNED = (ClientSubscription, Throttle, PeerGoal, Provided, MemoryActionServer, Peer)
-"""Whose instances belong to clients here."""
+"""Classes whose instances belong to clients."""
 
 FEW = 3 * COUNT
 """Objects that may be garbage in cycles once the clients have gone: fewer than one for each thing of each of
@@ -65,8 +67,10 @@ def _actions(client: BlockingClient) -> None:
 
 
 def _owned() -> int:
-    """How many there are; asked in the robot's own thread, since a tuple that it is about to make cannot be
-    finished while another thread holds it."""
+    """Return the number of instances, counted in the robot's own thread.
+
+    A tuple that the robot is about to make cannot be finished while another thread holds it.
+    """
     return sum(isinstance(each, OWNED) for each in gc.get_objects())
 
 

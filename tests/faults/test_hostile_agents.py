@@ -1,4 +1,4 @@
-"""What is sent to `/mcp` by somebody who means no good: it costs them an answer, and nobody else anything."""
+"""Hostile requests to `/mcp`: they are answered, and other clients are not affected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is sent to cost memory, or to hold connections: bounded, answered, and of no consequence to others."""
+"""Bytes sent to consume memory or connections: bounded, answered, and without effect on others."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Told:
         self.messages.append(len(data))
 
     def closed(self, code: int, reason: str) -> None:
-        """Nothing to give back."""
+        """No-op: no buffer is held."""
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         self.oversizes.append(size)

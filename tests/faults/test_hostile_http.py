@@ -42,7 +42,7 @@ def follow(robot: Robot, topic: str, **options: int) -> socket.socket:
 
 
 def streams(robot: Robot) -> int:
-    """How many are open."""
+    """Return the number of open connections."""
     text = ask(robot, "GET", "/metrics")[1].decode()
     return int(float(text.partition("\nrwt_http_streams ")[2].partition("\n")[0]))
 

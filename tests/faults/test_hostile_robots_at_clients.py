@@ -10,6 +10,7 @@ import threading
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import pytest
 from websockets.sync.server import ServerConnection, serve
@@ -24,8 +25,8 @@ SIDE = 20_000
 
 
 @contextmanager
-def _robot(handle: Callable[[ServerConnection], None], **options: str) -> Iterator[str]:
-    with serve(handle, "127.0.0.1", 0, **options) as server:  # type: ignore[arg-type]  # one option, a literal
+def _robot(handle: Callable[[ServerConnection], None], **options: Any) -> Iterator[str]:
+    with serve(handle, "127.0.0.1", 0, **options) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"

@@ -1,4 +1,4 @@
-"""What viewers of Foxglove's protocol do to cost the server or the others something."""
+"""Hostile viewers of Foxglove's protocol."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ _PROGRESS = re.compile(r"cov: (\d+)")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How one target's run went."""
+    """Result of the run of one target."""
 
     executions: int
     covered: int

@@ -1,4 +1,4 @@
-"""Who comes in, and what operators write: headers, tokens, origins, settings."""
+"""Admission of clients, and texts of operators: headers, tokens, origins, settings."""
 
 from __future__ import annotations
 

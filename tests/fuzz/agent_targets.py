@@ -1,4 +1,4 @@
-"""What agents send: arguments of tools, paths of fields, URIs of resources, arguments of prompts."""
+"""Requests of agents: arguments of tools, paths of fields, URIs of resources, arguments of prompts."""
 
 from __future__ import annotations
 

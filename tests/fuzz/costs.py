@@ -1,4 +1,4 @@
-"""What a message costs the server: milliseconds and memory for each byte sent, by encoding.
+"""Cost of a message to the server: milliseconds and memory for each byte sent, by encoding.
 
 A case repeats one small value at some place of an op until the message is large. The values come from a seed,
 so that a run can be repeated; the worst that were found are kept here and played by `make test-all`.
@@ -60,7 +60,7 @@ TYPES: Final = (
     "std_msgs/Float64MultiArray", "std_msgs/UInt8MultiArray", "sensor_msgs/PointCloud",
     "rcl_interfaces/ParameterEvent",
 )  # fmt: skip
-"""What somebody else subscribes to."""
+"""Topic of another subscriber."""
 
 _NAMES: Final = ("", "a", "x", "pose", "header", "points", "color", "name", "data")
 _LEAVES: Final = ("", "a", "é", "NaN", "[{", 0, 255, -1, 1 << 40, 0.1, -0.0, 1e300, True, None)
@@ -92,7 +92,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one case cost.
+    """Cost of one case.
 
     Attributes:
         size: bytes sent.

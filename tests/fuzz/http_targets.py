@@ -14,6 +14,7 @@ from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
+from rwt_transports.http.connection import close_iterator
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 
 _REGISTRY = Registry()
@@ -61,8 +62,7 @@ async def _answer(routes: Routes, request: HttpRequest) -> HttpResponse | None:
             answer = found(request)
             response = answer if isinstance(answer, HttpResponse) else await answer
             if not isinstance(response.body, bytes):
-                close = getattr(response.body, "aclose")  # noqa: B009 - of an iterator's own class
-                await close()
+                await close_iterator(response.body)
             return response
     except TimeoutError:
         return None

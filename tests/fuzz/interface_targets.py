@@ -56,7 +56,7 @@ def _decode(data: bytes, read: Callable[[MessageType, bytes], Payload]) -> None:
 
 
 def _round_trip(payload: Payload) -> None:
-    """What was taken can be sent in every form, and each form read again is the same message."""
+    """Encode an accepted message in every form, and check that each reads back the same."""
     message_type = payload.type
     text = bytes(payload.json())
     again = Payload.from_json(message_type, text, _now)

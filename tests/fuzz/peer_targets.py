@@ -108,6 +108,7 @@ def offers(data: bytes) -> None:
     try:
         parsed = SessionDescription.parse(found.text)
     except Exception:
+        # aiortc raises any error for what it cannot parse; the peer rejects such a description.
         return
     assert sum(len(section.ice_candidates) for section in parsed.media) <= CANDIDATES
     for section in parsed.media:

@@ -7,6 +7,7 @@ import json
 import logging
 import struct
 import zlib
+from typing import Any
 
 import bson as library
 import msgspec
@@ -69,7 +70,7 @@ def bson(data: bytes) -> None:
 
 
 def _check_document(data: bytes) -> None:
-    """What the check of large documents refuses, the library refuses, too."""
+    """Check that the library rejects every document that the check of large ones rejects."""
     try:
         finished(check_structure(data, LIMITS))
     except (ValueError, struct.error, IndexError):
@@ -92,7 +93,7 @@ def _frames(chosen: Session, data: bytes) -> None:
 
 
 def _check_usual(chosen: Session, data: bytes) -> None:
-    """What the ends of a frame show of a `publish` is what its parse finds, if what is between is JSON."""
+    """Compare the quick split of a `publish` with the parse of the frame, if the payload is JSON."""
     usual = split_publish(data) if chosen.is_quick else None
     if usual is None:
         return
@@ -104,7 +105,8 @@ def _check_usual(chosen: Session, data: bytes) -> None:
     (members,) = JSON.split(data, LIMITS)
     assert isinstance(members, dict)
     assert (members["op"], members["topic"], "qos" in members) == ("publish", topic.decode(), False)
-    assert msgspec.json.decode(members["msg"]) == value  # type: ignore[call-overload]  # it is undecoded
+    undecoded: Any = members["msg"]
+    assert msgspec.json.decode(undecoded) == value
 
 
 def _check_usual_call(chosen: Session, data: bytes) -> None:
@@ -117,7 +119,8 @@ def _check_usual_call(chosen: Session, data: bytes) -> None:
     assert (members["service"], members.get("id")) == (usual.service, usual.id)
     payload = usual.args if isinstance(usual, UsualCall) else usual.values
     name = "args" if isinstance(usual, UsualCall) else "values"
-    assert bytes(members.get(name, b"{}")) == bytes(payload)  # type: ignore[call-overload]  # it is undecoded
+    undecoded: Any = members.get(name, b"{}")
+    assert bytes(undecoded) == bytes(payload)
     assert set(members) <= {"op", "service", "id", "args", "type", "values", "result"}
 
 

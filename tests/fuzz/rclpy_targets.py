@@ -1,4 +1,4 @@
-"""What nodes of ROS 2 are given as text: the command line after `--ros-args`, and content filters."""
+"""Texts given to nodes of ROS 2: the command line after `--ros-args`, and content filters."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""What is fuzzed. A target takes any bytes and raises nothing: an op or a clean refusal, never another
-exception, never unbounded memory."""
+"""Targets of the fuzzer.
+
+A target takes any bytes and raises nothing: it returns an op or a clean rejection, in bounded memory.
+"""
 
 from __future__ import annotations
 

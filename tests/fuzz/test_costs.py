@@ -1,4 +1,4 @@
-"""What the worst messages that are known cost in memory. Time is not asserted: other work takes some."""
+"""Memory of the worst known messages. Time is not asserted, as other processes take some."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ LARGEST = 2_000
 
 
 class _Heard:
-    """What a wire reports."""
+    """Events reported by a wire."""
 
     def __init__(self, skip: bool) -> None:
         self._skip = skip
@@ -84,7 +84,7 @@ def _pieces(data: bytes, size: int) -> Iterator[bytes]:
 
 
 def _compare(make: MakeWire, skip: bool, data: bytes, cut: int) -> _Heard:
-    """What is heard must not depend on where the network cuts."""
+    """Check that the received messages do not depend on how the network splits them."""
     whole = _feed(make, skip, iter((data,)))
     cut_up = _feed(make, skip, _pieces(data, cut))
     assert cut_up.messages == whole.messages
@@ -150,7 +150,7 @@ class _Echo:
         assert len(data) <= LARGEST
 
     def closed(self, code: int, reason: str) -> None:
-        """Nothing to give back."""
+        """No-op: no buffer is held."""
 
 
 def _accept(sink: Sink, peer: PeerInfo) -> Endpoint:
@@ -197,7 +197,7 @@ def http(data: bytes) -> None:
 
 
 def description(data: bytes) -> None:
-    """What a peer of WebRTC describes itself by, and its further candidates."""
+    """Session description of a WebRTC peer, and its further candidates."""
     for read in (read_description, read_fragment):
         try:
             read(data)

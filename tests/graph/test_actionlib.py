@@ -20,7 +20,7 @@ ACTION = "actionlib_tutorials/Fibonacci"
 
 
 class Client:
-    """What an actionlib client of ROS 1 does with the five topics (ALB-01)."""
+    """Actionlib client of ROS 1 on the five topics (ALB-01)."""
 
     def __init__(self, graph: MemoryGraph) -> None:
         node = Node(graph, "client")

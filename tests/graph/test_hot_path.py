@@ -1,4 +1,4 @@
-"""What a message may cost: counted, not timed."""
+"""Cost limits of a message: counted, not timed."""
 
 from __future__ import annotations
 

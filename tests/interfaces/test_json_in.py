@@ -417,7 +417,7 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
 
 
 def accepts(name: str, raw: bytes) -> bool:
-    """Whether the bytes are passed on as they are."""
+    """Return True if the bytes are passed on unchanged."""
     try:
         return take(name, raw).json() is raw
     except InvalidMessage:

@@ -57,11 +57,11 @@ def test_what_is_declared_is_there_with_its_fields_and_constants(name: str) -> N
 
 def test_a_name_that_is_not_there_is_named_with_the_nearest() -> None:
     with pytest.raises(AttributeError, match="did you mean geometry_msgs/Twist"):
-        _ = jazzy.geometry_msgs.Twits  # type: ignore[attr-defined] # the mistake
+        _ = jazzy.geometry_msgs.Twits  # type: ignore[attr-defined]  # the mistake under test
     with pytest.raises(ImportError, match="geometry_msg"):
         exec("from rwt_interfaces.jazzy import geometry_msg")
     with pytest.raises(AttributeError, match="jazzy has no package 'geometry_msg' in the standard set"):
-        _ = jazzy.geometry_msg  # type: ignore[attr-defined] # the mistake
+        _ = jazzy.geometry_msg  # type: ignore[attr-defined]  # the mistake under test
     assert importlib.import_module("rwt_interfaces.noetic").Time(secs=1).secs == 1
 
 

@@ -1,4 +1,4 @@
-"""What holds for every definition, and for every text."""
+"""Properties of every definition, and of every text."""
 
 from __future__ import annotations
 

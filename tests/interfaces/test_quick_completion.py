@@ -1,4 +1,4 @@
-"""What is completed in compiled code is what the lenient decoder makes of it."""
+"""Quick completion in compiled code, compared with the lenient decoder."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def now() -> int:
 
 
 def _values(type: FieldType) -> st.SearchStrategy[Any]:
-    """What clients send for a field: mostly right, now and then odd."""
+    """Return values of clients for a field: mostly valid, sometimes odd."""
     match type:
         case field_types.Bool():
             return st.sampled_from([True, False, True, False, 1])

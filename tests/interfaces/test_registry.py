@@ -1,4 +1,4 @@
-"""What a registry knows and how it answers."""
+"""Lookups in a registry."""
 
 from __future__ import annotations
 
@@ -260,7 +260,7 @@ def test_added_text_that_cannot_be_read_changes_nothing() -> None:
     with pytest.raises(InvalidName):
         registry.add_text("int8 a", "Thing")
     with pytest.raises(InvalidName, match='"message" is not a kind'):
-        registry.add_text("int8 a", "my_pkg/Thing", "message")  # type: ignore[arg-type]  # what is tested
+        registry.add_text("int8 a", "my_pkg/Thing", "message")  # type: ignore[arg-type]  # the mistake under test
     with pytest.raises(UnknownType):
         registry.message("my_pkg/Thing")
 

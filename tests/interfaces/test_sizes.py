@@ -1,4 +1,4 @@
-"""How much memory a message takes is reckoned from its type, whichever objects it is made of."""
+"""Memory of a message, estimated from its type and independent of its objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot says of its own health."""
+"""Diagnostics of a robot."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_a_check_that_fails_is_an_error_and_logged_once(caplog: pytest.LogCaptur
 def test_a_check_is_a_plain_function(check: object) -> None:
     updater = DiagnosticUpdater(Node(MemoryGraph(), "base"), "base")
     with pytest.raises(TypeError, match="motors: a check is a plain function that gives a status, got"):
-        updater.add("motors", check)  # type: ignore[arg-type] # the mistake
+        updater.add("motors", check)  # type: ignore[arg-type]  # the mistake under test
 
 
 @pytest.mark.anyio

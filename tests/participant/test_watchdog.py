@@ -92,7 +92,7 @@ def test_a_closed_one_does_nothing(base: Base) -> None:
 @pytest.mark.parametrize("stop", [None, "stop", anyio.sleep_forever])
 def test_only_a_plain_function_can_stop(base: Base, stop: object) -> None:
     with pytest.raises(TypeError, match="a watchdog's stop is a plain function, got"):
-        Watchdog(base.node, 0.5, stop)  # type: ignore[arg-type] # the mistake
+        Watchdog(base.node, 0.5, stop)  # type: ignore[arg-type]  # the mistake under test
 
 
 @pytest.mark.parametrize("timeout", [0.0, -1.0, float("nan"), float("inf")])

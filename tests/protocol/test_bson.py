@@ -132,7 +132,7 @@ DOCUMENTS = st.dictionaries(NAMES, VALUES, max_size=4)
 
 
 def run(steps: Generator[None, None, T]) -> tuple[T, int]:
-    """What steps come to, and how many pauses there are between them."""
+    """Return the result of steps, and the number of pauses between them."""
     pauses = 0
     while True:
         try:

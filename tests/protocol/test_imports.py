@@ -1,4 +1,4 @@
-"""What importing the package costs."""
+"""Modules and time that importing the package costs."""
 
 from __future__ import annotations
 

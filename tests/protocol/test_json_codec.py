@@ -1,4 +1,4 @@
-"""What ops look like as JSON text, byte by byte."""
+"""JSON text of ops, byte by byte."""
 
 from __future__ import annotations
 

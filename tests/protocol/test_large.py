@@ -21,7 +21,7 @@ FILL = "x" * (LARGE + 1)
 
 
 def full(data: bytes) -> tuple[dict[str, Any], RawJson] | None:
-    """What the two steps find together: the members, and the payload once somebody has parsed it."""
+    """Return the result of both steps: the members, and the parsed payload."""
     members = split_large(data, 100)
     if members is None:
         return None

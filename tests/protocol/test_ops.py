@@ -215,7 +215,7 @@ def test_a_result_without_status_has_the_usual_one(members: dict[str, Any], stat
 def test_ops_are_immutable() -> None:
     op = Publish(topic="/a")
     with pytest.raises(ValidationError):
-        op.topic = "/b"  # type: ignore[misc]  # the point of the test
+        op.topic = "/b"  # type: ignore[misc]  # the mistake under test
 
 
 def test_the_fraction_that_servers_write_as_total_is_floored() -> None:

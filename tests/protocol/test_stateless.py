@@ -144,7 +144,7 @@ def test_half_of_a_character_cannot_be_written(encoding: EncodingName) -> None:
 
 def test_an_unknown_encoding_is_refused_by_name() -> None:
     with pytest.raises(ProtocolError, match="no encoding 'xml': expected one of json, png, cbor, bson"):
-        dump(Subscribe(topic="/a"), "xml")  # type: ignore[call-overload]  # the point of the test
+        dump(Subscribe(topic="/a"), "xml")  # type: ignore[call-overload]  # the mistake under test
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def settings(tmp_path: Path) -> tuple[Path, int]:
 
 
 class Manager:
-    """What a service manager hears from the process that it has started."""
+    """Notifications that a service manager receives from the process that it has started."""
 
     def __init__(self, folder: Path) -> None:
         self.path = str(folder / "notify")
@@ -83,7 +83,7 @@ def managed(folder: Path) -> Iterator[Manager]:
 
 
 def arguments(command: str, settings: Path) -> list[str]:
-    """What follows `rwt` in a command of the files, with other settings."""
+    """Return the arguments of `rwt` in a command of the files, with other settings."""
     program, *rest = command.split()
     assert program == "/opt/robot/bin/rwt"
     return [str(settings) if each == "/etc/robot/rwt.toml" else each for each in rest]

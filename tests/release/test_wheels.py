@@ -1,4 +1,4 @@
-"""What is built can be built again bit for bit, and works where nothing else is installed."""
+"""Reproducible builds, and their use in an environment without other packages."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def installed_by_npm() -> Path | None:
-    """What npm has installed for the tests of the page, if it is what the lock file of the commit names."""
+    """Return the packages that npm has installed for tests of the page, if they match the lock file."""
     folder = ROOT / "web" / "node_modules"
     done = folder / ".package-lock.json"
     if not done.exists():
@@ -71,7 +71,7 @@ def bare(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(program: Path, *arguments: str, folder: Path) -> str:
-    """What a program of the bare environment prints; the repository is nowhere on its path."""
+    """Return the output of a program in the bare environment, without the repository on its path."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     command = [str(program), *arguments]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -100,7 +101,7 @@ async def test_goals_of_a_server_of_ros_2(graph: Ros2Graph, program: Program) ->
     await until(lambda: graph.action("/fib"))
     for _ in range(3):
         _, diary = send(graph, ours, 5)
-        await until(lambda diary=diary: diary.result)  # type: ignore[misc] # Bound now.
+        await until(partial(getattr, diary, "result"))
         assert diary.result == (GoalStatus.SUCCEEDED, [0, 1, 2, 3, 4])
         assert diary.feedback == prefixes(5)
         assert diary.accepted == 1
@@ -173,20 +174,23 @@ async def test_a_client_of_ros_2_sends_goals(graph: Ros2Graph, program: Program)
     def sequence(numbers: list[int], part: Any) -> Payload:
         return Payload.from_value(part, {"sequence": numbers})
 
+    async def shows(expression: str, value: object) -> None:
+        await until(lambda: program.run(f"result = {expression}") == value)
+
     program.run(_CLIENT)
     server = graph.participant("/arm").advertise_action("/ours", type, take)
     await until(lambda: program.run("result = client.server_is_ready()"))
     endings = [GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED]
     for number, status in enumerate(endings):
         program.run(f"send({number})")
-        await until(lambda number=number: program.run("result = len(goals)") == number + 1)  # type: ignore[misc]
+        await shows("len(goals)", number + 1)
         goals[-1].feedback(sequence([number], type.feedback))
-        await until(lambda number=number: program.run("result = feedback")[-1:] == [[number]])  # type: ignore[misc]
+        await shows("feedback[-1:]", [[number]])
         if status is GoalStatus.CANCELED:
             program.run("goals[-1].cancel_goal_async()")
             await until(lambda: cancelled == [goals[-1].id])
         goals[-1].finish(status, sequence([number, 7], type.result))
-        await until(lambda number=number: program.run("result = len(results)") == number + 1)  # type: ignore[misc]
+        await shows("len(results)", number + 1)
     assert program.run("result = results") == [[int(s), [n, 7]] for n, s in enumerate(endings)]
     program.run("send(-1)")
     await until(lambda: program.run("result = [goal.accepted for goal in goals]") == [True] * 3 + [False])

@@ -1,4 +1,4 @@
-"""How a robot's program ends: its clean-up runs, its exit code is right, and it says no more than needed."""
+"""End of a robot's program: clean-up, exit code, and output."""
 
 from __future__ import annotations
 

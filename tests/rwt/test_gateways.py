@@ -12,6 +12,7 @@ import pytest
 from websockets.asyncio.client import connect
 
 from rwt import Server, Settings
+from rwt.access.errors import AccessError
 from rwt.gateways.base import Gateway
 from rwt_interfaces.payload import Payload
 from rwt_protocol.frames import Frame
@@ -68,7 +69,7 @@ class Shouting(Gateway):
         client = self.access.client(self.shared, reader.role, request.address)
         try:
             said = client.publisher("/said", "std_msgs/String")
-        except Exception as error:
+        except AccessError as error:
             return HttpResponse(str(error).encode(), 403)
         said.publish(Payload.from_value(said.type, {"data": request.body.decode()}))
         client.close()

@@ -35,7 +35,7 @@ async def test_it_plays_when_clients_can_connect_and_ends_with_the_recording(fil
     with open_recording([file]) as recording:
         server = PlaybackServer(recording, URL, options=PlayOptions(rate=1000.0))
         with pytest.raises(NotRunning, match="no player yet"):
-            server.player  # noqa: B018 - that is the question
+            _ = server.player
         async with server:
             with anyio.fail_after(10):
                 await server.ended()

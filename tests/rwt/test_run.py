@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 from websockets.sync.client import connect
@@ -49,7 +50,7 @@ def running(arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 def beeps(url: str) -> bool:
-    """Whether the program's service answers."""
+    """Return True if the program's service answers."""
     with connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/beep"}))
         return bool(json.loads(wire.recv(timeout=20))["result"])
@@ -85,7 +86,7 @@ def test_a_program_has_workers_too_with_its_own_nodes_once() -> None:
     ],
 )
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no workers are refused first")
-def test_what_several_processes_cannot_share(arguments: dict[str, object], text: str) -> None:
+def test_what_several_processes_cannot_share(arguments: dict[str, Any], text: str) -> None:
     with pytest.raises(SettingsError) as refused:
-        Server(workers=2, **arguments).run()  # type: ignore[arg-type]  # Settings by name.
+        Server(workers=2, **arguments).run()
     assert text in str(refused.value)

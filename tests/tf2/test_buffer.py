@@ -19,6 +19,7 @@ from rwt_tf2 import (
     UnknownFrame,
 )
 from rwt_tf2.buffer import MOST_FRAMES
+from rwt_tf2.history import MovingTrack
 
 S = 1_000_000_000
 
@@ -90,7 +91,8 @@ def test_between_two_times_translation_is_linear_and_rotation_slerped() -> None:
 
 def test_rotation_takes_the_shorter_way() -> None:
     start = Transform.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, 0.2)
-    end = Transform(rotation=tuple(-part for part in Transform.from_rpy((0, 0, 0), 0, 0, 0.4).rotation))  # type: ignore[arg-type]  # a tuple of four
+    x, y, z, w = Transform.from_rpy((0, 0, 0), 0, 0, 0.4).rotation
+    end = Transform(rotation=(-x, -y, -z, -w))
     buffer = filled(given("map", "base", 1, start), given("map", "base", 2, end))
     middle = buffer.lookup_transform("map", "base", round(1.5 * S)).transform
     assert middle.rpy()[2] == pytest.approx(0.3)
@@ -178,7 +180,8 @@ def test_a_long_stream_is_kept_at_the_length_of_the_cache() -> None:
     assert not buffer.can_transform("map", "base", round(49.98 * S))
     # A second at a hundred transforms a second, and a bounded number of dead ones.
     track = buffer._tracks["base"]
-    assert len(track._stamps) < 300  # type: ignore[union-attr]  # memory has no public face
+    assert isinstance(track, MovingTrack)
+    assert len(track._stamps) < 300
 
 
 # -- static transforms

@@ -26,7 +26,7 @@ def words_of(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> It
 
 
 def ran(*words: str) -> tuple[str, str]:
-    """What a command line prints, and its exit code."""
+    """Return the output of a command line, and its exit code."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         try:

@@ -34,10 +34,10 @@ NEAR, FAR = "192.0.2.7", "192.0.2.8"
 
 class _Silent:
     def receive(self, data: bytes, binary: bool) -> None:
-        """Nothing is expected."""
+        """No-op: no timeout is expected."""
 
     def closed(self, code: int, reason: str) -> None:
-        """Nothing is kept."""
+        """No-op: nothing is retained."""
 
 
 def _accept(sink: Sink, info: PeerInfo) -> Endpoint:

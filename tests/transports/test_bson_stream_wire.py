@@ -18,7 +18,7 @@ EMPTY = b"\x05\x00\x00\x00\x00"
 
 
 class Events:
-    """What the wire reports; says whether it is told of large messages."""
+    """Events reported by the wire; large messages only if it is asked to."""
 
     def __init__(self, aware: bool = True) -> None:
         self.aware = aware

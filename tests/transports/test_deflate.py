@@ -30,7 +30,7 @@ TAIL = b"\0\0\xff\xff"
 
 
 class Peer(Heard):
-    """What a wire with compression reported."""
+    """Events reported by a wire with compression."""
 
     def __init__(
         self,

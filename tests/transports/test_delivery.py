@@ -1,4 +1,4 @@
-"""What the system tells about bytes on their way."""
+"""Reports of the system about unsent bytes."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ Make = Callable[[WireEvents, ReceiveBufferPool], Wire]
 
 
 class Sender:
-    """What one peer has sent, and what its wire reported."""
+    """Bytes that one peer has sent, and events of its wire."""
 
     def __init__(self, make: Make, pool: ReceiveBufferPool) -> None:
         self.messages: list[bytes] = []

@@ -17,7 +17,7 @@ Feed = Callable[[JsonStreamWire, bytes], None]
 
 
 class Heard:
-    """What a wire reported."""
+    """Events reported by a wire."""
 
     def __init__(self, *, skip: bool = False, limit: int = LIMIT) -> None:
         self.messages: list[bytes] = []

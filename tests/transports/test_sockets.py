@@ -81,7 +81,7 @@ class Client:
         self.arrived.set()
 
     def closed(self, code: int, reason: str) -> None:
-        """It leaves when it is done."""
+        """Leave when done."""
 
     async def join(self, url: str) -> socket.socket:
         """A connection whose handshake is over, and of which nothing is read."""

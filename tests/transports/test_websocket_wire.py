@@ -23,7 +23,7 @@ LIMIT = 300_000
 
 
 class Heard:
-    """What a wire reported."""
+    """Events reported by a wire."""
 
     def __init__(self, *, server: bool = True, strict: bool = False, skip: bool = False) -> None:
         self.messages: list[tuple[bytes, bool]] = []

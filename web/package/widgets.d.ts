@@ -1,6 +1,6 @@
 /** The elements of `@robot-web-tools/widgets`, as TypeScript knows them; importing the package defines their tags. */
 
-/** What all elements have in common. */
+/** Members common to all elements. */
 export interface RobotElement extends HTMLElement {
   /** The WebSocket URL of the robot; empty for the server that the script or the page came from. */
   robot: string;
@@ -10,9 +10,9 @@ export interface RobotElement extends HTMLElement {
 export interface VideoElement extends RobotElement {
   /** A topic of pictures; empty for the first that there is. */
   topic: string;
-  /** What the picture is called for those who do not see it. */
+  /** Alternative text of the picture. */
   label: string;
-  /** Whether rate and way of the pictures are said below them. */
+  /** True if the rate and transport of the pictures are shown below them. */
   details: boolean;
   /** The picture that is shown, as a PNG; null before the first. */
   still(): Promise<Blob | null>;
@@ -28,7 +28,7 @@ export interface TeleopElement extends RobotElement {
   maxAngular: number;
   /** When keys drive: while the focus is in the element, from anywhere in the page, or never. */
   keys: "focus" | "page" | "off";
-  /** What is shown. */
+  /** Shown controls. */
   controls: "all" | "stick" | "buttons";
 }
 
@@ -36,9 +36,9 @@ export interface TeleopElement extends RobotElement {
 export interface StopElement extends RobotElement {
   /** A key that stops from anywhere in the page, as `Escape`. */
   shortcut: string;
-  /** Whether the state is left unsaid beside the button. */
+  /** True if the state is not shown beside the button. */
   quiet: boolean;
-  /** Whether the controls of the page are kept from moving the robot. */
+  /** True if the controls of the page are kept from moving the robot. */
   readonly stopped: boolean;
   /** Stop the robot. */
   stop(): void;
@@ -52,9 +52,9 @@ export interface SceneElement extends RobotElement {
   layers: string;
   /** The frame that stands still; empty for the map's. */
   frame: string;
-  /** Whether the view stays with the robot. */
+  /** True if the view stays with the robot. */
   follow: boolean;
-  /** Whether there is a button for sending the robot somewhere. */
+  /** True if there is a button for sending the robot somewhere. */
   goals: boolean;
   /** Origins besides the robot's server that meshes may come from, with blanks between them. */
   meshOrigins: string;
@@ -68,17 +68,17 @@ export interface PlotElement extends RobotElement {
   topic: string;
   /** The paths of the values, with blanks between them, as `linear.x ranges[0]`. */
   field: string;
-  /** How much of the past is shown, 1 to 3600. */
+  /** Shown time span in seconds, 1 to 3600. */
   seconds: number;
   /** Most messages a second, 0.1 to 1000. */
   rate: number;
-  /** Whether the picture stands still. */
+  /** True if the picture stands still. */
   paused: boolean;
   /** The least and the greatest value of the axis, as `-1 1`; empty for what fits. */
   range: string;
-  /** What the plot is called; empty for its topic. */
+  /** Title of the plot; empty for its topic. */
   label: string;
-  /** What is shown, as CSV: seconds since 1970, and the values. */
+  /** Shown values as CSV: seconds since 1970, and the values. */
   csv(): string;
 }
 

@@ -100,7 +100,7 @@ class DataChannels:
             with error:
                 raise WireError(f"{self._url}: cannot connect: {self._http} answers {error.code}") from error
         except OSError as error:
-            raise WireError(f"{self._url}: cannot connect: nobody listens there") from error
+            raise WireError(f"{self._url}: cannot connect: the connection was refused") from error
         await peer.setRemoteDescription(RTCSessionDescription(answer, "answer"))
 
 

@@ -33,7 +33,7 @@ def _why(error: Exception) -> str:
     """Return the reason of a failed connection, in the suite's words."""
     match error:
         case ConnectionRefusedError():
-            return "nobody listens there"
+            return "the connection was refused"
         case TimeoutError():
             return f"no answer within {_OPEN_SECONDS:g} s"
         case InvalidStatus():
@@ -48,9 +48,8 @@ def _why(error: Exception) -> str:
             return "it does not speak TLS"
         case OSError(errno=int(number)):
             return os.strerror(number)
-    return (
-        "nobody listens there"  # asyncio joins the errors of several addresses of a host, without an errno.
-    )
+    # Several addresses: asyncio joins their errors, without an errno.
+    return "the connection was refused"
 
 
 class WireClosed(Exception):

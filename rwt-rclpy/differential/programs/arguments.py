@@ -58,7 +58,7 @@ WRONG: tuple[tuple[str, ...], ...] = (
 
 
 def accepted_and_rejected() -> None:
-    """What init accepts."""
+    """Arguments that init accepts or rejects."""
     for arguments in WRONG:
         tell(arguments, lambda a=arguments: rclpy.init(args=list(a)) and None)
         rclpy.try_shutdown()

@@ -238,7 +238,7 @@ def without_shutdown() -> None:
 
 
 def exception_ends_the_program() -> None:
-    """An exception that nobody catches."""
+    """An uncaught exception."""
     rclpy.init(args=[])
     made = rclpy.create_node("node")
 

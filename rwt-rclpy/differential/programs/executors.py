@@ -250,7 +250,7 @@ def spin_until_future_complete() -> None:
 
 
 def spin_once_without_work() -> None:
-    """Nothing to do."""
+    """Spinning once while no entity is ready."""
     with node() as made:
         tell("spin", rclpy.spin_once, made, timeout_sec=0)
         tell("spin", rclpy.spin_once, made, timeout_sec=0.05)

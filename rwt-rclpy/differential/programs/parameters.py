@@ -146,7 +146,10 @@ def pre_set_returns_nothing() -> None:
     with node() as made:
         made.declare_parameter("a", 1)
         for value in ([], None):
-            callback = lambda given, v=value: v  # noqa: E731 - It is removed below.
+
+            def callback(given: object, value: object = value) -> object:
+                return value
+
             made.add_pre_set_parameters_callback(callback)
             tell(value, made.set_parameters, [Parameter("a", value=3)])
             made.remove_pre_set_parameters_callback(callback)

@@ -43,7 +43,7 @@ def call_blocking() -> None:
 
 
 def call_times_out() -> None:
-    """A blocking call that nobody answers."""
+    """A blocking call without a server."""
     with node() as made:
         client = made.create_client(SetBool, "service")
         tell("call", client.call, SetBool.Request(), timeout_sec=0.2)

@@ -49,14 +49,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("a file is missing")
     try:
         if rwt_rclpy.install(interface_folders(given.interfaces)) == "ros":
-            print("rwt_rclpy: ROS is installed, and its own rclpy runs", file=sys.stderr)  # noqa: T201 - it is a command
+            print("rwt_rclpy: ROS is installed, and its own rclpy runs", file=sys.stderr)
         with rwt_rclpy.join(given.graph):
             if given.module:
                 run_module(given.module, given.program)
             else:
                 run_program(given.program)
     except RobotError as error:
-        print(f"rwt_rclpy: {error}", file=sys.stderr)  # noqa: T201 - it is a command
+        print(f"rwt_rclpy: {error}", file=sys.stderr)
         return 2
     return 0
 

@@ -97,7 +97,7 @@ def _interface(package: str, kind: str, name: str) -> type:
 
 def _names(package: str, kind: str) -> list[str]:
     start = f"{package}/"
-    names: Any = classes().registry.names(kind)  # type: ignore[arg-type]  # one of KINDS
+    names = classes().registry.names(kind) if kind in KINDS else ()
     return [each.removeprefix(start) for each in names if each.startswith(start)]
 
 

@@ -50,7 +50,7 @@ class Parser(argparse.ArgumentParser):
             allow_abbrev=False,
         )
 
-    def parse_known_args(  # type: ignore[override]  # the stubs' overloads come to this
+    def parse_known_args(  # type: ignore[override]  # one signature for the overloads of typeshed
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse the words of one command, and reject unknown ones here, where the options are known; argparse

@@ -28,7 +28,8 @@ class RecordingFolder(Recordings):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the recordings, sorted."""
         try:
             paths = self._folder.iterdir()
             found = [it.name for it in paths if it.suffix in _SUFFIXES or (it / "metadata.yaml").is_file()]
@@ -36,7 +37,8 @@ class RecordingFolder(Recordings):
         except OSError as error:
             raise ToolError(f"the recordings cannot be listed: {error.strerror}") from None
 
-    def describe(self, name: str, sees: Callable[[str], bool]) -> list[str]:  # noqa: D102 - inherited
+    def describe(self, name: str, sees: Callable[[str], bool]) -> list[str]:
+        """Return lines about a recording and its visible topics."""
         with self._opened(name) as recording:
             start, seconds = recording.start_ns, (recording.end_ns - recording.start_ns) / _SECOND
             lines = [f"{name}: {seconds:.1f} s, from {start} ns since the epoch; topics:"]
@@ -46,7 +48,8 @@ class RecordingFolder(Recordings):
                     lines.append(f"{topic.name} [{topic.type}]{count}")
             return lines
 
-    def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:  # noqa: D102 - inherited
+    def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:
+        """Return the first message of a topic at or after a time, its type and its time in seconds."""
         with self._opened(name) as recording:
             known = next((each for each in recording.topics if each.name == topic), None)
             if known is None:

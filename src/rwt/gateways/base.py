@@ -112,7 +112,7 @@ def client_turns(clock: Clock) -> Turns:
 
     Waiting work is done one client at a time, and so is the work of clients beyond their rate. So however
     many clients have much to do, one that sends a small message now and then waits for one of them at most.
-    While nobody else needs the server they lose nothing: turns follow each other at once.
+    They lose nothing while no other client needs the server: turns follow each other at once.
     """
     return turns_of(clock, CLIENTS_SECONDS, one_at_a_time=True)
 
@@ -463,7 +463,7 @@ class ConnectedClient(ABC, Generic[T]):
                     self._resume(what, now)
                 self._worked += self._monotonic() - now
         finally:
-            # `closed()` has released everything: what is left belongs to nobody.
+            # `closed()` has released everything: the remaining steps have no client.
             if not self._over:
                 self._waiting += waiting
                 self._count_work()

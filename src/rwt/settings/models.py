@@ -265,7 +265,7 @@ class Settings(BridgeSettings):
         bool,
         Field(
             description="serve files outside of the folders of `packages` that links in them lead to, after"
-            " `colcon build --symlink-install`; whoever can write there can publish any mesh or image"
+            " `colcon build --symlink-install`; anyone who can write there can publish any mesh or image"
         ),
     ] = False
     demo: Annotated[bool, Field(description="add the demo robot")] = False

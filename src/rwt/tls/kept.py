@@ -94,7 +94,7 @@ def _read(path: Path) -> Pair | None:
     try:
         key = load_pem_private_key(content, password=None)
         certificate = x509.load_pem_x509_certificates(content)[0]
-        certificate.extensions  # noqa: B018 - parses them, and raises here
+        _ = certificate.extensions  # Parses them, and raises here.
     except (ValueError, TypeError) as error:
         raise SettingsError(_damaged(path)) from error
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():

@@ -51,7 +51,7 @@ def own_certificate(settings: TlsSettings, now: datetime.datetime | None = None)
             readable by others.
     """
     try:
-        import ifaddr  # noqa: F401 - rwt.tls.machine uses it
+        import ifaddr  # noqa: F401 - checks that the extra is installed; rwt.tls.machine imports it later
 
         from rwt.tls import kept
     except ImportError as error:

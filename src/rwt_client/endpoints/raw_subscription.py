@@ -79,9 +79,12 @@ class RawSubscription(RemoteHandle[MessageType]):
     def _raw(self, arrived: UnparsedMessage) -> RawMessage:
         if isinstance(arrived, dict) and arrived.keys() == _MEMBERS:
             seconds, nanoseconds, data = arrived["secs"], arrived["nsecs"], arrived["bytes"]
-            is_stamp = isinstance(seconds, int) and isinstance(nanoseconds, int)
-            if is_stamp and isinstance(data, memoryview | bytes):
-                return RawMessage(data, seconds * NANOSECONDS + nanoseconds, self.type)  # type: ignore[operator]  # ints
+            if (
+                isinstance(seconds, int)
+                and isinstance(nanoseconds, int)
+                and isinstance(data, memoryview | bytes)
+            ):
+                return RawMessage(data, seconds * NANOSECONDS + nanoseconds, self.type)
         return RawMessage(self._serialise(self._reader.read(arrived)), None, self.type)
 
     # -- called by the session ------------------------------------------------------------------------------

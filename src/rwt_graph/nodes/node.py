@@ -87,7 +87,7 @@ class Node(GraphRobot):
         parameters.declare(
             "use_sim_time",
             not self.clock.is_real,
-            description="whether the node is told to go by /clock; it goes by the clock of its graph",
+            description="value of `use_sim_time` as set; the node always uses the clock of its graph",
             on_change=self._on_use_sim_time,
         )
         return parameters

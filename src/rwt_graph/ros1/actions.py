@@ -178,7 +178,7 @@ class ActionClient:
         """Send what waits once the server is connected, and end the goals when it leaves."""
         try:
             with anyio.move_on_after(_CONNECT_SECONDS):
-                while not self._is_connected():  # noqa: ASYNC110 - several connections of two modules
+                while not self._is_connected():  # noqa: ASYNC110 - no single event covers the links of five topics
                     await anyio.sleep(_CONNECT_LOOKS)
             if not self._is_connected():
                 self._lose_goals(f"Action {self.info.name} did not connect within {_CONNECT_SECONDS:g} s")

@@ -130,7 +130,7 @@ class Client:
         return call
 
     def _somebody_answers(self) -> bool:
-        found: bool = self._querier.matching_status.matching  # type: ignore[attr-defined] # The stub says bool.
+        found: bool = self._querier.matching_status.matching  # type: ignore[attr-defined]  # zenoh returns a MatchingStatus, its stub says bool
         return found
 
     def _await_somebody(self) -> None:

@@ -38,7 +38,7 @@ class ZenohPublisher:
 
     def _send_if_matched(self, sample: Sample) -> None:
         # Encode only for remote subscribers.
-        if self._sender.matching_status.matching:  # type: ignore[union-attr] # The stub says bool.
+        if self._sender.matching_status.matching:  # type: ignore[union-attr]  # zenoh returns a MatchingStatus, its stub says bool
             self._send(sample)
 
     def _send(self, sample: Sample) -> None:
@@ -52,7 +52,7 @@ class ZenohPublisher:
         """Undeclare the publisher with its cache and its token."""
         self._publisher.on_publish_remote = None
         self._presence.end()
-        self._sender.undeclare()  # type: ignore[no-untyped-call] # The stub has no return type.
+        self._sender.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs lack its return type
 
 
 def _flow(qos: QoS) -> tuple[zenoh.Reliability, zenoh.CongestionControl]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from pydantic import BaseModel
 
@@ -176,7 +176,8 @@ class _PythonStubs:
             return _literal(slot_default(slot)())
         length = slot.type.length or 0
         if slot.default is not None:
-            items = [_literal(item) for item in slot_default(slot)()]  # type: ignore[attr-defined]  # a list
+            values = cast("list[object]", slot_default(slot)())
+            items = [_literal(value) for value in values]
             return f"default_factory=lambda: [{', '.join(items)}]"
         if not length:
             return f"default_factory=list[{self._type(slot.type.element)}]"

@@ -97,6 +97,6 @@ def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
     return items
 
 
-def _plain_array(array: object) -> object:
-    to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
-    return to_list()
+def _plain_array(array: Any) -> object:
+    # An array of numpy, which is not imported here.
+    return array.tolist()

@@ -157,7 +157,7 @@ def _one_by_one(value: Any, type: field_types.Int | field_types.Float) -> list[A
 
 
 _MOST_WIDENED: Final = 1 << 24
-"""Bytes of an array of numbers more than twice as wide as they came: to fill more takes too long."""
+"""Bytes of an array of numbers more than twice as wide as received; filling more takes too long."""
 
 
 def is_numpy_array(value: object) -> bool:

@@ -228,6 +228,7 @@ async def _shake_hands(
                 done = True
                 return encrypted
     except Exception as error:
+        # OpenSSL, the stream and the time limit raise unrelated errors; none may stop the listener.
         logger.info("no TLS with %s: %s", host, error)
     finally:
         if not done:

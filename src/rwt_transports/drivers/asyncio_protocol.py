@@ -519,7 +519,7 @@ class AsyncioDriver:
                     # Break the cycle error → frames → error: it would keep the memory of the TLS handshake.
                     traceback.clear_frames(error.__traceback__)
                 except Exception:
-                    log_exception("a connection failed as it came")
+                    log_exception("a new connection failed")
 
         try:
             async with anyio.create_task_group() as tasks:

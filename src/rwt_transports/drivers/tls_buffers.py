@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import asyncio.sslproto
-from typing import Final
+from typing import Final, cast
 from weakref import WeakKeyDictionary
 
 RECEIVED_BYTES: Final = 32 * 1024
@@ -39,7 +39,7 @@ def spare_buffers(transport: asyncio.Transport) -> None:
     if shared is None:
         shared = _buffers[loop] = memoryview(bytearray(RECEIVED_BYTES))
     vars(protocol).update(max_size=RECEIVED_BYTES, _ssl_buffer=shared.obj, _ssl_buffer_view=shared)
-    transport.set_read_buffer_limits(high=1, low=0)  # type: ignore[attr-defined]  # those in TLS have it
+    cast("asyncio.sslproto._SSLProtocolTransport", transport).set_read_buffer_limits(high=1, low=0)
 
 
 def forget_protocol(transport: asyncio.Transport) -> None:

@@ -193,7 +193,7 @@ class PageInbox:
             left(PROTOCOL_ERROR, str(error))
             return HttpResponse(b"the robot's answer cannot be read\n", 502)
         except BaseException:
-            left(GOING_AWAY, "nobody waits for the page")
+            left(GOING_AWAY, "the request was abandoned")
             raise
         if head_only or status in WITHOUT_BODY:
             left(NORMAL, "")

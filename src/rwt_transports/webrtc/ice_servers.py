@@ -15,7 +15,7 @@ from aiortc import RTCConfiguration, RTCIceServer
 from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
-import rwt_transports.webrtc.ice_agent  # noqa: F401 - it guards connections to TURN servers
+import rwt_transports.webrtc.ice_agent  # noqa: F401 - the import replaces aioice's classes for TURN
 from rwt_transports.errors import TransportError
 from rwt_transports.webrtc.stun_messages import BadStun, check_stun
 
@@ -169,7 +169,7 @@ async def probe(server: IceServer) -> Probe:
 def _refusal(refused: stun.TransactionFailed, server: IceServer) -> str:
     code, reason = refused.response.attributes.get("ERROR-CODE", (0, "without a reason"))
     if code == 401:
-        who = f"the credential of {server.username!r}" if server.username else "whoever has no credential"
+        who = f"the credential of {server.username!r}" if server.username else "clients without a credential"
         return f"it refuses {who} (401 {reason})"
     return f"it refuses ({code} {reason})"
 

@@ -165,7 +165,7 @@ class Peers:
             ):
                 if count >= max(1, 3 * most // 4):  # The rest is for other networks.
                     return (
-                        f"{network} has {count} of the {most} that there may be, and nobody gets all",
+                        f"{network} has {count} of at most {most}; the rest is for other networks",
                         setting,
                     )
         if len(self._peers) + self._reserved >= bounds.peers or self._closing:

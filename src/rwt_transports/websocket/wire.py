@@ -507,7 +507,7 @@ class WebSocketWire:
         total = len(self._parts) + size
         if total <= self._max_size:
             return True
-        # While CLOSING nobody can be informed, so a large message ends the connection at once.
+        # While CLOSING no answer can be sent, so a large message ends the connection at once.
         if self._state is not _WireState.OPEN or not self._events.oversized(total):
             raise ProtocolViolation(
                 TOO_BIG,

@@ -148,14 +148,20 @@ if HAS_ROS:
     BACKENDS["ros2"] = Ros2Harness
 
 
+def _case(test: pytest.Function) -> str:
+    """Return the name of a test, with its parameter `how` if it has one."""
+    how = test.callspec.params.get("how")
+    return test.originalname if how is None else f"{test.originalname}[{how}]"
+
+
 @pytest.fixture(params=sorted(BACKENDS))
 async def harness(
     request: pytest.FixtureRequest, anyio_backend: object, monkeypatch: pytest.MonkeyPatch
 ) -> AsyncIterator[Harness]:
     # Everything in the order in which it came, so that `settle` can tell when it has.
     monkeypatch.setattr(zenoh_topics, "belongs_to_action", lambda _topic: True)
-    if request.param == "ros2" and (why := DIFFERENCES.get(request.node.originalname)):
-        request.applymarker(pytest.mark.xfail(reason=why, strict=False))
+    if request.param == "ros2" and (why := DIFFERENCES.get(_case(request.node))):
+        request.applymarker(pytest.mark.xfail(reason=why))
     if request.param == "ros1-alone" and (why := OF_ROS2.get(request.node.originalname)):
         request.applymarker(pytest.mark.xfail(reason=why))
     made = BACKENDS[request.param]()

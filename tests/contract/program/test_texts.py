@@ -31,7 +31,7 @@ PROGRAMS = sorted({*texts.GIVES, *texts.RAISES})
 
 
 def make_world(node: Node) -> None:
-    """What the programs find."""
+    """Result of the programs."""
 
     def broken(request: Any) -> None:
         raise ServiceFailed("it is broken")

@@ -149,7 +149,7 @@ async def test_an_exception_of_the_block_comes_out_as_itself(place: Place) -> No
 
 async def test_nobody_listens(place: Place, tmp_path: Path) -> None:
     url = f"unix://{tmp_path}/nothing" if "unix" in place.listen_url else place.listen_url[:-1] + "1"
-    with pytest.raises(ConnectError, match=r"nobody listens there|no such file"):
+    with pytest.raises(ConnectError, match=r"the connection was refused|no such file"):
         async with connect(url, place.accept_near, tls=place.trust):
             pass
     assert place.near == []
@@ -284,7 +284,7 @@ async def test_tls_where_there_is_none(tmp_path: Path, certificate: Path) -> Non
 
 
 async def test_an_unknown_host() -> None:
-    with pytest.raises(ConnectError, match=r"the host is not known|nobody listens|could be made"):
+    with pytest.raises(ConnectError, match=r"the host is not known|the connection was refused|could be made"):
         async with connect("ws://no-such-host.invalid:9090", End):
             pass
 

@@ -145,7 +145,7 @@ class JsonClient:
         return self.stream.extra(SocketAttribute.local_port)
 
     async def open(self) -> None:
-        """There is no handshake."""
+        """No-op: this transport has no handshake."""
 
     async def send(self, message: object) -> None:
         await self.stream.send(json.dumps(message).encode())
@@ -182,7 +182,7 @@ class DatagramClient:
         return self.socket.extra(SocketAttribute.local_port)
 
     async def open(self) -> None:
-        """There is no handshake."""
+        """No-op: this transport has no handshake."""
 
     async def send(self, message: object) -> None:
         await self.socket.send(json.dumps(message).encode())
@@ -297,7 +297,7 @@ class Site:
         return StandardStreamsDriver(self.pipes[0])
 
     async def exit_with(self, listener: Listener) -> None:
-        """What a process does with its pipes when what it serves is over."""
+        """Close the pipes as a process does when its service ends."""
         await listener.ended()
         for each in self.pipes[0]:
             os.close(each)

@@ -1,4 +1,4 @@
-"""What attacks do to a server: `python -m tests.faults.attacks [NAME …]`."""
+"""Effects of attacks on a server: `python -m tests.faults.attacks [NAME …]`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tests.faults.attacks.attacker import ATTACKS
 
 
 def described(name: str) -> str:
-    """What an attack does."""
+    """Attack, run against a server."""
     what = " ".join((ATTACKS[name].__doc__ or name).split()).removesuffix(".")
     return what if what[:2].isalpha() and what[:2].isupper() else what[0].lower() + what[1:]
 
 
 def row(name: str, damage: Damage) -> str:
-    """What an attack does, and has done, as a row of a table in Markdown."""
+    """Return an attack and its effects as a row of a table in Markdown."""
     held, ran = round(damage.held * 1000), round(damage.ran * 1000)
     return f"| {described(name)} | {held} | {ran} | {max(0, round(damage.grown))} |"
 

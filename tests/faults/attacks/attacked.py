@@ -45,7 +45,7 @@ OF_ROS_1: Final = frozenset({"parameters", "tables_as_parameters"})
 
 @dataclass(frozen=True, slots=True)
 class Waits:
-    """What an ordinary client waits for an answer at most.
+    """Longest wait of an ordinary client for an answer.
 
     Attributes:
         seconds: by the clock on the wall.
@@ -68,11 +68,11 @@ class Attacked:
     undisturbed: float = 0.0
 
     def waits(self) -> Waits:
-        """What the ordinary client waited at most, since it was asked the last time."""
+        """Return the longest wait of the ordinary client since the last call."""
         return Waits(*map(float, _asked(self.ordinary).split()))
 
     def look(self) -> Look:
-        """What the server tells of itself."""
+        """Return the metrics of the server."""
         return Look(**json.loads(_asked(self.process)))
 
     def memory(self, which: str = "VmRSS") -> float:
@@ -146,7 +146,7 @@ def attacked_server(distro: str, role: str, *settings: str) -> Iterator[Attacked
 
 
 def _port_of(process: subprocess.Popen[str]) -> str:
-    """What the server says next of where it listens."""
+    """Return the next address that the server reports."""
     assert process.stdout is not None
     line = process.stdout.readline()
     assert line.startswith("listening on "), line
@@ -187,7 +187,7 @@ def _served(
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """What an attack has done.
+    """Effects of an attack.
 
     Attributes:
         waits: of the ordinary client.
@@ -209,7 +209,7 @@ class Damage:
 
     @property
     def slowness(self) -> float:
-        """How many times longer than a quiet one the processor takes for something."""
+        """Return the slowdown of the processor compared with a quiet one."""
         return max(self.before.slowness, self.after.slowness)
 
     @property

@@ -52,7 +52,7 @@ _FIBONACCI: Final = "example_interfaces/Fibonacci"
 _NOETIC: Final = "noetic" in sys.argv
 
 Messages = Iterator[bytes | dict[str, object]]
-"""What is sent one after the other, for as long as the time lasts: CBOR, or the members of an op."""
+"""Messages sent in turn until the time is over: CBOR, or the members of an op."""
 
 
 class Attacker:
@@ -992,7 +992,7 @@ def parameters(attacker: Attacker) -> None:
 
 
 def refusals(attacker: Attacker) -> None:
-    """Nothing that can be done, thousands of times: each would be a line of the log."""
+    """Thousands of requests that fail, each of which would be a line of the log."""
     attacker.send(_ops("publish", topic="/unknown#", msg={}))
 
 

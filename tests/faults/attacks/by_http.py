@@ -90,7 +90,7 @@ def mcp_sessions(attacker: Attacker) -> None:
 
 
 def mcp_bodies(attacker: Attacker) -> None:
-    """What agents send, with all of its bytes in small items."""
+    """Requests of agents whose bytes are all in small items."""
     call = '{"jsonrpc":"2.0","id":1,"method":"tools/call","params":{"name":"look","arguments":%s}}'
     version = {"Mcp_Protocol_Version": "2026-07-28"}  # which needs no sessions
     for size in (_BODY, 64_000):

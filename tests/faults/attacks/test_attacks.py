@@ -55,7 +55,7 @@ HELD: Final = 0.05
 """Seconds for which the event loop is held at a time, at most, collections of garbage included."""
 
 SOON: Final = 2.0
-"""How many times longer than that it runs before an ordinary client is answered, at most."""
+"""Maximum factor on that time before an ordinary client is answered."""
 
 PATIENCE: Final = 10.0
 """Seconds in which an ordinary client is answered, whatever else the machine does."""

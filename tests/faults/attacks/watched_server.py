@@ -29,7 +29,7 @@ QUIET_YARDSTICK: Final = 0.010
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What is seen of a server.
+    """Observed state of a server.
 
     Attributes:
         held: CPU seconds of the loop's thread between two looks at its sockets, at most, since it was asked;
@@ -72,7 +72,7 @@ class _WatchedSelector(selectors.DefaultSelector):
 
 
 class _MallInfo(ctypes.Structure):
-    """What mallinfo2(3) says, in bytes."""
+    """Fields of mallinfo2(3), in bytes."""
 
     _fields_ = tuple(
         (name, ctypes.c_size_t)
@@ -156,12 +156,12 @@ def _time_callbacks(seconds: float) -> None:
             sys.stderr.write(f"{took * 1000:.0f} ms in {handle!r}\n")
             sys.stderr.flush()
 
-    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]  # it is watched
+    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]  # wrapped, to time each callback
 
 
 def _watch() -> None:
     _time_collections(threading.get_ident())
-    selectors.DefaultSelector = _WatchedSelector  # type: ignore[misc]  # what asyncio makes its loops with
+    selectors.DefaultSelector = _WatchedSelector  # type: ignore[misc]  # asyncio looks the class up here
     threading.Thread(target=_answer, daemon=True).start()
     seconds = float(os.environ.get("HOLDS_TO_TRACE", "0"))
     if seconds:

@@ -21,7 +21,7 @@ from typing import cast
 import httpx
 
 from rwt_transports.http.routes import HttpResponse
-from tests.faults.peers import (  # noqa: F401 - they register their attacks
+from tests.faults.peers import (  # noqa: F401 - the imports register the attacks in ATTACKS
     datagram_attacks,
     hub_attacks,
     sctp_attacks,

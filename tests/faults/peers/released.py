@@ -1,4 +1,4 @@
-"""What ended peers leave behind: `python -m tests.faults.peers.released KIND COUNT`.
+"""Memory that ended peers leave behind: `python -m tests.faults.peers.released KIND COUNT`.
 
 Python's collector of cyclic garbage is off, as it nearly is in a server that freezes what it has seen. Prints
 objects, MiB and descriptors, and tasks, that were left by COUNT peers, as JSON.

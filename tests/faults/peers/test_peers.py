@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from tests.faults.peers import (  # noqa: F401 - they register their attacks
+from tests.faults.peers import (  # noqa: F401 - the imports register the attacks in ATTACKS
     datagram_attacks,
     hub_attacks,
     sctp_attacks,

@@ -3,6 +3,7 @@ from __future__ import annotations
 import random
 import struct
 from contextlib import suppress
+from typing import Any
 
 import pytest
 
@@ -159,7 +160,8 @@ class TestTypes:
         found = types.find("std_msgs/String", sent.md5, other.full_text(sent))
         assert found is types.find("std_msgs/String", sent.md5, "")
         assert found is not registry.message("std_msgs/String")
-        assert Payload.relayed_ros1(found, b"\2\0\0\0hi\7").value().number == 7  # type: ignore[attr-defined] # Compiled.
+        value: Any = Payload.relayed_ros1(found, b"\2\0\0\0hi\7").value()
+        assert value.number == 7
 
     @pytest.mark.parametrize(
         ("definition", "text"),

@@ -94,7 +94,7 @@ async def test_the_oldest_are_dropped_when_nobody_takes_them(
     monkeypatch.setattr(receive_queue, "MOST_BYTES", 100 * 1024)
     a, b = pair
     heard: list[int] = []
-    held: list[object] = []
+    held: list[receive_queue.ReceiveQueue] = []
     # The graph's thread is busy elsewhere: what is handed over waits.
     monkeypatch.setattr(receive_queue.ReceiveQueue, "_handle", lambda self: held.append(self))
     b.participant("/ear").subscribe(
@@ -106,9 +106,9 @@ async def test_the_oldest_are_dropped_when_nobody_takes_them(
     for _ in range(300):
         publisher.publish(payload)
         await anyio.lowlevel.checkpoint()
-    await until(lambda: bool(held) and held[0].dropped >= 195)  # type: ignore[attr-defined] # A ReceiveQueue.
+    await until(lambda: bool(held) and held[0].dropped >= 195)
     monkeypatch.undo()
-    held[0]._handle()  # type: ignore[attr-defined] # A ReceiveQueue.
+    held[0]._handle()
     await until(lambda: len(heard) > 64)
     assert len(heard) <= 105
     assert heard == sorted(heard)

@@ -1,4 +1,4 @@
-"""What anybody in the network may put on the keys of a robot: bytes and tokens that mean nothing."""
+"""Malformed bytes and tokens from the network on the keys of a robot."""
 
 from __future__ import annotations
 

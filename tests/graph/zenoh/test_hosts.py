@@ -63,7 +63,7 @@ class Scene:
         return [number for number in self.page.on("/tick") if number >= since]
 
     def gone(self) -> bool:
-        """Whether a call of the page succeeds; asks again after each that failed."""
+        """Return True if a call of the page succeeds; asks again after each that failed."""
         answers = [self.page.answer(id) for id in self.calls]
         if any(answer is not None and answer["result"] for answer in answers):
             return True
@@ -194,6 +194,9 @@ def test_a_peer_that_is_stopped_does_not_hold_up_the_others(tmp_path: Path) -> N
             time.sleep(0.02)
             return bool(page.on("/big") and frozen.on("/big"))
 
+        def page_has(count: int) -> None:
+            until(lambda: len(page.on("/big")) >= count, "a message")
+
         until(heard_by_both, "the start")
         stopped.process.send_signal(signal.SIGSTOP)
         try:
@@ -202,7 +205,7 @@ def test_a_peer_that_is_stopped_does_not_hold_up_the_others(tmp_path: Path) -> N
             for number in range(1, 301):
                 sent = time.monotonic()
                 source.send(op="publish", topic="/big", msg={"data": f"{number} {load}"})
-                until(lambda want=begin + number: len(page.on("/big")) >= want, "a message")  # type: ignore[misc] # A default is what binds it.
+                page_has(begin + number)
                 worst = max(worst, time.monotonic() - sent)
             assert worst < 2.0
         finally:

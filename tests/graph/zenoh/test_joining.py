@@ -21,7 +21,7 @@ from tests.zenoh_links import QUICK, free_endpoint
 
 
 def setting(options: ZenohOptions, key: str) -> object:
-    """What the session is told."""
+    """Configuration of the session."""
     value: object = json.loads(configuration(options).get_json(key))
     return value
 

@@ -1,4 +1,4 @@
-"""What the graph puts on the wire, seen by a bare Zenoh session, and what it makes of what others put
+"""Messages of the graph, received by a bare Zenoh session, and its reaction to what others put
 there."""
 
 from __future__ import annotations
@@ -323,7 +323,7 @@ def declare(peer: zenoh.Session, kind: str, name: str, type: str, type_hash: str
 async def test_types_that_are_not_known_or_defined_otherwise(
     graph: ZenohGraph, peer: zenoh.Session, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """They are listed, but nothing can be exchanged, and the log says so once."""
+    """List them, exchange no messages, and log it once."""
     alive = [
         declare(peer, "MP", "/unknown", "my_msgs::msg::dds_::Odd_", "RIHS01_0"),
         declare(peer, "MS", "/unknown", "my_msgs::msg::dds_::Odd_", "RIHS01_0"),

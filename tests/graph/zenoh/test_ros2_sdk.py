@@ -15,7 +15,7 @@ from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 from rwt_graph.zenoh import ZenohGraph
 from rwt_participant.messages import Message
 from rwt_participant.qos import LATCHED
-from tests.waiting import PATIENCE, until
+from tests.waiting import until, until_answered
 from tests.zenoh_links import QUICK, free_endpoint
 
 pytestmark = pytest.mark.anyio
@@ -114,10 +114,12 @@ async def test_the_sdk_lists_what_the_graph_has(graph: ZenohGraph) -> None:
 
 
 async def listed(what: tuple[str, str], ask: Any) -> None:
-    """Wait until the SDK has heard of it."""
-    with anyio.fail_after(PATIENCE):
-        while what not in flat(await in_thread(ask)):  # noqa: ASYNC110 - The SDK tells of nothing's coming.
-            await anyio.sleep(0.02)
+    """Wait until the SDK lists it."""
+
+    async def is_listed() -> bool:
+        return what in flat(await in_thread(ask))
+
+    await until_answered(is_listed, f"the SDK does not list {what}")
 
 
 def flat(names_and_types: Any) -> set[tuple[str, str]]:

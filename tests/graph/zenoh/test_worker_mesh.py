@@ -1,4 +1,4 @@
-"""How the processes of `rwt serve --workers` are joined with each other and with those outside."""
+"""Connections of the processes of `rwt serve --workers` with each other and with other processes."""
 
 from __future__ import annotations
 

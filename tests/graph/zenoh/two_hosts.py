@@ -43,7 +43,7 @@ def why_not() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """What connects two hosts.
+    """Network between two hosts.
 
     Attributes:
         names: of the two namespaces.
@@ -97,7 +97,7 @@ class Served:
     log: Path
 
     def said(self, text: str) -> bool:
-        """Whether its log has a text."""
+        """Return True if its log has a text."""
         return text in self.log.read_text()
 
 

@@ -1,4 +1,4 @@
-"""What README.md shows, in a network namespace that has nothing but loopback.
+"""Commands of README.md in a network namespace that has nothing but loopback.
 
     unshare --map-root-user --net python offline.py FOLDER_OF_PROGRAMS
 
@@ -75,7 +75,7 @@ def serving(*command: str) -> Iterator[None]:
 
 
 def connects() -> bool:
-    """Whether somebody listens on the port."""
+    """Return True if the port has a listener."""
     with socket.socket() as client:
         return client.connect_ex(("127.0.0.1", PORT)) == 0
 

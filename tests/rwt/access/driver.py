@@ -22,7 +22,7 @@ from rwt_client import Robot, connect
 
 TYPE = "geometry_msgs/Twist"
 MCP_SECONDS = 0.3
-"""How long each call of an agent drives."""
+"""Seconds that each call of an agent drives."""
 
 
 async def drive(robot: Robot, speed: float, period: float) -> None:
@@ -45,7 +45,7 @@ async def by_rosbridge(url: str, speed: float, period: float) -> None:
 
 
 def by_foxglove(url: str, speed: float) -> Callable[[], object]:
-    """What publishes once over Foxglove's protocol."""
+    """Return a function that publishes once over Foxglove's protocol."""
     from websockets.sync.client import connect as open_websocket
     from websockets.typing import Subprotocol
 
@@ -89,13 +89,13 @@ class Asker:
 
 
 def by_http(url: str, speed: float) -> Callable[[], object]:
-    """What publishes once over plain HTTP."""
+    """Return a function that publishes once over plain HTTP."""
     asker = Asker(url)
     return lambda: asker.post("/api/topics/cmd_vel", {"linear": {"x": speed}}, {})
 
 
 def by_mcp(url: str, speed: float) -> Callable[[], object]:
-    """What drives for a moment as an agent does."""
+    """Return a function that drives for a moment as an agent does."""
     asker = Asker(url)
     program = {"name": "driver", "version": "1"}
     about = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": program}

@@ -83,7 +83,7 @@ class GatedRobot:
         return self.access.gate
 
     def take(self) -> list[tuple[float, str]]:
-        """What was heard since the last time."""
+        """Return the messages received since the last call."""
         heard, self.heard = self.heard, []
         return heard
 

@@ -64,5 +64,5 @@ class Cable:
         ip("netns", "del", self._name)
 
     def pull(self) -> None:
-        """Nothing arrives any more, and nobody is told."""
+        """Drop every packet silently."""
         ip("-n", self._name, "link", "set", "cable", "down")

@@ -1,4 +1,4 @@
-"""Nothing of the graph reaches a client but through a rule: every verb, service, route and name is walked."""
+"""Access to the graph only by a rule: checks every verb, service, route and name."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ VERBS: Mapping[str, tuple[Any, ...]] = {
     "advertise_action": ("/x", "example_interfaces/Fibonacci", _nothing),
     "require": ("publish", "/x"),
 }
-"""What touches the graph: refused to a role without rights."""
+"""Requests that access the graph: rejected for a role without rights."""
 
 LISTINGS = {"topics", "services", "actions", "nodes"}
 LOOK_UPS = {
@@ -139,7 +139,7 @@ OWN = {
     "notices",
     "approval_of",
 }
-"""What concerns nothing but what the client itself holds already."""
+"""Requests that concern only what the client itself holds."""
 
 
 def _client(graph: Graph, globs: Mapping[str, object]) -> ClientGraph:
@@ -250,7 +250,7 @@ RULE_KINDS: Mapping[str, object] = {
 """Of every kind of rule one that lets nothing through, or of messages a single one."""
 
 ABOUT_NAMES = {"topics", "services", "actions", "parameters", "roles", "stop", "type", "largest_items"}
-"""What says whom and what a rule is about, and not what it asks."""
+"""Keys of a rule that select roles and names."""
 
 OF_TOPICS = {"lease", "messages_per_second"}
 
@@ -301,7 +301,7 @@ def _act(client: ClientGraph, verb: str, kind: str) -> list[object]:
 
 
 def _ears(graph: MemoryGraph) -> list[object]:
-    """What reaches the robot of all that :data:`ACTS` does."""
+    """Return the effects of :data:`ACTS` on the robot."""
     heard: list[object] = []
     robot = graph.participant("/ears")
     robot.subscribe("/open_point", heard.append, graph.registry.message("geometry_msgs/Point"))
@@ -533,7 +533,7 @@ async def test_metrics_are_for_those_who_may_subscribe_to_every_topic(graph: Mem
 
 
 def _visit(graph: MemoryGraph, word: str) -> list[Any]:
-    """What a guest hears who asks Foxglove's gateway for everything, and for what is called `word`."""
+    """Return the messages of Foxglove's gateway to a guest that requests everything, and the name `word`."""
     viewer = Viewer(FoxgloveGateway(graph, _access(graph, GUEST)))
     heard = viewer.heard()
     viewer.say("subscribeConnectionGraph")
@@ -566,5 +566,5 @@ async def test_to_viewers_what_is_hidden_is_as_what_is_not_there(graph: MemoryGr
 
 
 def _is_of_viewer(said: Any) -> bool:
-    """Whether it is no serverInfo, in which a session's id is, and no time of day."""
+    """Return True unless a frame differs by session: serverInfo, or the time of day."""
     return isinstance(said, dict) and said["op"] in ("status", "advertise", "advertiseServices")

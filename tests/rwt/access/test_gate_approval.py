@@ -67,7 +67,7 @@ class AskedRobot(QuietRobot):
         goal.accept()
 
     def waiting(self) -> list[Any]:
-        """What `/gate/approvals` lists."""
+        """Entries of `/gate/approvals`."""
         heard: list[Any] = []
         self.clock.advance(0.1)
         self.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals").close()
@@ -122,7 +122,7 @@ def test_without_a_yes_nothing_happens_and_the_caller_hears_why(how: str) -> Non
     assert agent.peer.graph.calls_in_flight == 0
     if how != "stopped asking":
         (reply,) = agent.heard()
-        text = {"no": "a person said no", "silence": "nobody answered within 10 s"}[how]
+        text = {"no": "a person said no", "silence": "no answer within 10 s"}[how]
         assert reply["result"] is False
         assert reply["values"] == f"call /blink: {text} (gate.rules.asked.approval)"
     assert "nothing waits for an answer" in _answer(supervisor, "1")["message"]

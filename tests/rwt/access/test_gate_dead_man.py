@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
-import anyio
 import pytest
 
 from rwt import Server
@@ -18,6 +17,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph.api import Sample
 from tests.processes import LONGEST
 from tests.rwt.access.network import Cable, why_no_cables
+from tests.waiting import until
 
 pytestmark = [
     pytest.mark.slow,
@@ -42,7 +42,7 @@ GATE = {
 
 
 class Witness:
-    """What the robot is told and does, with the times of its own clock, in seconds.
+    """Commands to the robot and its motion, with times of its own clock in seconds.
 
     Attributes:
         told: times, speeds and nodes of `/cmd_vel`.
@@ -82,19 +82,17 @@ class Witness:
         self.moved.append((stamp.sec + stamp.nanosec / 1e9, value.twist.twist.linear.x))
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Wait for something; a driver may take long to start where much else does."""
-        with anyio.fail_after(3 * LONGEST):
-            while not condition():  # noqa: ASYNC110 - what is waited for has no event
-                await anyio.sleep(0.01)
+        """Wait until a condition is true; a driver may start slowly on a busy machine."""
+        await until(condition, seconds=3 * LONGEST)
 
     @property
     def drives(self) -> bool:
-        """Whether the robot has moved for a few samples."""
+        """True if the robot has moved for a few samples."""
         return len(self.moved) > 3 and all(abs(speed) > SPEED / 2 for _, speed in self.moved[-3:])
 
     @property
     def stands(self) -> bool:
-        """Whether the gate has stopped it, and it stands."""
+        """True if the gate has stopped it, and it stands."""
         return self.told[-1][2] == "/gate" and self.moved[-1][1] == 0.0
 
     def check(self) -> None:

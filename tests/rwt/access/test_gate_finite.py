@@ -76,7 +76,7 @@ VERBS: Mapping[str, Callable[[Any], Op]] = {
         "args": {"name": "/robot:gains", "value": f"[1.0, {json.dumps(x)}]".replace('"', "")},
     },
 }  # fmt: skip
-"""What may hold a number, by an op of rosbridge."""
+"""Members that may hold a number, by op of rosbridge."""
 
 
 class Ears(GatedRobot):

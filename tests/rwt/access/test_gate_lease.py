@@ -17,7 +17,7 @@ STOPS = [(0.0, GATE)]
 
 
 def _leases(robot: GatedRobot) -> list[tuple[str, str]]:
-    """What `/gate/leases` says now: topics and holders."""
+    """Return the current entries of `/gate/leases`: topics and holders."""
     return [(each.topic, each.holder) for each in _heard(robot)]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager, suppress
 from typing import Any, TypeVar, cast
 
@@ -150,8 +150,8 @@ class ServedRobot(GatedRobot):
         self._held.append(Held(self.loop))
         return self._held[-1].enter(context)
 
-    def run(self, act: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the event loop."""
+    def run(self, act: Awaitable[T]) -> T:
+        """Await a coroutine or a task on the event loop."""
         return self.loop.run_until_complete(asyncio.wait_for(act, PATIENCE))
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -181,7 +181,7 @@ class ServedRobot(GatedRobot):
     def close(self) -> None:
         """End the servers."""
         self._asgi.should_exit = True
-        self.run(self._serving)  # type: ignore[arg-type]  # A task is awaited like a coroutine.
+        self.run(self._serving)
         for held in reversed(self._held):
             held.leave()
 

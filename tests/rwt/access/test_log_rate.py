@@ -1,4 +1,4 @@
-"""How many lines of the log a place in the program may write."""
+"""Limit on the log lines of one statement."""
 
 from __future__ import annotations
 

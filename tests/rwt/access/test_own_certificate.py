@@ -36,7 +36,7 @@ def leaf(folder: Path) -> x509.Certificate:
 
 
 async def accepts(url: str, authority: Path) -> bool:
-    """Whether a client that trusts an authority alone connects."""
+    """Return True if a client that trusts an authority alone connects."""
     try:
         async with connect(url, ssl=ssl.create_default_context(cafile=authority)):
             return True

@@ -127,7 +127,7 @@ def certify(folder: Path, serial: int) -> ssl.SSLContext:
 
 
 async def shows(url: str, trust: ssl.SSLContext) -> bool:
-    """Whether a server shows the certificate that is trusted."""
+    """Return True if a server shows the certificate that is trusted."""
     try:
         async with connect(url, ssl=trust):
             return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import anyio
 import pytest
@@ -59,7 +60,8 @@ class Server:
         self.graph.participant("/listener").subscribe("/t", self._work)
 
     def _work(self, sample: Sample) -> None:
-        text: str = sample.payload.value().data  # type: ignore[attr-defined]  # a String
+        string: Any = sample.payload.value()
+        text: str = string.data
         self.clock.worked += 0.4 * CLIENT_SECONDS if text.startswith("short") else LONG
         self.heard.append(text)
 
@@ -80,7 +82,7 @@ def _read(client: Client, *texts: str) -> None:
 
 @contextmanager
 def _turn(server: Server) -> Iterator[None]:
-    """What is in the block happens in one turn of the event loop, and the next turn follows."""
+    """Run the block in one turn of the event loop, and then the next turn."""
     yield
     server.clock.advance(0.0)
 

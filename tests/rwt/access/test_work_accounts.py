@@ -1,5 +1,7 @@
-"""What a robot's program keeps of what a client asked stays charged to that client until the program is done,
-whether or not anybody still waits for it."""
+"""Charges of requests that a robot's program still holds.
+
+They stay charged to their client until the program is done, also if the client has left.
+"""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from tests.processes import ended
 
 
 def candidates(url: str, *words: str) -> list[str]:
-    """What the last word of a line may become, with a robot at some URL."""
+    """Return the completions of the last word of a line, with a robot at some URL."""
     line = " ".join(("rwt", *words))
     asked = {"RWT_URL": url, "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
     asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": "/dev/stdout", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}

@@ -1,4 +1,4 @@
-"""How commands end: Ctrl-C, a reader that has gone, a connection that is lost; and how fast they begin."""
+"""Ends of commands: Ctrl-C, a reader that has gone, a connection that is lost; and how fast they begin."""
 
 from __future__ import annotations
 

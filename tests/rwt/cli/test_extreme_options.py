@@ -52,7 +52,7 @@ def _words(parser: argparse.ArgumentParser, action: argparse.Action, value: str)
 def _refusal(
     capsys: pytest.CaptureFixture[str], parser: argparse.ArgumentParser, words: list[str]
 ) -> str | None:
-    """What is said against a command line; None for one that is taken."""
+    """Return the error of a command line; None if it is accepted."""
     capsys.readouterr()
     try:
         parser.parse_args(words)

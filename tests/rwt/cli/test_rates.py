@@ -1,4 +1,4 @@
-"""What is counted about messages, with times that are given."""
+"""Statistics of messages at given times."""
 
 from __future__ import annotations
 

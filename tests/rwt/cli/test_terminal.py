@@ -52,7 +52,7 @@ class Terminal:
         self._tmux("send-keys", *keys)
 
     def screen(self, *, colours: bool = False) -> str:
-        """What stands there now."""
+        """Current content of the screen."""
         return self._tmux("capture-pane", "-p", "-J", *(["-e"] if colours else []))
 
     def run(self, line: str) -> str:

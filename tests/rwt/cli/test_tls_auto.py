@@ -22,7 +22,7 @@ _LIGHT = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
 
 
 def _read_code(lines: list[str]) -> str:
-    """What a camera reads of a QR code of blocks, light ones on a dark terminal."""
+    """Return the content of a QR code drawn with light blocks on a dark terminal."""
     import cv2  # Not in the dependency group test.
 
     width = max(map(len, lines))

@@ -9,6 +9,7 @@ import re
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import anyio
 import pytest
@@ -175,8 +176,8 @@ def test_echo_only_what_a_filter_lets_through(rwt: Rwt) -> None:
 
 def test_echo_undecoded(rwt: Rwt) -> None:
     (octets,) = rwt("topic", "echo", "/odom", "--raw", "--once", "--json").records
-    odometry = Registry(JAZZY).message("nav_msgs/Odometry")
-    assert odometry.from_cdr(base64.b64decode(octets)).child_frame_id == "base_link"  # type: ignore[attr-defined] # of nav_msgs/Odometry
+    odometry: Any = Registry(JAZZY).message("nav_msgs/Odometry").from_cdr(base64.b64decode(octets))
+    assert odometry.child_frame_id == "base_link"
     text, end, _ = rwt("topic", "echo", "/odom", "--raw", "--once").out.partition("\n---\n")
     assert isinstance(ast.literal_eval(text), bytes)
     assert end

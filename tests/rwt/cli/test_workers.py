@@ -109,9 +109,9 @@ def at_each(server: Running) -> Iterator[dict[str, ClientConnection]]:
     """A client at each worker. Who gets whom is the system's choice, so it takes some tries."""
     with ExitStack() as stack:
         found: dict[str, ClientConnection] = {}
-        for _ in range(64):
+        for count in range(1, 65):
             wire = stack.enter_context(connect(server.urls[0], max_size=None))
-            joined = server.logged(r"^\[(\d)\].* client \d+ joined", len(stack._exit_callbacks))  # type: ignore[attr-defined] # Its length is all that is asked.
+            joined = server.logged(r"^\[(\d)\].* client \d+ joined", count)
             found.setdefault(joined[-1][1], wire)
             if len(found) == 2:
                 yield found

@@ -1,4 +1,4 @@
-"""Who asks for the pages of nodes."""
+"""Readers of the pages of nodes."""
 
 from __future__ import annotations
 

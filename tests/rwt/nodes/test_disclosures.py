@@ -1,4 +1,4 @@
-"""What rosapi and the parameter services declare to reveal, held against what they answer."""
+"""Disclosures declared by rosapi and the parameter services, compared with their answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the journal keeps, and of whom."""
+"""Entries of the journal, by sender."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rwt.testing import ObservedGraph
 from rwt.testing.journal import Journal, Kind, Received
 from rwt_client import connect
 from rwt_graph import MemoryGraph
+from rwt_graph.api import Graph
 from rwt_interfaces import Payload, Registry
 
 _STRING = Registry().message("std_msgs/String")
@@ -70,7 +71,8 @@ async def test_of_a_server_with_a_script_nothing_of_the_robots_own_is_kept(tmp_p
     class Camera:
         """A node of the robot's own."""
 
-        def __init__(self, graph: MemoryGraph) -> None:
+        def __init__(self, graph: Graph) -> None:
+            assert isinstance(graph, MemoryGraph)
             self.node = graph.node("camera")
             self.picture = self.node.advertise("/picture", "std_msgs/String")
 
@@ -79,11 +81,11 @@ async def test_of_a_server_with_a_script_nothing_of_the_robots_own_is_kept(tmp_p
 
     cameras: list[Camera] = []
 
-    def camera(graph: MemoryGraph) -> Camera:
+    def camera(graph: Graph) -> Camera:
         cameras.append(Camera(graph))
         return cameras[0]
 
-    server = Server("ws://127.0.0.1:0", script=script, extra_nodes=[camera])  # type: ignore[list-item]  # a graph in memory
+    server = Server("ws://127.0.0.1:0", script=script, extra_nodes=[camera])
     async with server, connect(server.urls[0]) as client:
         for _ in range(100):
             cameras[0].picture.publish({"data": "x" * 10_000})

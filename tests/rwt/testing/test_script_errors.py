@@ -1,4 +1,4 @@
-"""What is said of a script that cannot be played: the file, the key, what is expected, the nearest known."""
+"""Errors of a script that cannot be played: the file, the key, what is expected, the nearest known."""
 
 from __future__ import annotations
 

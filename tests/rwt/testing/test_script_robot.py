@@ -1,4 +1,4 @@
-"""What a script in TOML makes the robot do, on virtual time."""
+"""Robot scripted in TOML, on virtual time."""
 
 from __future__ import annotations
 

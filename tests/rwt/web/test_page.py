@@ -6,6 +6,7 @@ import gzip
 import http.client
 import json
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote, urlsplit
 
 import anyio.to_thread
@@ -57,10 +58,10 @@ def ask(page: WebPage, path: str, query: str = "", **headers: str) -> HttpRespon
     return answer
 
 
-def page_of(folder: Path, **arguments: object) -> WebPage:
+def page_of(folder: Path, **arguments: Any) -> WebPage:
     files = find_static_files(folder)
     assert files is not None
-    return WebPage(files, **arguments)  # type: ignore[arg-type] # each of its own type
+    return WebPage(files, **arguments)
 
 
 def test_hashed_files_are_kept_for_ever_and_the_document_is_asked_for_again(built: Path) -> None:

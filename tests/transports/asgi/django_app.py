@@ -11,9 +11,9 @@ from django.urls import path, re_path
 settings.configure(ALLOWED_HOSTS=["*"], ROOT_URLCONF=__name__, SECRET_KEY="of a test", MIDDLEWARE=[])
 django.setup()
 
-from django.core.asgi import get_asgi_application  # noqa: E402 - needs the settings
+from django.core.asgi import get_asgi_application  # noqa: E402 - needs configured settings
 
-from tests.transports.asgi.apps import alone  # noqa: E402 - as above
+from tests.transports.asgi.apps import alone  # noqa: E402 - follows the import before
 
 
 def shop(request: HttpRequest) -> JsonResponse:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, MutableMapping
+from functools import partial
 from typing import Any
 
 import anyio
@@ -18,7 +19,7 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
-Event = dict[str, Any]
+Event = MutableMapping[str, Any]
 
 
 class Socket:
@@ -84,7 +85,7 @@ async def get(app: AsgiApplication, path: str, **others: object) -> tuple[int, d
     """Status, headers and body of a request."""
     socket = Socket(scope("http", path, **others))
     socket.feed(type="http.request", body=b"", more_body=False)
-    await app(socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # a dict is a mutable mapping
+    await app(socket.scope, socket.receive, socket.send)
     socket.close()
     start = socket.sent[0]
     body = b"".join(event.get("body", b"") for event in socket.sent[1:])
@@ -141,7 +142,7 @@ async def test_the_lifespan_of_an_app_is_that_of_the_server() -> None:
     app = server.asgi()
     socket = Socket({"type": "lifespan"})
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(app, socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # as above
+        tasks.start_soon(app, socket.scope, socket.receive, socket.send)
         socket.feed(type="lifespan.startup")
         await socket.until(lambda sent: bool(sent))
         assert server.running and (await get(app, "/healthz"))[0] == 200
@@ -158,7 +159,7 @@ async def test_a_server_that_cannot_start_says_why() -> None:
     app = Server("ws://192.0.2.1:1", web={"enabled": False}).asgi()
     socket = Socket({"type": "lifespan"})
     socket.feed(type="lifespan.startup")
-    await app(socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # as above
+    await app(socket.scope, socket.receive, socket.send)
     socket.close()
     assert socket.sent[0]["type"] == "lifespan.startup.failed" and "192.0.2.1" in socket.sent[0]["message"]
 
@@ -169,7 +170,7 @@ async def test_a_stream_ends_when_its_reader_goes(server: Server) -> None:
     socket = Socket(scope("http", "/api/topics/kept", headers=accept))
     socket.feed(type="http.request")
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
+        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)
         await socket.until(lambda sent: b'"x"' in b"".join(event.get("body", b"") for event in sent))
         bridge = next(node for node in server.graph.nodes() if node.name == "/http_bridge")
         assert bridge.subscribing == ("/kept",)
@@ -182,7 +183,7 @@ async def test_a_stream_ends_when_its_reader_goes(server: Server) -> None:
 async def test_a_websocket_is_opened_used_and_closed(server: Server) -> None:
     socket = Socket(scope("websocket", subprotocols=["other", "rwt"]))
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
+        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "call_service", "service": "/none", "id": "1"}')
         socket.feed(type="websocket.receive", bytes=b'{"op": "call_service", "service": "/none", "id": "2"}')
@@ -199,7 +200,7 @@ async def test_a_slow_reader_holds_up_its_own_outbox_alone(server: Server) -> No
     socket = Socket(scope("websocket"))
     talker = server.node("it").advertise("/talk", "std_msgs/String")
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
+        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "subscribe", "topic": "/talk"}')
         await until(lambda: talker.subscriber_count)
@@ -225,7 +226,7 @@ async def test_who_may_not_come_in_is_told_why(extended: bool) -> None:
         extensions: Event = {"websocket.http.response": {}} if extended else {}
         socket = Socket(scope("websocket", extensions=extensions))
         socket.feed(type="websocket.connect")
-        await app(socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # as above
+        await app(socket.scope, socket.receive, socket.send)
         socket.close()
         if extended:
             assert socket.sent[0]["status"] == 401
@@ -240,8 +241,8 @@ def test_messages_keep_their_boundaries_however_they_are_cut() -> None:
     data = b"".join(WHOLE_MESSAGES.whole(frame) for frame in frames)
     assert data == b"".join(part for frame in frames for part in map(bytes, WHOLE_MESSAGES.pieces(frame)))
     for size in (1, 3, 7, 2000):
-        pieces = [data[at : at + size] for at in range(0, len(data), size)]
-        cutter = MessageCutter(lambda: pieces.pop(0) if pieces else None)  # noqa: B023 - used in this turn
+        pieces = iter([data[at : at + size] for at in range(0, len(data), size)])
+        cutter = MessageCutter(partial(next, pieces, None))
         expected = [(b"a", TEXT), (b"", BINARY), (b"b" * 1000 + b"c", BINARY)]
         assert [cutter.next() for _ in range(4)] == [*expected, None]
     assert close_of(close_bytes(1001, "é" * 100))[1] == "é" * 61

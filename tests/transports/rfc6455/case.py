@@ -1,4 +1,4 @@
-"""What one case sends and what must come back."""
+"""Bytes that one case sends, and the expected response."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Case:
 
     @property
     def lives(self) -> bool:
-        """Whether the connection is still good afterwards."""
+        """True if the connection is still good afterwards."""
         return self.fails is None and not self.closes
 
 

@@ -35,7 +35,7 @@ def deflated(messages: Sequence[bytes], *, keep: bool) -> list[bytes]:
 
 
 def inflated(frames: Sequence[ReadFrame]) -> list[ReadFrame]:
-    """What a server sent, read as a client that keeps the context; whoever has none is read as well."""
+    """Return a server's messages, read by a client that keeps the context; reads others as well."""
     unpacker = zlib.decompressobj(wbits=-15)
     found: list[ReadFrame] = []
     for first, payload in frames:

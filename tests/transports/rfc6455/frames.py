@@ -73,8 +73,11 @@ def close_body(code: int, reason: bytes = b"") -> bytes:
 
 
 def read_frames(data: bytes) -> list[ReadFrame]:
-    """What a server sent. AssertionError when it is not whole frames, unmasked and with the shortest
-    lengths."""
+    """Return the frames that a server sent.
+
+    Raises:
+        AssertionError: they are not whole, are masked, or have longer lengths than needed.
+    """
     found: list[ReadFrame] = []
     at = 0
     while at < len(data):

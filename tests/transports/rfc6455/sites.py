@@ -53,7 +53,7 @@ class Untold:
         self._sink.send(Frame(data, binary=binary))
 
     def closed(self, code: int, reason: str) -> None:
-        """Nothing to give back."""
+        """No-op: no buffer is held."""
 
 
 class Told(Untold):
@@ -105,14 +105,14 @@ SITES: Mapping[str, Site] = {
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a client saw: the frames, and whether the server ended the connection."""
+    """Frames that a client received, and True if the server ended the connection."""
 
     frames: list[ReadFrame]
     ended: bool
 
 
 Done = Callable[[bytes | bytearray], bool]
-"""Whether what came back is all."""
+"""True if the response is complete."""
 Exchange = Callable[[str, bytes, Sequence[bytes], Done | None], tuple[bytes, bool]]
 """Sends a request and then pieces to a site; gives every byte that came back, and whether the server ended
 the connection. Without a last argument it waits for the end."""
@@ -137,7 +137,7 @@ def play(exchange: Exchange, case: Case, cut: int) -> Seen:
 
 
 def ends_with_sentinel(data: bytes | bytearray) -> bool:
-    """Whether the sentinel has come back, as a message that is not compressed."""
+    """Return True if the sentinel has come back, as a message that is not compressed."""
     return data.endswith(_ECHO_OF_SENTINEL)
 
 
@@ -151,7 +151,7 @@ def _all_is_here(data: bytes | bytearray) -> bool:
 
 
 def check(case: Case, seen: Seen) -> None:
-    """Whether the server did what the case wants; AssertionError when not."""
+    """Return True if the server did what the case wants; AssertionError when not."""
     frames = seen.frames
     if case.fails is not None:
         first, body = frames.pop()

@@ -1,4 +1,4 @@
-/** What the whole page has to say above its panels: the stop, the connection, and what waits for a person. */
+/** Banners above the panels: the stop, the connection, and pending approvals. */
 
 import { stopText } from "../forms/gate";
 import { ReleaseButton } from "../forms/release";

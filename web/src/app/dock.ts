@@ -167,7 +167,7 @@ const DIRECTIONS = [
 /** Share of a group's size by which it grows or shrinks at a time. */
 const GROWTH = 0.15;
 
-/** What can be done with the place of a panel, each as a button. */
+/** Buttons that act on the place of a panel. */
 function arrangements(api: DockviewApi, panel: IDockviewPanel, menu: HTMLElement): HTMLElement[] {
   const { group } = panel;
   const act = (text: string, change: () => void, stays = false) => {

@@ -1,4 +1,4 @@
-/** What a person wants to know at a glance, in the head and the foot of the page. */
+/** Facts in the head and the foot of the page. */
 
 import { useSignal } from "@preact/signals";
 import { Activity, BatteryMedium, Clock, ArrowDown as Down, LifeBuoy as Wheel } from "lucide";
@@ -34,7 +34,7 @@ function useLast(session: RobotSession, topic: string): Message | null {
   return last.value;
 }
 
-/** How full the battery is. */
+/** Charge of the battery. */
 export function BatteryFact({ app }: { app: App }) {
   const { session } = app;
   const state = useLast(session, session.topicsOf("sensor_msgs/BatteryState")[0] ?? "");
@@ -52,7 +52,7 @@ export function BatteryFact({ app }: { app: App }) {
   );
 }
 
-/** Who drives, at a robot that says it; opens the Drive panel. */
+/** Name of the driver, if the robot reports it; opens the Drive panel. */
 export function DriverFact({ app }: { app: App }) {
   const { gate, stopped } = app.stop;
   const topic = driveTopics(app.session).find((each) => gate.holders.value.has(each));

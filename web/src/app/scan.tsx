@@ -13,10 +13,10 @@ import type { App } from "./state";
 /** Seconds for which each choice is lit. */
 const PACES = [0.8, 1.2, 2, 3];
 
-/** How often a group is gone through before it is left. */
+/** Rounds through a group before it is left. */
 const ROUNDS = 2;
 
-/** What can be chosen now, in the order of the page: all of a group and the stop, or else groups and what is in none. */
+/** Choices in the order of the page: all of a group and the stop, or else groups and controls without one. */
 function choices(group: Element | null): HTMLElement[] {
   const all = [...document.querySelectorAll<HTMLElement>("[data-scan]")].filter(
     (element) => !element.matches(":disabled") && element.checkVisibility(),
@@ -25,7 +25,7 @@ function choices(group: Element | null): HTMLElement[] {
   return [...new Set(all.map((element) => element.closest<HTMLElement>("[data-scan-group]") ?? element))];
 }
 
-/** What a choice is called. */
+/** Label of a choice. */
 function nameOf(element: HTMLElement): string {
   const said = element.getAttribute("aria-label");
   if (said !== null) return said;

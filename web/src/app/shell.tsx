@@ -173,7 +173,7 @@ function State({ app }: { app: App }) {
   );
 }
 
-/** What can be done once every panel is closed. */
+/** Actions offered while every panel is closed. */
 function NoPanels({ app }: { app: App }) {
   return (
     <section class="card no-panels blank">

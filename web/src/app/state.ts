@@ -1,4 +1,4 @@
-/** What the whole page knows: the robot, the stop, the look, and the panels that are open. */
+/** State of the whole page: the robot, the stop, the look, and the open panels. */
 
 import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { t } from "../i18n/text";
@@ -17,7 +17,7 @@ export interface OpenPanel {
   config: PanelConfig;
 }
 
-/** What is saved, in the browser, as a file, or in the robot's folder of layouts. */
+/** Saved layout: in the browser, as a file, or in the robot's folder of layouts. */
 export interface Layout {
   version: 1;
   panels: OpenPanel[];
@@ -53,7 +53,7 @@ function kindsIn({ panels }: Layout): string {
   return panels.map(({ id }) => id).join("\n");
 }
 
-/** Whether a text is the address of a rosbridge server. */
+/** Return true if a text is the address of a rosbridge server. */
 export function isRobotUrl(text: string): boolean {
   return /^wss?:\/\/[^\s/]+/i.test(text) && URL.canParse(text);
 }
@@ -91,9 +91,9 @@ export class App {
   readonly session: RobotSession;
   readonly stop: Stop;
   readonly navigation: Navigation;
-  /** What people call the robot: its name, else its address. */
+  /** Displayed name of the robot: its name, else its address. */
   readonly name: ReadonlySignal<string>;
-  /** Whose cameras and microphones are on. */
+  /** Senders whose cameras and microphones are on. */
   readonly senders: ReadonlySignal<readonly Sender[]>;
   readonly panels: Signal<OpenPanel[]> = signal([]);
   /** The panel that is shown where only one can be. */
@@ -109,9 +109,9 @@ export class App {
   readonly dark = computed(() =>
     this.theme.value === "auto" ? this.systemIsDark.value : this.theme.value === "dark",
   );
-  /** Whether the page is used with one switch. */
+  /** True if the page is used with one switch. */
   readonly scanning: Signal<boolean> = signal(false);
-  /** Whether the list of topics is shown. */
+  /** True if the list of topics is shown. */
   readonly side: Signal<boolean>;
   /** Settings of the panels that are drawn now, by their ids. */
   readonly configs: Signal<ReadonlyMap<string, Signal<PanelConfig>>> = signal(new Map());

@@ -100,7 +100,7 @@ export function decodeCloud(cloud: PointCloud2): Points {
   return { count, positions: positions.subarray(0, count * 3), colors: colors.subarray(0, count * 4) };
 }
 
-/** How far to go on after each point so that all are met once, and every beginning of the way is spread over all. */
+/** Step between visited points, so that each is visited once and every prefix is spread over the whole cloud. */
 function strideThrough(total: number): number {
   if (total <= FEW_POINTS) return 1;
   let stride = Math.round(total * GOLDEN);

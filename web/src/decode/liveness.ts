@@ -15,7 +15,7 @@ const CLOCK_WINDOW = 25;
 export const BEAT_SERVICE = "/rosapi/get_time";
 const BEAT_ID = "rwt:beat:";
 
-/** How the robot answers. */
+/** Responsiveness of the robot. */
 export interface Answering {
   /** Milliseconds for which the robot has not answered; 0 while it answers in time. */
   silence: number;
@@ -93,7 +93,7 @@ export class Liveness {
     return true;
   }
 
-  /** How the robot answers now. */
+  /** Current responsiveness. */
   answering(now: number): Answering {
     const oldest = this.pending.values().next().value;
     const late = oldest === undefined ? 0 : now - oldest - this.shortest;
@@ -105,7 +105,7 @@ export class Liveness {
     return { silence: silence > SILENT ? silence : 0, clockOffset: best?.offset ?? 0, trip: this.trip };
   }
 
-  /** Whether nothing at all has arrived for so long that another connection is tried. */
+  /** Return true if the connection has been silent for so long that another one is tried. */
   isDead(now: number): boolean {
     return this.state === "beating" && now - this.heardAt > GIVE_UP;
   }

@@ -1,8 +1,8 @@
-/** What the page and its decoding worker say to each other. */
+/** Messages between the page and its decoding worker. */
 
 import type { Answering } from "./liveness";
 
-/** What the worker makes of a topic's messages beside what stands in them. */
+/** Values that the worker computes from a topic's messages. */
 export type Decoding = "cloud" | "image";
 
 /** The points of a cloud, as a renderer takes them. The first of many are a sample of all. */
@@ -42,7 +42,7 @@ export type FromWorker =
   | { kind: "open"; socket: number }
   | { kind: "close"; socket: number; code: number; reason: string }
   | { kind: "error"; socket: number; text: string }
-  /** How the robot answers, whenever that changes, and ten times a second while it does not. */
+  /** Responsiveness, sent on change, and ten times a second while the robot does not answer. */
   | ({ kind: "answering"; socket: number } & Answering)
   | { kind: "message"; socket: number; message: { op: string; topic?: string }; mustTake: boolean }
   | { kind: "traffic"; seconds: number; topics: Map<string, Traffic> };

@@ -4,14 +4,14 @@ import { header } from "../robot/names";
 import type { RobotSession } from "../robot/session";
 import type { Message } from "../robot/subscriptions";
 
-/** What a sensor is given: where its messages go, and whom to tell that something is wrong. */
+/** Callbacks of a sensor: for its messages and its errors. */
 export interface SensorHost {
   version: 1 | 2;
   frame: string;
-  /** What a number that the device does not know is sent as: NaN, or 0 to servers that may reject it. */
+  /** Value sent for an unknown number: NaN, or 0 to servers that may reject it. */
   unknown: number;
   publish: (message: Message) => void;
-  /** What tells how the messages are to be read, where the sensor has a topic for that. */
+  /** Publish a description of the format, if the sensor has a topic for that. */
   describe: (message: Message) => void;
   fail: (text: string) => void;
 }
@@ -24,7 +24,7 @@ export interface Sensor {
   topic: string;
   /** Where it tells how its messages are to be read. */
   description?: { type: string; topic: string };
-  /** Whether this browser has it, here. */
+  /** True if this browser supports the sensor on this page. */
   available(): boolean;
   /** Begin; what is returned ends it. May ask the person, who may refuse: then it throws. */
   start(host: SensorHost): Promise<() => void>;
@@ -284,7 +284,7 @@ const joystick: Sensor = {
   start: async ({ version, frame, publish }) => {
     const timer = setInterval(() => {
       const pad = navigator.getGamepads().find(Boolean);
-      // Nothing is sent for a page that nobody looks at.
+      // A hidden page sends nothing.
       if (!pad || document.hidden) return;
       publish({
         header: header(version, frame),

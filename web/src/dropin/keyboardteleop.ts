@@ -49,7 +49,7 @@ const BUTTONS = new Set([
   "submit",
 ]);
 
-/** Whether an element takes a key for itself, as a text field does. */
+/** Return true if an element takes a key for itself, as a text field does. */
 function takesKey(target: EventTarget | null, key: number): boolean {
   if (!(target instanceof HTMLElement)) return false;
   const isArrow = key >= 37 && key <= 40;
@@ -127,7 +127,7 @@ export class Teleop extends EventEmitter2 {
     });
     const [forward = 0, left = 0, turn = 0] = sum;
     const twist = { linear: { x: forward, y: left, z: 0 }, angular: { x: 0, y: 0, z: turn } };
-    // roslib keeps what is published without a connection and sends it with the next one, when nobody holds a key.
+    // roslib keeps what is published without a connection and sends it with the next one, when no key is held any more.
     if (this.#ros.isConnected) this.#commands.publish(twist);
     if (sum.some((value, axis) => value !== this.#last[axis])) {
       this.#last = sum;

@@ -24,9 +24,9 @@ export interface ViewerOptions {
   refreshRate?: number;
   /** Milliseconds from one drawing to the next, at least; by default 30. */
   interval?: number;
-  /** Whether to turn the picture by half a turn. */
+  /** Rotate the picture by 180°. */
   invert?: boolean;
-  /** Whether to ask by `https`; by default as the page itself was. */
+  /** Use `https`; the default is the protocol of the page. */
   ssl?: boolean;
 }
 
@@ -52,7 +52,7 @@ export class Viewer extends EventEmitter2 {
   refreshRate: number;
   interval: number;
   invert: boolean;
-  /** What is drawn; a new one for each stream. */
+  /** Drawn image; a new one for each stream. */
   image = new Image();
   readonly canvas = document.createElement("canvas");
 
@@ -144,7 +144,7 @@ function drawCrossedCamera(context: CanvasRenderingContext2D, width: number, hei
 export interface MultiStreamViewerOptions extends Omit<ViewerOptions, "topic" | "overlay"> {
   /** The topics to choose from. */
   topics: string[];
-  /** What to call each of them; by default its name. */
+  /** Label of each; the default is its name. */
   labels?: string[];
   /** Which to begin with; by default 0. */
   defaultStream?: number;

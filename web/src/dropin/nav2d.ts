@@ -39,7 +39,7 @@ export interface NavigatorOptions {
   actionName?: string;
   /** Where clicks are taken and markers are drawn: the scene of a `ROS2D.Viewer`. */
   rootObject?: Container;
-  /** Whether the user drags in the direction that the robot shall look, in place of a double click. */
+  /** True if the user drags to set the heading, instead of a double click. */
   withOrientation?: boolean | string;
   /** The URL of a picture to show in place of the arrows. */
   image?: string | false;
@@ -52,7 +52,7 @@ export interface MapNavOptions extends NavigatorOptions {
 }
 
 export interface OccupancyGridClientNavOptions extends MapNavOptions {
-  /** Whether to follow a map that grows. */
+  /** Follow a map that grows. */
   continuous?: boolean;
 }
 
@@ -87,7 +87,7 @@ function drawArrow(kind: keyof typeof COLOURS, size: number): Shape {
 
 class NavigatorPart {
   readonly rootObject: Container;
-  /** What shows the goal while there is one. */
+  /** Marker of the goal, while there is one. */
   goalMarker: DisplayObject | null = null;
 
   readonly #image: string | false;
@@ -242,7 +242,7 @@ class MapNavPart {
   #shown: { width: number; height: number; x: number; y: number } | undefined;
 
   constructor(
-    /** What brings the map. */
+    /** Client of the map. */
     readonly client: MapClient,
     options: MapNavOptions & { rootObject: Container },
   ) {

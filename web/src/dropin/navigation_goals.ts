@@ -75,7 +75,7 @@ function navigateToPose(pose: Pose): object {
   return { pose: { header: { frame_id: MAP_FRAME }, pose }, behavior_tree: "" };
 }
 
-/** Whether a robot speaks ROS 2: only there rosapi has this service. */
+/** Return true if a robot speaks ROS 2: only there rosapi has this service. */
 function speaksRos2(ros: Ros): Promise<boolean> {
   const service = new (pageGlobal("ROSLIB").Service)({
     ros,

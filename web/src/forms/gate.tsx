@@ -1,4 +1,4 @@
-/** What the robot's gate says: who drives, and why nothing moves. */
+/** Reports of the robot's gate: the driver, and reasons for blocked commands. */
 
 import { useSignal } from "@preact/signals";
 import { useTexts } from "../i18n/context";
@@ -68,7 +68,7 @@ export function Driver({ gate, topic, session }: { gate: Gate; topic: string; se
   );
 }
 
-/** What the gate says of numbers that it clamped. */
+/** Report of numbers that the gate clamped. */
 const CLAMPED = /([\w.[\]]+): (\S+) in place of ([^;\s]+)/g;
 /** Milliseconds for which that is shown. */
 const SHOWN_FOR = 3000;

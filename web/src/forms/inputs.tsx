@@ -7,9 +7,9 @@ import { t } from "../i18n/text";
 /** A choice among values; each option is a value, or a value and what is shown of it. */
 export function Choice(props: {
   label: string;
-  /** Whether one switch can go through the values. */
+  /** True if one switch can go through the values. */
   scan?: boolean;
-  /** Whether the label is said, and not shown. */
+  /** True if the label is only for screen readers. */
   quiet?: boolean;
   chosen: string;
   options: readonly (string | readonly [value: string, shown: string])[];
@@ -59,7 +59,7 @@ export function Check(props: {
   checked: boolean;
   name?: string;
   disabled?: boolean;
-  /** Whether one switch can tick it. */
+  /** True if one switch can tick it. */
   scan?: boolean;
   onChange: (checked: boolean) => void;
   children: ComponentChildren;
@@ -88,7 +88,7 @@ export function NameButton({
   onChoose,
 }: {
   name: string;
-  /** What is shown in full when it is pointed at. */
+  /** Full text, shown on hover. */
   title?: string;
   chosen?: boolean;
   onChoose: () => void;

@@ -10,7 +10,7 @@ const AGAIN = [1000, 4000];
 /** Milliseconds after which a part is said to be late; it is waited for all the same. */
 const LATE = 15_000;
 
-/** What keeps a part from being there: it is late, does not load, or failed as it began. */
+/** Reason for a missing part: it is late, does not load, or failed at its start. */
 export type Trouble = { kind: "late" | "missing" | "failed"; reason: string };
 
 /**
@@ -78,7 +78,7 @@ export function useLater<Part>(
   return inWords(trouble.value, t);
 }
 
-/** What keeps a part away, for people; empty where nothing does. */
+/** Reason for a missing part as text; empty if there is none. */
 export function inWords(trouble: Trouble | null, t: Texts): string {
   if (!trouble) return "";
   const { kind, reason } = trouble;

@@ -9,7 +9,7 @@ const MOST_ITEMS = 50;
 /** Items of a list that is unfolded from the start. */
 const MOST_UNFOLDED = 20;
 
-/** Whether a value has parts of its own. */
+/** Return true if a value has parts of its own. */
 function isCompound(value: unknown): value is object {
   return value !== null && typeof value === "object";
 }

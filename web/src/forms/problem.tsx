@@ -1,4 +1,4 @@
-/** What is wrong, said where it is. */
+/** Error text beside its cause. */
 
 import { Component, type ComponentChildren } from "preact";
 import { Language } from "../i18n/context";

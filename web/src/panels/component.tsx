@@ -49,7 +49,7 @@ export function saveAs(content: Blob, name: string): void {
   URL.revokeObjectURL(link.href);
 }
 
-/** The time, told once a second to whoever shows ages. */
+/** The time, updated once a second for displays of ages. */
 export const now = signal(Date.now());
 setInterval(() => {
   now.value = Date.now();

@@ -6,10 +6,10 @@ import type { Navigation } from "../robot/navigation";
 import type { RobotSession } from "../robot/session";
 import type { Stop } from "../robot/stop";
 
-/** What a panel was set to, as plain JSON: it is part of saved layouts. */
+/** Settings of a panel as plain JSON, which is part of saved layouts. */
 export type PanelConfig = Record<string, unknown>;
 
-/** What a panel lives in. */
+/** Environment of a panel. */
 export interface PanelContext {
   session: RobotSession;
   stop: Stop;
@@ -17,7 +17,7 @@ export interface PanelContext {
   /** Where it draws; empty when the panel begins. */
   host: HTMLElement;
   config: Signal<PanelConfig>;
-  /** Whether it can be seen; what costs something should pause when it cannot. */
+  /** True if it can be seen; what costs something should pause when it cannot. */
   visible: ReadonlySignal<boolean>;
   dark: ReadonlySignal<boolean>;
   /** Open another panel, or show it if it is there. */
@@ -29,7 +29,7 @@ export interface PanelKind {
   title: TextKey;
   /** Types of messages, without `/msg/`, that it shows. */
   supportedTypes: readonly string[];
-  /** Whether it opens by itself on what a robot offers. */
+  /** True if it opens by itself for a robot that supports it. */
   opens(session: RobotSession): boolean;
   /** Where it opens by itself. */
   place: "main" | "right" | "controls" | "below";
@@ -54,7 +54,7 @@ export function panelKind(name: string): PanelKind | undefined {
   return kinds.get(name);
 }
 
-/** Whether a robot has a topic of one of the types that a kind supports. */
+/** Return true if a robot has a topic of one of the types that a kind supports. */
 export function hasTopics(kind: Pick<PanelKind, "supportedTypes">, session: RobotSession): boolean {
   return session.topicsOf(...kind.supportedTypes).length > 0;
 }

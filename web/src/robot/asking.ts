@@ -1,4 +1,4 @@
-/** What is asked of the robot, until it has answered. */
+/** Request to the robot, until it has answered. */
 
 import { effect, untracked } from "@preact/signals-core";
 import type { RobotSession } from "./session";

@@ -48,7 +48,7 @@ export function cameraTopics(session: RobotSession): string[] {
  * path or falls silent, the other ways are begun beside it and end with its next picture; so there is no gap.
  */
 export class Camera {
-  /** How the pictures come; null until the first one. */
+  /** Transport of the pictures; null until the first one. */
   readonly way: Signal<CameraWay | null> = signal(null);
   /** Pictures a second, over the last ones. */
   readonly rate = signal(0);

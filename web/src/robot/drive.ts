@@ -5,7 +5,7 @@ import { SILENT } from "../decode/liveness";
 import { header, shortType } from "./names";
 import type { RobotSession } from "./session";
 
-/** What a control asks for, each from -1 to 1: forward, left, and turning left. */
+/** Request of a control, each from -1 to 1: forward, left, and turning left. */
 export interface Wish {
   forward: number;
   left: number;
@@ -87,7 +87,7 @@ export class Drive {
     }
   }
 
-  /** Whether a control counts as held: after a stop or the loss of the connection only once it is taken anew. */
+  /** Return true if a control counts as held: after a stop or the loss of the connection only once it is taken anew. */
   holds(control: string): boolean {
     return this.held.has(control);
   }
@@ -122,7 +122,7 @@ export class Drive {
 
   private send(): void {
     const now = Date.now();
-    // After a pause of the page, be it a busy thread or a closed lid, nobody knows whether the control is still held.
+    // After a pause of the page, be it a busy thread or a closed lid, it is unknown whether the control is still held.
     if (Math.abs(now - this.sentAt) > SILENT) this.lose();
     this.sentAt = now;
     const wish = [...this.held.values()].at(-1);

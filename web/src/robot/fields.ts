@@ -9,7 +9,7 @@ function pathSteps(path: string): string[] {
   return path.split(/[.[\]]+/).filter((step) => step !== "");
 }
 
-/** What stands at a path; undefined where there is nothing. */
+/** Value at a path; undefined if there is none. */
 export function valueAt(message: unknown, path: string): unknown {
   let value = message;
   for (const step of pathSteps(path)) {

@@ -8,7 +8,7 @@ const STOP = "/gate/stop";
 
 /** A client at the gate, as people recognise it. */
 export interface Person {
-  /** Name of its connection; empty for nobody. */
+  /** Name of its connection; empty without a holder. */
   name: string;
   role: string;
   /** Name of its token; empty without one. */
@@ -17,7 +17,7 @@ export interface Person {
   device: string;
 }
 
-/** Who may publish on a topic now, and who asks to. */
+/** Holder of a topic's lease, and clients that request it. */
 export interface Holder extends Person {
   requests: readonly Person[];
 }
@@ -31,7 +31,7 @@ function personOf(name: unknown, { role, user, device }: Message): Person {
   return { name: textOf(name), role: textOf(role), user: textOf(user), device: textOf(device) };
 }
 
-/** How people call a client: by its token, else its role, and by its device. */
+/** Displayed name of a client: its token, else its role, and its device. */
 export function personText({ role, user, device }: Person): string {
   return `${user || role}${device && ` (${device})`}`;
 }
@@ -50,7 +50,7 @@ export interface Approval {
   asked: unknown;
   /** For the answer, from `asked` on. */
   seconds: number;
-  /** How long a yes may hold; 0: for this act alone. */
+  /** Seconds that an approval may last; 0: for this command alone. */
   remember_seconds: number;
 }
 
@@ -68,15 +68,15 @@ interface GateAnswer {
 const MOVING: StopState = { stopped: false, by: "", reason: "" };
 
 export class Gate {
-  /** Whether there is one. */
+  /** True if the robot has a gate. */
   readonly present: ReadonlySignal<boolean>;
   /** The stop of the robot, which no page can pass by. */
   readonly stop: Signal<StopState> = signal(MOVING);
-  /** Who holds the topics that one client at a time publishes on. */
+  /** Leases of the topics on which one client at a time publishes. */
   readonly holders: Signal<ReadonlyMap<string, Holder>> = signal(new Map());
   /** Name of this page's client at the gate; empty until the gate has said it. */
   readonly client = signal("");
-  /** What waits for a yes. */
+  /** Pending approvals. */
   readonly approvals: Signal<readonly Approval[]> = signal([]);
 
   constructor(private readonly session: RobotSession) {
@@ -184,7 +184,7 @@ export class Gate {
     if (answer) this.client.value = answer.client;
   }
 
-  /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */
+  /** Release the lease of a topic; the server checks that this page holds it. */
   giveBack(topic: string): void {
     const { session } = this;
     if (!this.present.peek() || !this.holders.peek().get(topic)?.name) return;

@@ -8,7 +8,7 @@ export type GoalOutcome = "succeeded" | "canceled" | "aborted" | "rejected" | "l
 export interface GoalEnd {
   outcome: GoalOutcome;
   result: Message;
-  /** What the robot says of it; may be empty. */
+  /** Text of the robot; may be empty. */
   text: string;
 }
 

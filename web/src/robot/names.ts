@@ -5,7 +5,7 @@ export function shortType(type: string): string {
   return type.replace(/\/(msg|srv|action)\//, "/");
 }
 
-/** Whether a name can be one of ROS; anything else is shown, and not used. */
+/** Return true if a name is valid in ROS; an invalid one is shown, but not used. */
 export function isGraphName(name: string): boolean {
   return /^\/?[A-Za-z_~{][\w/~{}]*$/.test(name);
 }

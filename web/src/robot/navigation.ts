@@ -13,7 +13,7 @@ export interface Place {
   yaw: number;
 }
 
-/** How a goal goes. */
+/** State of a goal. */
 export interface Progress {
   place: Place;
   frame: string;
@@ -38,7 +38,7 @@ const POSE_TOPIC = "/initialpose";
 export class Navigation {
   /** The last goal of this page; null before the first. */
   readonly progress: Signal<Progress | null> = signal(null);
-  /** A place that somebody is about to choose, for whoever can show it. */
+  /** A position that is being chosen, for the views that can show it. */
   readonly draft: Signal<{ place: Place; frame: string } | null> = signal(null);
   private goal: GoalHandle | null = null;
 
@@ -61,7 +61,7 @@ export class Navigation {
     return topic ? { kind: "topic", name: topic } : null;
   }
 
-  /** Whether the robot can be told where it is. */
+  /** True if the robot accepts an initial pose. */
   get takesPose(): boolean {
     return this.session.graph.value.topics.has(POSE_TOPIC) && this.session.may("publish", POSE_TOPIC);
   }

@@ -1,4 +1,4 @@
-/** What this client may do, as far as the server says. */
+/** Permissions of this client, as reported by the server. */
 
 export type Act = "publish" | "subscribe" | "call" | "provide" | "goals" | "get_param" | "set_param";
 
@@ -10,14 +10,14 @@ export interface RoleAnswer {
   role: string;
   unrestricted: boolean;
   allows: Partial<Record<Act, string[]>>;
-  /** What the server has beside rosbridge; an older one does not say. */
+  /** Features of the server beside rosbridge; older ones do not report them. */
   features?: string[];
 }
 
-/** What a server may have beside rosbridge: data channels, video out, video and sound in, files of recordings. */
+/** Features beside rosbridge: data channels, video out, video and sound in, files of recordings. */
 export type Feature = "webrtc" | "whep" | "whip" | "recordings";
 
-/** Whether a glob of fnmatch, in which `*` also matches `/`, fits a name. */
+/** Return true if a glob of fnmatch, in which `*` also matches `/`, fits a name. */
 export function globFits(glob: string, name: string): boolean {
   let pattern = "";
   for (let at = 0; at < glob.length; at++) {
@@ -43,12 +43,12 @@ export class Permissions {
     return this.answer?.role ?? "";
   }
 
-  /** Whether the server says that it has something. */
+  /** Return true if the server says that it has something. */
   has(feature: Feature): boolean {
     return this.answer?.features?.includes(feature) ?? false;
   }
 
-  /** Whether an act with an absolute name is allowed, or at least not known to be refused. */
+  /** Return true if an act with an absolute name is allowed, or at least not known to be refused. */
   may(act: Act, name: string): boolean {
     if (this.answer === null || this.answer.unrestricted) return true;
     return (this.answer.allows[act] ?? []).some((glob) => globFits(glob, name));

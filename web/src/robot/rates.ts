@@ -17,7 +17,7 @@ const KEPT = 24;
 const LARGE =
   /^(sensor_msgs\/(PointCloud2|Image|CompressedImage)|nav_msgs\/OccupancyGrid|.*\/(Meshes|MarkerArray|Audio\w*))$/;
 
-/** What is known of a topic's rate. */
+/** Measured rate of a topic. */
 export interface Rate {
   /** Messages a second; 0 if none came while it was listened to. */
   hz: number;

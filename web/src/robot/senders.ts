@@ -1,4 +1,4 @@
-/** Whose cameras and microphones the robot receives now, as its server tells everybody who may know. */
+/** Cameras and microphones that the robot receives now, reported to permitted clients. */
 
 import { effect, type Signal, signal } from "@preact/signals-core";
 import { seconds } from "./names";

@@ -14,7 +14,7 @@ import { Definitions, type RosapiTypeDef } from "./typedefs";
 
 export type ConnectionState = "connecting" | "open" | "lost" | "refused";
 
-/** What the robot offers, by name; types as the robot writes them. */
+/** Names that the robot offers; types as the robot writes them. */
 export interface Graph {
   topics: ReadonlyMap<string, string>;
   services: readonly string[];
@@ -31,7 +31,7 @@ export interface Notice {
   text: string;
   /** The topic, service or action that it is about, where that is known. */
   about: string;
-  /** How often it was said, with other numbers in its text. */
+  /** Number of repetitions, also with other numbers in the text. */
   count: number;
   /** Milliseconds since 1970 of the last time. */
   at: number;
@@ -73,13 +73,13 @@ export class RobotSession {
   readonly reason = signal("");
   readonly graph: Signal<Graph> = signal(EMPTY);
 
-  /** Whether the robot has been asked what it has, and has answered or failed to. */
+  /** True if the robot's names were requested, and the request has ended. */
   get hasAsked(): boolean {
     return this.graph.value !== EMPTY;
   }
   readonly permissions: Signal<Permissions> = signal(new Permissions(null));
   readonly notices: Signal<Notice[]> = signal([]);
-  /** What each topic that is subscribed to costs, of the last second. */
+  /** Traffic of each subscribed topic in the last second. */
   readonly traffic: Signal<Map<string, Traffic & { seconds: number }>> = signal(new Map());
   /** Milliseconds for which the robot has not answered; 0 while it answers, and without a connection. */
   readonly silence = signal(0);
@@ -91,7 +91,7 @@ export class RobotSession {
   readonly answeredAt = signal(0);
   /** Milliseconds since 1970 by this page's clock when the connection was made; 0 without one. */
   readonly connectedAt = signal(0);
-  /** How often a connection was made. */
+  /** Number of connections made. */
   readonly connections = signal(0);
   /** The generation of ROS that the robot speaks. */
   readonly version: ReadonlySignal<1 | 2>;
@@ -116,7 +116,7 @@ export class RobotSession {
   private attempts = 0;
   /** Of the attempt to connect that is the last one. */
   private number = 0;
-  /** Whether the next connection is made as soon as this one, or its attempt, is closed. */
+  /** True if the next connection is made as soon as this one, or its attempt, is closed. */
   private beginsAnew = false;
   private noticeCount = 0;
   private retry: ReturnType<typeof setTimeout> | undefined;
@@ -209,7 +209,7 @@ export class RobotSession {
       this.connect();
       return;
     }
-    // Whoever writes a token is not interrupted by another attempt that is refused.
+    // Typing a token is not interrupted by another rejected attempt.
     if (this.state.peek() !== "refused") this.state.value = "lost";
     const wait = at(BACKOFF, this.attempts++);
     const again = () => {
@@ -223,7 +223,7 @@ export class RobotSession {
     } else void this.askWhy(said, again);
   }
 
-  /** A WebSocket that is refused does not say why; the same server's HTTP does. Without a token nobody tries again. */
+  /** A WebSocket that is refused does not say why; the same server's HTTP does. Without a token, no further attempt is made. */
   private async askWhy(said: string, again: () => void): Promise<void> {
     const { number } = this;
     let refusal = { status: 0, text: "" };
@@ -264,7 +264,7 @@ export class RobotSession {
     return this.token ? { Authorization: `Bearer ${this.token}` } : {};
   }
 
-  /** Whether there is a connection, and the robot answers in time: only then may it be driven. */
+  /** True if connected, and the robot answers in time: only then may it be driven. */
   get isAnswering(): boolean {
     return this.state.value === "open" && this.silence.value === 0;
   }
@@ -341,7 +341,7 @@ export class RobotSession {
     return found.sort();
   }
 
-  /** Whether something is allowed, or at least not known to be refused. */
+  /** Return true if something is allowed, or at least not known to be refused. */
   may(act: Parameters<Permissions["may"]>[0], name: string): boolean {
     return this.permissions.value.may(act, name);
   }

@@ -17,7 +17,7 @@ const LASTS = 1000;
 const PERIOD = 100;
 
 export class Stop {
-  /** Whether this page sends nothing that moves the robot. */
+  /** True if this page sends nothing that moves the robot. */
   readonly stopped: ReadonlySignal<boolean>;
   readonly gate: Gate;
   private readonly here: Signal<boolean> = signal(false);
@@ -35,7 +35,7 @@ export class Stop {
     });
   }
 
-  /** What it would act on: topics that are driven by, and actions whose goals can be cancelled. */
+  /** Targets: topics for driving, and actions whose goals can be cancelled. */
   get reaches(): { topics: string[]; actions: string[] } {
     const { session } = this;
     return {

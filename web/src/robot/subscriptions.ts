@@ -7,11 +7,11 @@ import { shortType } from "./names";
 export type Message = Record<string, unknown>;
 export type OnMessage = (message: Message) => void;
 
-/** How one listener wants a topic. */
+/** Options of one listener of a topic. */
 export interface SubscribeOptions {
   /** Milliseconds between two messages at least; 0 for every message. */
   throttle?: number;
-  /** What the worker makes of each message beside what stands in it. */
+  /** Values that the worker computes from each message. */
   decoding?: Decoding;
 }
 
@@ -21,7 +21,7 @@ interface Merged {
   decoding: Decoding | undefined;
   topic: Topic<Message>;
   listeners: Map<OnMessage, SubscribeOptions>;
-  /** What a listener that comes later is given: the last message, or the last one of each publisher that counts. */
+  /** Messages for later listeners: the last one, or the last one of each relevant publisher. */
   last: Map<string, Message>;
 }
 
@@ -30,7 +30,7 @@ const STATIC_FRAMES = "/tf_static";
 /** Messages with other frames that are kept at most. */
 const MOST_KEPT = 1000;
 
-/** What a message takes the place of among those that are kept. */
+/** Return the key of a retained message, which a later one replaces. */
 function keyOf(name: string, message: Message): string {
   if (name !== STATIC_FRAMES || !Array.isArray(message.transforms)) return "";
   return JSON.stringify(message.transforms.map((each) => String(each?.child_frame_id)).sort());

@@ -6,7 +6,7 @@ import type { Decoding, FromWorker, ToWorker, Traffic } from "../decode/protocol
 
 type Listener = (event: never) => void;
 
-/** How a connection ended, as WebSocket says it. */
+/** Close code and reason of a connection. */
 export interface Closed {
   code: number;
   reason: string;
@@ -83,14 +83,14 @@ class WorkerTransport implements ITransport {
   isClosed = () => this.state === "closed";
 }
 
-/** What a session is told beside what roslib tells it. */
+/** Callbacks of a session beside those of roslib. */
 export interface Watcher {
   onTraffic(seconds: number, topics: Map<string, Traffic>): void;
   onAnswering(answering: Answering): void;
   onStatus(level: string, text: string, id: string | undefined): void;
 }
 
-/** How a connection is asked for. */
+/** Options of a connection. */
 export interface Asking {
   /** Subprotocols of the WebSocket. */
   protocols: string[];
@@ -144,7 +144,7 @@ export class DecodeWorker {
     this.current?.[1].sendFresh(message);
   }
 
-  /** Whether there is a connection, or an attempt to make one. */
+  /** True if there is a connection, or an attempt to make one. */
   get isBusy(): boolean {
     return this.current !== null;
   }

@@ -117,12 +117,12 @@ export function integerRange(type: string): [least: number | bigint, most: numbe
   return INTEGERS[type];
 }
 
-/** Whether values of a type are numbers. */
+/** Return true if values of a type are numbers. */
 export function isNumber(type: string): boolean {
   return type in INTEGERS || FLOATS.has(type);
 }
 
-/** Whether values of a type are true or false. */
+/** Return true if values of a type are true or false. */
 export function isBoolean(type: string): boolean {
   return type === "bool" || type === "boolean";
 }
@@ -140,7 +140,7 @@ export function namedValues(definition: TypeDefinition, field: Field): Constant[
   return integers.length === 1 ? numbers : [];
 }
 
-/** What is wrong with a text as a value of a plain type; null if it is one. */
+/** Error of a text as a value of a plain type; null if it is valid. */
 export function valueError(type: string, text: string): "number" | "integer" | "range" | null {
   if (!isNumber(type)) return null;
   const value = Number(text);

@@ -16,7 +16,7 @@ interface FrameOfConnection extends VideoFrame {
   metadata?(): { rtpTimestamp?: number };
 }
 
-/** What a server said to an offer that it refused. */
+/** Response of a server to a rejected offer. */
 export class WhepRefused extends Error {
   constructor(
     readonly status: number,
@@ -25,20 +25,20 @@ export class WhepRefused extends Error {
     super(text);
   }
 
-  /** Whether the same offer may be taken another time: there was no room. */
+  /** True if the same offer may be accepted later: the server was full. */
   get isForNow(): boolean {
     return this.status === 503 || this.status === 429;
   }
 }
 
-/** What Chromium and Safari have of "MediaStreamTrack Insertable Streams", which TypeScript does not know. */
+/** Parts of "MediaStreamTrack Insertable Streams" in Chromium and Safari, which TypeScript does not declare. */
 declare const MediaStreamTrackProcessor:
   | (new (init: {
       track: MediaStreamTrack;
     }) => { readable: ReadableStream<VideoFrame> })
   | undefined;
 
-/** Whether this browser can do it at all. */
+/** Return true if this browser supports WHEP. */
 export function canWatch(): boolean {
   return typeof RTCPeerConnection === "function" && "requestVideoFrameCallback" in HTMLVideoElement.prototype;
 }

@@ -1,4 +1,4 @@
-/** What the scene can draw, known without loading it. */
+/** Types that the scene can draw, known without loading it. */
 
 import { shortType } from "../robot/names";
 
@@ -22,18 +22,18 @@ export type DrawableType = (typeof DRAWABLE_TYPES)[number];
 /** Layers that are not shown until somebody asks: they cost much, or hide others. */
 const HIDDEN = /depth|cost|\/points(?!\/decimated)|tunneled/;
 
-/** Whether a topic is the description of a robot. */
+/** Return true if a topic is the description of a robot. */
 export function isDescription(topic: string, type: string): boolean {
   return shortType(type) === "std_msgs/String" && topic.endsWith("robot_description");
 }
 
-/** Whether the scene can draw a topic. */
+/** Return true if the scene can draw a topic. */
 export function isDrawable(topic: string, type: string): boolean {
   if (topic.endsWith("/update_full")) return false;
   return isDescription(topic, type) || DRAWABLE_TYPES.includes(shortType(type) as DrawableType);
 }
 
-/** Whether a topic is drawn, by choice or from the start. */
+/** Return true if a topic is drawn, by choice or from the start. */
 export function isDrawn(topic: string, wanted: Readonly<Record<string, boolean>> = {}): boolean {
   return wanted[topic] ?? !HIDDEN.test(topic);
 }

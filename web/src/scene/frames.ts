@@ -6,13 +6,13 @@ import { frameName, seconds } from "../robot/names";
 import type { RobotSession } from "../robot/session";
 import type { Message } from "../robot/subscriptions";
 
-/** How a frame lies in its parent, as it was told last. */
+/** Last received pose of a frame in its parent. */
 export interface Frame {
   parent: string;
   matrix: Matrix4;
   /** When it was told, by this page's clock in milliseconds. */
   at: number;
-  /** What it was stamped with, in seconds by the robot's clock. */
+  /** Stamp in seconds of the robot's clock. */
   stamp: number;
   isStatic: boolean;
   /** Times a second, over the last ones. */
@@ -95,7 +95,7 @@ export class Frames {
     return place;
   }
 
-  /** How a frame lies in the fixed one; null where that is not known. */
+  /** Pose of a frame in the fixed one; null if it is not known. */
   inFixed(name: string): Matrix4 | null {
     const frame = frameName(name);
     const fixed = this.fixed.peek();

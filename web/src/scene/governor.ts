@@ -1,8 +1,8 @@
-/** How finely a moving scene is drawn: as finely as the machine draws it often enough. */
+/** Draw quality of a moving scene: the best that keeps the frame rate. */
 
 import type { Quality } from "./quality";
 
-/** How finely a frame is drawn. */
+/** Draw quality of a frame. */
 export interface Detail {
   /** Pixels that are drawn for each pixel of the page, along one side. */
   ratio: number;
@@ -34,7 +34,7 @@ const FIRST_FRAMES = 4;
 /** Frames at one level before a finer one is tried; twice as many after each try that failed, to a bound. */
 const PATIENCE = 40;
 const MOST_PATIENCE = 40 * 32;
-/** How much one frame counts for the mean. */
+/** Weight of one frame in the mean. */
 const WEIGHT = 0.25;
 
 /**
@@ -67,7 +67,7 @@ export class Governor {
     this.at = isSoftware && quality === "auto" ? fromEnd(BEGIN_IN_SOFTWARE) : 0;
   }
 
-  /** What the next frame of a moving scene is drawn with. */
+  /** Quality of the next frame of a moving scene. */
   get detail(): Detail {
     return this.levels[this.at] as Detail;
   }

@@ -1,4 +1,4 @@
-/** How finely a scene is to be drawn: what the machine manages, little, or everything. */
+/** Setting of the draw quality: automatic, low, or full. */
 export type Quality = "auto" | "low" | "high";
 
 export const QUALITIES: readonly Quality[] = ["auto", "low", "high"];

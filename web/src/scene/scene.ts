@@ -20,7 +20,7 @@ import { View } from "./view";
 
 type MakeLayer = (context: LayerContext, scene: RobotScene) => Layer;
 
-/** What draws each type of message. Types are written without `/msg/`. */
+/** Layer of each message type. Types are written without `/msg/`. */
 const MAKERS: Record<DrawableType, MakeLayer> = {
   "nav_msgs/OccupancyGrid": (context) => new MapLayer(context),
   "nav_msgs/Odometry": (context) => new OdometryLayer(context),
@@ -60,7 +60,7 @@ export class RobotScene {
   /** The frame that the camera moves with; empty for none. */
   readonly followed: Signal<string> = signal("");
 
-  /** Whether the camera begins above the robot. */
+  /** True if the camera begins above the robot. */
   fromAbove = false;
 
   private readonly endDiscovery: () => void;

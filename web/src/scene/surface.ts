@@ -1,18 +1,18 @@
-/** What a scene is drawn on: a canvas of the graphics card, or one whose pixels are fetched when they are done. */
+/** Surface of a scene: a canvas of the graphics card, or one whose pixels are fetched when they are done. */
 
 import { type Camera, type Scene, WebGLRenderer } from "three";
 
 /** Names of renderers that are programs, and no graphics card. */
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
-/** Whether this browser draws in software; null before the first surface was made. */
+/** True if this browser draws in software; null before the first surface was made. */
 let isKnownSoftware: boolean | null = null;
 
-/** How a canvas is to be made. */
+/** Options of a canvas. */
 export interface SurfaceOptions {
-  /** Whether edges are smoothed where a graphics card draws. */
+  /** True if edges are smoothed where a graphics card draws. */
   antialias: boolean;
-  /** Whether edges are smoothed where the processor draws, too, which doubles the work. */
+  /** True if edges are smoothed where the processor draws, too, which doubles the work. */
   always: boolean;
 }
 
@@ -24,10 +24,10 @@ export interface SurfaceOptions {
  * pixels are copied by the renderer itself, and put into a plain canvas when a fence says that they are there.
  */
 export class Surface {
-  /** What is shown, and takes the pointer. */
+  /** Visible element, which receives pointer events. */
   readonly canvas: HTMLCanvasElement;
   readonly renderer: WebGLRenderer;
-  /** Whether the processor draws. */
+  /** True if the processor draws. */
   readonly isSoftware: boolean;
 
   private readonly gl: WebGL2RenderingContext;
@@ -62,7 +62,7 @@ export class Surface {
     gl.canvas.addEventListener("webglcontextlost", this.lost);
   }
 
-  /** Whether a frame is being drawn. */
+  /** True if a frame is being drawn. */
   get isBusy(): boolean {
     return this.fence !== null;
   }
@@ -146,7 +146,7 @@ function context(canvas: HTMLCanvasElement | OffscreenCanvas, antialias: boolean
   }) as WebGL2RenderingContext | null;
 }
 
-/** What draws, as the browser names it. */
+/** Name of the renderer in the browser. */
 function nameOf(gl: WebGL2RenderingContext): string {
   const names = gl.getExtension("WEBGL_debug_renderer_info");
   return String(gl.getParameter(names?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));

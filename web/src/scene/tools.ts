@@ -1,4 +1,4 @@
-/** What a click or a key in the scene does: set a goal or a pose by an arrow, measure, or bring the camera nearer. */
+/** Tools of clicks and keys in the scene: set a goal or a pose by an arrow, measure, or zoom. */
 
 import { type Signal, signal } from "@preact/signals-core";
 import { BufferGeometry, Line, LineBasicMaterial, type Object3D, Vector3 } from "three";
@@ -117,7 +117,7 @@ export class Tools {
     return true;
   }
 
-  /** What Enter does at a place. */
+  /** Effect of Enter at a position. */
   private set(tool: "goal" | "pose" | "measure", place: Place): void {
     if (tool === "measure") {
       this.cursor.value = place;

@@ -31,7 +31,7 @@ const GROUND = new Plane(new Vector3(0, 0, 1), 0);
 
 const FIELD_OF_VIEW = 50;
 
-/** What the library's points are to be asked for so that they are as large as one metre is: it leaves the field of view out. */
+/** Scale of the library's point sizes to metres: the library ignores the field of view. */
 export const METRE_OF_POINTS = 1 / Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
 
 /** Milliseconds without a change after which a scene is drawn as finely as it can be. */
@@ -66,7 +66,7 @@ export class View {
   private readonly governor: Governor;
   private readonly labels = new CSS2DRenderer();
   private readonly grid = fadingGrid(20);
-  /** Whether the page is dark. */
+  /** True if the page is dark. */
   readonly dark = signal(false);
   private readonly sizes: ResizeObserver;
   private width = 0;
@@ -75,10 +75,10 @@ export class View {
   private readonly known = new WeakSet<object>();
   private isCompiling = false;
   private isDirty = true;
-  /** Whether nothing has changed for so long that the next frame is as fine as can be. */
+  /** True if nothing has changed for so long that the next frame is as fine as can be. */
   private isResting = false;
   private rest: ReturnType<typeof setTimeout> | undefined;
-  /** Whether the frame that is being drawn tells how long those of a moving scene take. */
+  /** True if the current frame counts for the draw time of a moving scene. */
   private isCounted = false;
   private isVisible = true;
   private frame = 0;
@@ -124,7 +124,7 @@ export class View {
     this.schedule();
   }
 
-  /** Whether anybody can see it; nothing is drawn meanwhile. */
+  /** Set whether the view is visible; nothing is drawn while it is not. */
   setVisible(visible: boolean): void {
     this.isVisible = visible;
     this.redraw();

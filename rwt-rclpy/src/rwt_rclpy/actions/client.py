@@ -48,8 +48,6 @@ class ClientGoalHandle:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ClientGoalHandle) and self._goal_id == other._goal_id
 
-    __hash__ = None  # type: ignore[assignment]  # Equal by the id, which is a message.
-
     def __repr__(self) -> str:
         return f"ClientGoalHandle <id={self.goal_id.uuid}, accepted={self.accepted}, status={self.status}>"
 

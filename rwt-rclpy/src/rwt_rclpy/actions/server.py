@@ -119,8 +119,6 @@ class ServerGoalHandle:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ServerGoalHandle) and self.goal_id == other.goal_id
 
-    __hash__ = None  # type: ignore[assignment]  # Equal by the id, which is a message.
-
     @property
     def request(self) -> Any:
         """Message of the goal."""

@@ -37,8 +37,6 @@ class Duration:
     def __str__(self) -> str:
         return "Infinite" if self == Infinite else f"{self._ns} nanoseconds"
 
-    __hash__ = None  # type: ignore[assignment]  # As in rclpy.
-
     def __eq__(self, other: object) -> bool:
         if isinstance(other, Duration):
             return self._ns == other._ns

@@ -62,8 +62,6 @@ class Time:
     def __repr__(self) -> str:
         return f"Time(nanoseconds={self._ns}, clock_type={self._clock_type.name})"
 
-    __hash__ = None  # type: ignore[assignment]  # As in rclpy.
-
     def __copy__(self) -> Time:
         return Time(nanoseconds=self._ns, clock_type=self._clock_type)
 

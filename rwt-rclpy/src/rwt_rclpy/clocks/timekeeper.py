@@ -50,7 +50,7 @@ class Timekeeper(ABC):
         """Stop virtual time while this thread runs callbacks."""
         yield
 
-    def handed_over(self) -> None:  # noqa: B027 - real time need not count it
+    def handed_over(self) -> None:  # noqa: B027 - optional: only virtual time counts the work
         """Count work that was given to a thread of a pool and has not begun yet."""
 
     @contextmanager

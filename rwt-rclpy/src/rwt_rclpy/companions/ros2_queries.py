@@ -100,7 +100,7 @@ def _call(node: Node, node_name: str, service: str, kind: str, **fields: Any) ->
     client: Client = node.create_client(classes().service(f"rcl_interfaces/{kind}"), name)
     try:
         if not client.wait_for_service(timeout_sec=SERVICES_SECONDS):
-            raise RuntimeError(f"nobody offers {name}: wait for service timed out")
+            raise RuntimeError(f"{name} is not offered: wait for service timed out")
         future = client.call_async(client.srv_type.Request(**fields))
         rclpy.spin_until_future_complete(node, future)
         return future.result()

@@ -201,8 +201,6 @@ class QoSProfile:
             getattr(self, slot) == getattr(other, slot) for slot in self.__slots__
         )
 
-    __hash__ = None  # type: ignore[assignment]  # A profile is mutable.
-
     def __str__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{n}={getattr(self, n)}' for n in POLICIES)})"
 

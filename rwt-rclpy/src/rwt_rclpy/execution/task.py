@@ -40,7 +40,7 @@ class Future:
 
     def __del__(self) -> None:
         if self._exception is not None and not self._exception_fetched:
-            print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201 - as rclpy does
+            print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201 - the same output as rclpy
 
     def __await__(self) -> Generator[Future, None, Any]:
         while not self._done:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
@@ -51,7 +51,7 @@ class InterfaceMeta(type):
 class Message(metaclass=InterfaceMeta):
     """Base of all message classes."""
 
-    __slots__ = ("_check_fields",)
+    __slots__: Sequence[str] = ("_check_fields",)
 
     _check_fields: bool
     _fields_and_field_types: ClassVar[dict[str, str]] = {}
@@ -60,7 +60,6 @@ class Message(metaclass=InterfaceMeta):
     _rwt_defaults: ClassVar[tuple[tuple[str, Callable[[], Any]], ...]] = ()
     _rwt_to_graph: ClassVar[Convert]
     _rwt_from_graph: ClassVar[Convert]
-    __hash__ = None  # type: ignore[assignment]  # A message is mutable and equal by its fields.
 
     def __init__(self, **kwargs: Any) -> None:
         self._check_fields = bool(kwargs.pop("check_fields", FIELDS_ARE_CHECKED))
@@ -215,7 +214,7 @@ class MessageClasses:
             **{field.name: _property(field) for field in fields},
         }
         cls: type[Message] = meta(short, (Message,), namespace)
-        cls.__slots__ = [*cls.__slots__, "_check_fields"]  # type: ignore[assignment]  # As rosidl lists them.
+        cls.__slots__ = [*cls.__slots__, "_check_fields"]  # As the classes of rosidl list them.
         cls._rwt_to_graph = staticmethod(_writer(message, fields))
         cls._rwt_from_graph = staticmethod(_reader(message, fields, cls))
         return cls
@@ -282,8 +281,8 @@ def _property(field: MessageField) -> property:
 
     def get_thawed(self: Message) -> Any:
         value = getattr(self, slot)
-        if isinstance(value, bytes):
-            value = thaw(value)  # type: ignore[misc]  # it is there, or this is not the getter
+        if thaw is not None and isinstance(value, bytes):
+            value = thaw(value)
             setattr(self, slot, value)
         return value
 

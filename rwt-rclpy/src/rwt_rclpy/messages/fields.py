@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence, Set
 from ctypes import c_float
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -149,7 +149,7 @@ def _scalar(field: Field, element: AbstractNestableType, inner: Nested | None) -
     )
     return MessageField(
         field.name,
-        element,  # type: ignore[arg-type]  # Every nestable type is one of those that SlotType names.
+        cast("SlotType", element),
         _element_text(field.type, element),
         default,
         check,

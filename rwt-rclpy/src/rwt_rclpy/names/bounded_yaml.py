@@ -45,7 +45,7 @@ class _Untagged(yaml.SafeLoader):
     """Loader that gives no tag to scalars that have none."""
 
     def resolve(self, kind: type[yaml.Node], value: str | None, implicit: Any) -> str:
-        tag: str = super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]  # PyYAML's is untyped.
+        tag: str = super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]  # PyYAML's stubs do not type it
         return "" if kind is yaml.ScalarNode else tag
 
 

@@ -248,7 +248,7 @@ class Approvals:
         seconds = rule.settings.approval.seconds
         approval.until = self._clock.monotonic() + seconds
         approval.timer = self._clock.call_later(
-            seconds, lambda: self._deny(approval, None, f"nobody answered within {seconds:g} s")
+            seconds, lambda: self._deny(approval, None, f"no answer within {seconds:g} s")
         )
         self._pending[approval.id] = self._asked[subject[:-1]] = approval
         self._counts[slot] += 1

@@ -551,7 +551,7 @@ class Gate(GateState):
         if topic is None and info is not None and info.type is not None:
             topic = self.guarded(absolute, info.type)
         if topic is None or topic.lease is None:
-            raise GateRefused(f"nobody has advertised {absolute}, so that its type is not known yet")
+            raise GateRefused(f"{absolute} is not advertised, so its type is not known yet")
         if topic.fault:
             raise GateRefused(f"the rules of {absolute} cannot be applied: {topic.fault}")
         return topic
@@ -620,7 +620,7 @@ class Gate(GateState):
     def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:
         holder = None if topic.lease is None else topic.lease.holder
         if holder is not actor:
-            raise GateRefused(f"{topic.name} is held by {holder or 'nobody'}, and not by this client")
+            raise GateRefused(f"{topic.name} is held by {holder or 'no client'}, and not by this client")
 
     # The emergency stop
 
@@ -740,7 +740,7 @@ class Gate(GateState):
         self.stop_path.note_goal(action, partial(self._cancel_of, action))
 
     def _cancel_of(self, action: str) -> Cancel:
-        """Return a function that cancels all goals of an action in steps, whoever sent them."""
+        """Return a function that cancels all goals of an action, of any client, in steps."""
         info = self._graph.topic(f"{action}/cancel")
         if self._graph.action(action) is not None or info is None or info.type is None:
             return partial(self.participant.cancel_every_goal, action)

@@ -191,7 +191,7 @@ class Lease:
             self.check_silence()
 
     def release(self, client: Actor | None, why: str) -> None:
-        """Free the lease if `client` holds it; None: whoever holds it."""
+        """Free the lease if `client` holds it; None: from any holder."""
         if self.holder is not None and client in (None, self.holder):
             self._stop_timer()
             self._give(None, why)

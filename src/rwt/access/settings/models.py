@@ -65,7 +65,7 @@ _CONNECTION: Final = Limits()
 
 
 class ClientLimits(Table):
-    """What one client may have open, send, and be sent."""
+    """Limits of one client: open resources, messages received and sent."""
 
     connections_per_address: Annotated[
         CountOrNone,
@@ -345,7 +345,7 @@ BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
 
 
 class AccessSettings(Table):
-    """Who may come in, and what each role may do."""
+    """Limits, credentials, roles, origins and the gate."""
 
     limits: ClientLimits = ClientLimits()
     auth: AuthSettings = AuthSettings()

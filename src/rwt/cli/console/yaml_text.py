@@ -228,7 +228,7 @@ def _error(mark: Mark, text: str) -> YamlError:
 # -- writing -----------------------------------------------------------------------------------------------
 
 
-class _Dumper(_DUMPER):  # type: ignore[misc,valid-type]  # one of two, as PyYAML was built
+class _Dumper(_DUMPER):  # type: ignore[misc,valid-type]  # the C dumper if PyYAML was built with it
     """Dumper of text that :func:`read_yaml` and the ``ros2`` tool both read as the same value."""
 
     def ignore_aliases(self, data: object) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.parameters.values import decode
 from rwt_participant.errors import NotFound, RobotError
@@ -58,16 +58,13 @@ class ParameterFeed:
 
     def _on_event(self, sample: Sample) -> None:
         try:
-            event = sample.payload.value()
+            event: Any = sample.payload.value()
             values = {
-                f"{event.node}:{each.name}": decode(each.value)  # type: ignore[attr-defined]  # of that type
+                f"{event.node}:{each.name}": decode(each.value)
                 for group in ("new_parameters", "changed_parameters")
                 for each in getattr(event, group)
             }
-            values |= {
-                f"{event.node}:{each.name}": None  # type: ignore[attr-defined]  # as above
-                for each in event.deleted_parameters  # type: ignore[attr-defined]  # as above
-            }
+            values |= {f"{event.node}:{each.name}": None for each in event.deleted_parameters}
         except RobotError:
             return  # Another process published an invalid event, or a value of an unknown type.
         self._tell(values)

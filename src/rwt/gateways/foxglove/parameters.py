@@ -12,7 +12,7 @@ from base64 import b64decode
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeGuard
 
 from msgspec import UNSET
 
@@ -89,7 +89,7 @@ def wanted_value(parameter: Parameter) -> object:
     if value is UNSET or kind is UNSET or kind is None:
         return value
     if kind == "float64" and _is_number(value):
-        return float(value)  # type: ignore[arg-type]  # a number, by the line above
+        return float(value)
     if kind == "float64_array" and isinstance(value, list) and all(map(_is_number, value)):
         return [float(each) for each in value]
     if kind == "byte_array" and isinstance(value, str):
@@ -100,7 +100,7 @@ def wanted_value(parameter: Parameter) -> object:
     raise NotPossible(f"parameter {parameter.name[:200]}: its value is no {kind}")
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

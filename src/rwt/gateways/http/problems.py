@@ -89,7 +89,7 @@ KINDS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         "parameter-rejected": ProblemKind(422, "The parameter cannot have that value", "send another value"),
         "too-much": ProblemKind(429, "As much as may be", "wait, or end something"),
         "service-failed": ProblemKind(502, "The service said that it failed", "its reason is in the detail"),
-        "provider-gone": ProblemKind(503, "Whoever offers it has gone away", "try again"),
+        "provider-gone": ProblemKind(503, "The provider has gone away", "try again"),
         "timeout": ProblemKind(504, "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
     }
 )

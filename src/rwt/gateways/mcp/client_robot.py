@@ -59,7 +59,8 @@ class ClientRobot(GraphVerbs):
         self._ask_for_approval = ask_for_approval
         self.params = RosapiParameters(self._ask)
 
-    def resolve(self, name: str) -> str:  # noqa: D102 - inherited
+    def resolve(self, name: str) -> str:
+        """Return the absolute form of a name."""
         return resolve(name)  # A client has no node, so no private names.
 
     async def pass_gate(self, seconds: float = 0.0) -> bool:
@@ -91,7 +92,7 @@ class ClientRobot(GraphVerbs):
         except ProviderNotFound as error:
             raise ProviderNotFound(f"{error}{self._meant(service, self._client.services())}") from None
         await self.pass_gate()
-        late = f"{service} has not answered, or nobody has given the yes that the gate wants,"
+        late = f"{service} has not answered, or the gate has not received an approval,"
         patience = None if seconds is None else seconds + _GRACE_SECONDS
         return await answer.get(patience, late, self.clock.within)
 
@@ -110,7 +111,7 @@ class ClientRobot(GraphVerbs):
         self._client.advertise_action(action, type.name, lambda _, goal: on_goal(goal))
         return (partial(self._client.withdraw_action, action),)
 
-    async def send_goal(  # noqa: D102 - inherited
+    async def send_goal(
         self,
         action: str,
         goal: MessageLike | None = None,
@@ -118,6 +119,7 @@ class ClientRobot(GraphVerbs):
         *,
         on_feedback: Callable[[Message], object] | None = None,
     ) -> Goal:
+        """Send a goal and wait until it is accepted."""
         name, client = self.resolve(action), self._client
         sent = GraphGoal(self.clock, name, on_feedback)
         try:
@@ -126,16 +128,15 @@ class ClientRobot(GraphVerbs):
             raise ProviderNotFound(f"{error}{self._meant(name, client.actions())}") from None
         try:
             await self.pass_gate()
-            late = (
-                f"{action} has not taken the goal, or nobody has given the yes that the robot's gate wants,"
-            )
+            late = f"{action} has not accepted the goal, or the gate has not received an approval,"
             await sent.accepted.get(_ACCEPT_SECONDS, late, self.clock.within)
         except BaseException:
             sent.cancel()
             raise
         return sent
 
-    def cancel_goal(self, action: str, goal_id: str) -> None:  # noqa: D102 - inherited
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Request cancellation of a goal, which any client may have sent."""
         self._client.cancel_goal(action, goal_id)
 
     def _close(self) -> None:

@@ -395,7 +395,7 @@ class McpGateway(Gateway):
                 caller.clients.discard(client)
                 robot.close()
         if scope.cancelled_caught:
-            raise ToolError("the request was given up: nobody heard its answer any more")
+            raise ToolError("the request was abandoned: its client has gone")
 
     async def _ask_for_leave(
         self, gate: Gate, client: ClientGraph, caller: _Caller, allow: Allow, seconds: float

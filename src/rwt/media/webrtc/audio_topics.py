@@ -272,7 +272,7 @@ class AudioTopics:
             subscription.close()
         if not got:
             raise RequestRefused(
-                504, f"no {INFO} came on {topic} within {PATIENCE:g} s: nobody says how {name} is to be read"
+                504, f"no {INFO} came on {topic} within {PATIENCE:g} s: the format of {name} is not known"
             )
         return got[0]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from av import AudioFrame, AudioResampler, CodecContext
 
@@ -87,7 +87,8 @@ class OpusEncoder:
                     self._begin()
                 continue
             try:
-                frame = self._format.read(payload.value().data)  # type: ignore[attr-defined] # an AudioData
+                audio: Any = payload.value()
+                frame = self._format.read(audio.data)
             except AudioUnreadable as error:
                 self.complaint = error
                 if not self._heard:

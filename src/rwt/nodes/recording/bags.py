@@ -132,7 +132,7 @@ class BagRecording(Recording):
                 for connection, stamp, data in reader.messages(chosen, start_ns, end_ns) if chosen else ():
                     yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
         except Exception as error:
-            # As above; what was read until then is whole.
+            # Any error of the library, as for a damaged header; the messages before it are whole.
             raise RecordingUnreadable(f"{self.paths[0]} is damaged: {_first_line(error)}") from None
 
     def close(self) -> None:

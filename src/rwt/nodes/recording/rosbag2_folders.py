@@ -25,7 +25,7 @@ from rwt.nodes.recording.unpacking import too_large, unpack, unpacked_pieces
 METADATA: Final = "metadata.yaml"
 
 MAX_RATIO: Final = 100
-"""How many times larger than itself a compressed file may be unpacked, if `chunk_bytes` is less."""
+"""Maximum ratio of a file's size unpacked and compressed, if `chunk_bytes` is less."""
 
 _METADATA_BYTES: Final = 16 * 1024 * 1024
 _INFORMATION: Final = "rosbag2_bagfile_information"

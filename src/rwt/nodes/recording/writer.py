@@ -335,7 +335,7 @@ class _Files:
             self.bytes_on_disk = self._finished_bytes() + self._disk.size
 
     def _flush(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]  # the library does not type it
+        self._writer.flush()
         self._disk.keep()
 
     def _finished_bytes(self) -> int:
@@ -343,7 +343,7 @@ class _Files:
 
     def finish(self) -> None:
         self._flush()
-        self._writer.finish()  # type: ignore[no-untyped-call]  # the library does not type it
+        self._writer.finish()
         self._disk.keep()
         self.bytes_on_disk = self._finished_bytes() + self._disk.size
         self._disk.close()

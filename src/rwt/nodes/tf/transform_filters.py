@@ -128,7 +128,8 @@ class TargetFrameFilter(TransformFilter[Transform]):
     tf2_web_republisher sends zeros then (TFR-07).
     """
 
-    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:  # noqa: D102 - inherited
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
+        """Return the transforms of frames that have moved, stamped with the current time."""
         target = self._request.target
         found = []
         for source in self._request.sources or [frame for frame in buffer.frames() if frame != target]:
@@ -172,7 +173,8 @@ class TreeFilter(TransformFilter[StampedTransform]):
     stamps. Angles are the rotation's own.
     """
 
-    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:  # noqa: D102 - inherited
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
+        """Return the transforms that keep every pose within the thresholds, with their own stamps."""
         edges = self._edges(buffer)
         true = _poses(edges)
         due = {frame for frame, edge in edges.items() if self._is_new(edge)}

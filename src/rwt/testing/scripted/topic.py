@@ -117,7 +117,7 @@ class ScriptedTopic:
             self._graph.run_on_graph(call)
 
     def _nobody(self, within: float) -> str:
-        return f"nobody subscribed to {self.name} within {within:g} s"
+        return f"{self.name} has no subscriber within {within:g} s"
 
 
 class _Playing:

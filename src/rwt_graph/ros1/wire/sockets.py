@@ -213,6 +213,8 @@ class Stream:
         try:
             self._on_data(data)
         except Exception as error:
+            # The callback parses bytes of other programs: a failure ends this connection only, without a
+            # traceback in the log for each malformed frame.
             logger.debug("a connection of ROS 1 is closed", exc_info=True)
             self._lost(str(error))
 

@@ -13,7 +13,7 @@ from rwt.composition.gateways import package_pages
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.nodes.demo.model.meshes import mesh_pages
 from rwt.nodes.mesh_files import MeshFiles
-from rwt_graph import MemoryGraph
+from rwt_graph import MemoryGraph, SimulatedClock
 from tests.rwt.gateways.foxglove.conftest import MakeGateway
 from tests.rwt.gateways.foxglove.viewer import Asset, Viewer
 
@@ -123,7 +123,8 @@ async def test_a_client_that_does_not_read_gets_no_further_file(
     assert viewer.heard() == []
     waiting[0] = 0
     clock = running.clock
-    clock.advance(0.1)  # type: ignore[attr-defined]  # a simulated one
+    assert isinstance(clock, SimulatedClock)
+    clock.advance(0.1)
     assert [each.request for each in await answers(viewer, 1)] == [1]
     viewer.leave()
 

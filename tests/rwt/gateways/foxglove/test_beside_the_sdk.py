@@ -1,4 +1,4 @@
-"""What the server of Foxglove's SDK (PyPI, `foxglove-sdk`) sends for the same robot, frame by frame.
+"""Comparison with the server of Foxglove's SDK (PyPI, `foxglove-sdk`) for the same robot, frame by frame.
 
 Ids, times, names and sentences are each server's own; everything else is the same.
 """
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import pytest
+from websockets import Subprotocol
 from websockets.sync.client import ClientConnection, connect
 
 from rwt import Server, Settings
@@ -154,9 +155,9 @@ class Conversation:
 
 
 def spoken(robot: Robot) -> dict[str, Any]:
-    """What the robot says to a client that does everything once, without what is its own."""
+    """Return the robot's messages to a client that does everything once, without server-specific parts."""
     said: dict[str, Any] = {}
-    with connect(robot.url, subprotocols=["foxglove.sdk.v1"]) as client:  # type: ignore[list-item]  # a name
+    with connect(robot.url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
         assert client.subprotocol == "foxglove.sdk.v1"
         talk = Conversation(client)
         info = talk.next("serverInfo")

@@ -386,7 +386,7 @@ def test_who_leaves_leaves_nothing(
 
 
 def changes(viewer: Viewer) -> dict[str, Any]:
-    """What the viewer is told next of who takes part in what, but for what every node has."""
+    """Return the next connection graph sent to the viewer, without the parts of every node."""
     (update,) = viewer.heard_of("connectionGraphUpdate")
     for of in ("publishedTopics", "subscribedTopics"):
         update[of] = [each for each in update[of] if each["name"] not in EVERY_NODES]

@@ -28,7 +28,7 @@ class SteppedPlayback(PlaybackClock):
         super().__init__(start_ns)
         self._steps = SimulatedClock()
         self.monotonic = self._steps.monotonic  # in place of the real one
-        self.call_later = self._steps.call_later  # type: ignore[method-assign]  # as above
+        self.call_later = self._steps.call_later  # type: ignore[method-assign]  # timers wait for the steps of the test
         self.advance = self._steps.advance
 
 

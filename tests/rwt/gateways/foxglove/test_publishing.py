@@ -1,4 +1,4 @@
-"""What clients publish: channels of theirs, in each encoding, and what of them is refused."""
+"""Channels of clients in each encoding, and their rejection."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_octets_do_not_change_with_the_buffer_that_they_came_in(graph: MemoryGra
     viewer.advertise("/t", "std_msgs/String", "cdr")
     frame = bytearray(struct.pack("<BI", 1, 1) + HELLO)
     viewer.received += 1
-    viewer.endpoint.receive(frame, True)  # type: ignore[arg-type]  # a transport may use its buffer again
+    viewer.endpoint.receive(frame, True)  # type: ignore[arg-type]  # a buffer that its transport reuses
     frame[:] = b"\xff" * len(frame)
     assert kept[0].payload.json() == b'{"data":"hello"}'
 
@@ -198,7 +198,9 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
     assert len(heard) == 6
 
 
-def test_a_text_about_many_things_is_done_in_turns(graph: MemoryGraph, viewer: Viewer) -> None:
+def test_a_text_about_many_things_is_done_in_turns(
+    graph: MemoryGraph, viewer: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clock = BusyClock(START_NS)
     graph = MemoryGraph(clock=clock)
     gateway = FoxgloveGateway(graph, Access(graph, Settings()))
@@ -210,7 +212,7 @@ def test_a_text_about_many_things_is_done_in_turns(graph: MemoryGraph, viewer: V
         clock.worked += 0.6 * CLIENT_SECONDS
         original(id)
 
-    viewer.client.subscriptions.unsubscribe = work  # type: ignore[method-assign]  # work that takes time
+    monkeypatch.setattr(viewer.client.subscriptions, "unsubscribe", work)
     viewer.say("unsubscribe", subscriptionIds=list(range(10)))
     viewer.say("fetchAsset", uri="package://a/b", requestId=1)
     assert viewer.heard() == []

@@ -44,7 +44,7 @@ class Asset(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a recording does."""
+    """Event of a recording."""
 
     status: int
     time_ns: int
@@ -54,7 +54,7 @@ class State(NamedTuple):
 
 
 def parsed(data: bytes, *, binary: bool) -> Any:
-    """What a frame of the server says."""
+    """Content of a frame of the server."""
     if not binary:
         return json.loads(data)
     if data[0] == 1:
@@ -94,11 +94,11 @@ class Viewer(Client):
     ) -> None:
         self.channels: dict[str, Text] = {}
         self.services: dict[str, Text] = {}
-        super().__init__(gateway, address, path=path, headers=headers)  # type: ignore[arg-type]  # a gateway's accept is a bridge's
+        super().__init__(gateway, address, path=path, headers=headers)  # type: ignore[arg-type]  # only `accept` is called, which bridge and gateway both have
 
     @property
     def client(self) -> FoxgloveClient:
-        """What the gateway holds of it."""
+        """State of the client in the gateway."""
         assert isinstance(self.endpoint, FoxgloveClient)
         return self.endpoint
 

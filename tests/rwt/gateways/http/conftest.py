@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from typing import Any, Final
 
-import anyio
 import httpx
 import pytest
 
@@ -103,12 +102,3 @@ async def client(server: Server) -> AsyncIterator[httpx.AsyncClient]:
     base = server.urls[0].replace("ws:", "http:", 1)
     async with httpx.AsyncClient(base_url=base, timeout=20, trust_env=False) as client:
         yield client
-
-
-async def until(condition: Callable[[], Awaitable[bool]]) -> None:
-    """Wait until a question is answered with yes."""
-    with anyio.fail_after(20):
-        while True:
-            if await condition():
-                return
-            await anyio.sleep(0.01)

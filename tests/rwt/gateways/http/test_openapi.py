@@ -211,7 +211,7 @@ async def test_a_generated_client_in_typescript_works(
 
 
 async def run(command: list[str], folder: Path) -> str:
-    """What a program printed, which must end well."""
+    """Return the output of a program; fails if its exit code is not 0."""
     done = await anyio.run_process(command, cwd=folder, check=False)
     assert done.returncode == 0, (done.stdout + done.stderr).decode()
     return done.stdout.decode()

@@ -1,4 +1,4 @@
-"""What is hidden from a role is hidden over HTTP, too, in every list, document, page and answer."""
+"""Names hidden from a role, over HTTP in every list, document, page and answer."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ from rwt import Server
 from rwt.gateways.http.events import EventQueue, one_line
 from rwt_protocol.frames import Frame
 from rwt_transports.endpoint import DropReason
-from tests.rwt.gateways.http.conftest import GUEST, ROLES, ROOT, Robot, until
+from tests.rwt.gateways.http.conftest import GUEST, ROLES, ROOT, Robot
+from tests.waiting import until_answered
 
 #: The client's streams end in garbage that trio warns of.
 pytestmark = pytest.mark.anyio
@@ -83,7 +84,7 @@ async def test_readers_share_one_encode_and_leave_no_trace(
     async def ended() -> bool:
         return "rwt_http_streams 0" in (await client.get("/metrics")).text
 
-    await until(ended)
+    await until_answered(ended)
     bridge = next(node for node in server.graph.nodes() if node.name == "/http_bridge")
     assert bridge.subscribing == ()
 
@@ -111,7 +112,7 @@ async def test_a_goal_is_followed_from_its_start_to_its_result(client: httpx.Asy
             counted: object = (await client.get(where)).json()["feedback"]
             return counted == {"sequence": [0, 1, 2]}
 
-        await until(has_counted)
+        await until_answered(has_counted)
         canceled = await client.delete(where)
         assert (canceled.status_code, canceled.json()["state"]) == (202, "canceling")
         result = [event async for event in stream][-1]
@@ -147,7 +148,7 @@ async def test_goals_are_bounded_and_those_that_have_ended_give_way(client: http
         state: object = (await client.get(ended)).json()["state"]
         return state == "succeeded"
 
-    await until(has_succeeded)
+    await until_answered(has_succeeded)
     for _ in range(2):
         assert (await client.post(path, json={"order": 101})).status_code == 201
     assert (await client.get(ended)).status_code == 404

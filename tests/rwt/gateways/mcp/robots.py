@@ -15,7 +15,7 @@ from tests.rwt.gateways.mcp.agents import served
 
 
 class SmallRobot:
-    """What a robot has, in small.
+    """Small robot.
 
     Attributes:
         heard: velocities that came, forward.

@@ -1,4 +1,4 @@
-"""What a model is shown of messages: bounded, whatever they hold."""
+"""Bounded texts of messages for a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may do what over `/mcp`, and how much of it."""
+"""Roles and limits over `/mcp`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a role hides is to an agent as if it were not there, whichever tool asks."""
+"""Names hidden by a role, with every tool of an agent."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ pytestmark = [
 
 
 async def inspect(*arguments: str) -> Any:
-    """What the inspector prints about one method of a server."""
+    """Return the output of the inspector for one method of a server."""
     process = await asyncio.create_subprocess_exec(
         "node",
         str(INSPECTOR),

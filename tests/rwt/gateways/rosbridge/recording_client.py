@@ -90,7 +90,7 @@ class Client:
 
     @property
     def peer(self) -> Peer:
-        """What the bridge holds of this client, once it has let it in."""
+        """State of this client in the bridge, once it is admitted."""
         assert isinstance(self.endpoint, Peer)
         return self.endpoint
 

@@ -1,4 +1,4 @@
-"""Who comes in: `auth` as rosauth computes it, and bearer tokens."""
+"""Admission: `auth` as rosauth computes it, and bearer tokens."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from rwt.gateways.rosbridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.ops import Auth
+from rwt_transports.api import OversizeAware
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from tests.rwt.gateways.rosbridge.recording_client import Client
@@ -240,7 +241,8 @@ def test_anything_but_a_valid_auth_closes_and_does_nothing(
 
 def test_an_oversized_message_before_auth_closes(graph: MemoryGraph) -> None:
     _, client = _guarded(graph)
-    client.endpoint.oversized(10**9, 10**6, b"{")  # type: ignore[attr-defined]  # a transport asks for it at run time
+    assert isinstance(client.endpoint, OversizeAware)
+    client.endpoint.oversized(10**9, 10**6, b"{")
     assert client.close_code == 1008
 
 

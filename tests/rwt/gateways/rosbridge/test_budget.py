@@ -1,4 +1,4 @@
-"""What a client makes the server keep is counted in bytes, and outlives it on its address's account."""
+"""Bytes that the server holds for a client, charged to its address also after it has left."""
 
 from __future__ import annotations
 

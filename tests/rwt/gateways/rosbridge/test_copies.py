@@ -32,13 +32,13 @@ class Link:
     """A connection's link without a network."""
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Nothing calls back here but the test."""
+        """No-op: only the test calls back."""
 
     def wake(self) -> None:
         """The test takes what there is."""
 
     def pause(self) -> None:
-        """Nothing is read but by the test."""
+        """No-op: only the test reads."""
 
     def resume(self) -> None:
         """As for `pause`."""

@@ -27,7 +27,7 @@ from rwt_protocol.ops.base import NoEffect
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 Step = tuple[str, dict[str, Any]] | float
-"""What `it`, whose op is looked at, or its `peer` says; or seconds that pass."""
+"""Message of `it`, whose op is tested, or of its `peer`; or seconds that pass."""
 
 NOW = 1_700_000_000
 """Seconds since 1970, for the whole of every scene."""
@@ -53,7 +53,7 @@ class Scene:
     secret: bool = False
 
     def play(self, op: dict[str, Any], log: pytest.LogCaptureFixture) -> list[object]:
-        """What both clients and the server's log got to see."""
+        """Messages of both clients and of the server's log."""
         log.clear()
         clock = SimulatedClock(start_ns=NOW * 1_000_000_000)
         graph = MemoryGraph(clock=clock)
@@ -250,7 +250,7 @@ class Change:
 
     @property
     def is_marked(self) -> bool:
-        """Whether the reference says that it has no effect."""
+        """True if the reference says that it has no effect."""
         return any(isinstance(item, NoEffect) for item in self.model.model_fields[self.member].metadata)
 
 

@@ -49,7 +49,7 @@ LARGE = {
 
 @pytest.fixture
 def pair(bridge: Bridge) -> tuple[Client, Client]:
-    """Who publishes, and who subscribes."""
+    """Publisher and subscriber."""
     publisher, subscriber = Client(bridge), Client(bridge)
     publisher.say("set_level", level="error")
     return publisher, subscriber

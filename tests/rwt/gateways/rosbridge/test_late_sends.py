@@ -1,4 +1,4 @@
-"""What takes long to encode is sent in the order in which it was asked for."""
+"""Order of responses that take long to encode."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from typing import Any
 
 import anyio
 import pytest
@@ -167,8 +168,8 @@ async def _served(**tables: object) -> AsyncIterator[str]:
         yield server.urls[0]
 
 
-async def _works(url: str, **options: object) -> Subprotocol | None:
-    async with connect(url, compression=None, **options) as wire:  # type: ignore[arg-type]  # keyword options
+async def _works(url: str, **options: Any) -> Subprotocol | None:
+    async with connect(url, compression=None, **options) as wire:
         await wire.send(json.dumps({"op": "subscribe", "topic": "/x", "type": "std_msgs/String"}))
         await wire.send(json.dumps({"op": "publish", "topic": "/x", "msg": {"data": "y"}}))
         assert json.loads(await wire.recv())["msg"] == {"data": "y"}

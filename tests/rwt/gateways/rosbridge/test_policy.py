@@ -1,4 +1,4 @@
-"""What a role may do, how a refusal is told, and what rosapi shows."""
+"""Permissions of roles, rejections, and visible names in rosapi."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much one client may have, how fast it may send, and how it hears of it."""
+"""Quotas and rates of one client, and the errors that report them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must hold whatever the speed: one encode, one frame, no task per message."""
+"""Structure that keeps the server fast: one encode, one frame, no task per message."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Call:
 def writes(monkeypatch: pytest.MonkeyPatch) -> list[Call]:
     """Every write of asyncio's transports, in order: each is one call of the kernel while readers keep up."""
     calls: list[Call] = []
-    transports = selector_events._SelectorSocketTransport  # type: ignore[attr-defined] # private, and in no stub
+    transports = selector_events._SelectorSocketTransport  # type: ignore[attr-defined]  # private to asyncio; typeshed lacks it
     real = transports.write
 
     def write(transport: asyncio.Transport, data: bytes) -> None:
@@ -168,7 +168,7 @@ class Wired(Outbox):
         raise AssertionError("clients are let in at once")
 
     def numbers(self) -> list[int]:
-        """What is published that this client has been sent, since the last time."""
+        """Return the published messages sent to this client since the last call."""
         data = b"".join(iter(self.take, None))
         return [int(found) for found in re.findall(rb'"data": ?(\d+)', data)]
 

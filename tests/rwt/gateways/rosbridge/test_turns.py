@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import cbor2
 import pytest
@@ -20,6 +21,7 @@ from rwt_graph.memory.graph import MemoryGraph
 from rwt_participant.handles import Publisher
 from rwt_participant.qos import LATCHED
 from rwt_protocol.codecs import png
+from rwt_transports.api import FlowControl
 from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
@@ -35,8 +37,8 @@ class BusyClock(SimulatedClock):
         return super().monotonic() + self.worked
 
 
-class Reading:
-    """The flow control of a connection."""
+class Reading(FlowControl):
+    """Flow control of a connection."""
 
     def __init__(self) -> None:
         self.paused = False
@@ -47,6 +49,9 @@ class Reading:
     def resume(self) -> None:
         self.paused = False
 
+    def when_empty(self, callback: Callable[[], None]) -> None:
+        raise AssertionError("a client that waits for its turn needs no such call")
+
 
 @pytest.fixture
 def clock() -> BusyClock:
@@ -55,12 +60,13 @@ def clock() -> BusyClock:
 
 @pytest.fixture
 def heard(graph: MemoryGraph, clock: BusyClock) -> list[str]:
-    """What has come through the graph, each message after 2 ms of work."""
+    """Messages received through the graph, each after 2 ms of work."""
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
         clock.worked += 0.4 * CLIENT_SECONDS
-        heard.append(sample.payload.value().data)  # type: ignore[attr-defined]  # a String
+        string: Any = sample.payload.value()
+        heard.append(string.data)
 
     graph.participant("/listener").subscribe("/t", work)
     return heard
@@ -81,7 +87,7 @@ def test_a_large_message_waits_for_a_turn_of_its_own(
     clock: BusyClock, client: Client, heard: list[str]
 ) -> None:
     reading = Reading()
-    client.peer.set_flow_control(reading)  # type: ignore[arg-type]  # all that a peer asks of it
+    client.peer.set_flow_control(reading)
     _read(client, _publish("a"), _publish("x" * ALONE_BYTES), _publish("b"))
     assert heard == ["a"] and reading.paused  # To receive it has taken time that nobody counted.
     clock.advance(0.0)
@@ -92,7 +98,7 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next(
     clock: BusyClock, client: Client, other: Client, heard: list[str]
 ) -> None:
     reading = Reading()
-    client.peer.set_flow_control(reading)  # type: ignore[arg-type]  # all that a peer asks of it
+    client.peer.set_flow_control(reading)
     _read(client, *(_publish(f"a{number}") for number in range(8)))
     assert heard == ["a0", "a1", "a2"]
     assert reading.paused
@@ -212,7 +218,7 @@ def _long_path(**first: object) -> dict[str, object]:
 
 
 class TestALargeMessage:
-    """It is checked in steps, and no turn takes more of them than its share."""
+    """Check a message in steps, with at most its share of each turn."""
 
     @pytest.fixture
     def clock(self) -> SteppingClock:
@@ -230,7 +236,7 @@ class TestALargeMessage:
         self, clock: SteppingClock, client: Client, other: Client, seen: list[str]
     ) -> None:
         reading = Reading()
-        client.peer.set_flow_control(reading)  # type: ignore[arg-type]  # all that a peer asks of it
+        client.peer.set_flow_control(reading)
         _read(client, _long_path())
         assert (seen, reading.paused) == ([], True)
         _read(client, _publish("after it"))
@@ -279,7 +285,7 @@ class TestALargeMessage:
 
 
 class TestALongSample:
-    """It is encoded in steps, once for all clients of an encoding, and what follows on its topic waits."""
+    """Encode in steps, once for all clients of an encoding, while later messages of the topic wait."""
 
     @pytest.fixture
     def clock(self) -> SteppingClock:

@@ -102,7 +102,7 @@ FRAMES = {
 
 
 def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bool) -> list[object]:
-    """What comes of frames: what the topic's subscriber gets, what the client hears, and what is counted."""
+    """Return the effects of frames: messages to the subscriber, answers to the client, and counts."""
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     bridge = Bridge(MemoryGraph(registry=Registry(), clock=clock), Settings())
     client, reader = Client(bridge), Client(bridge)
@@ -139,7 +139,9 @@ def test_the_outcome_is_that_of_reading_in_full(name: str, latch: bool) -> None:
     ],
     ids=["what is no refusal", "a quota", "the gate"],
 )
-def test_what_a_publisher_raises_is_answered(client: Client, error: Exception, answered: str) -> None:
+def test_what_a_publisher_raises_is_answered(
+    client: Client, error: Exception, answered: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     client.say("set_level", level="error")
     client.say("advertise", topic="/t", type="std_msgs/Int32")
     client.say_raw(GOOD)
@@ -148,7 +150,7 @@ def test_what_a_publisher_raises_is_answered(client: Client, error: Exception, a
     def fail(payload: object) -> None:
         raise error
 
-    publisher.publish = fail  # type: ignore[method-assign]  # as a backend's may fail
+    monkeypatch.setattr(publisher, "publish", fail)
     client.heard()
     client.say_raw(GOOD)
     (answer,) = client.heard()
@@ -218,7 +220,7 @@ RESPONSES = {
 
 
 def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = False) -> list[object]:
-    """What comes of calls, and of what a provider says to each that reaches it."""
+    """Return the effects of calls, and of the provider's answers."""
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     graph = MemoryGraph(registry=Registry(), clock=clock)
     bridge = Bridge(graph, Settings())

@@ -8,12 +8,12 @@ import sys
 import urllib.request
 from typing import Any
 
-import gi  # type: ignore[import-not-found]  # of the system's Python
+import gi  # type: ignore[import-not-found]  # installed for the system's Python only
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstSdp", "1.0")
 gi.require_version("GstWebRTC", "1.0")
-from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # type: ignore[import-not-found] # noqa: E402 - as above; which versions is said before
+from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # type: ignore[import-not-found] # noqa: E402 - the same; versions are set first
 
 RTP = "application/x-rtp,media=video,encoding-name=VP8,payload=96,clock-rate=90000"
 SEEN = (

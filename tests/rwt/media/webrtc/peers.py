@@ -137,7 +137,7 @@ async def other_side() -> AsyncIterator[OtherSide]:
 
 
 def received(channel: RTCDataChannel) -> list[str | bytes]:
-    """What comes on a channel from now on."""
+    """Messages on a channel from now on."""
     got: list[str | bytes] = []
     channel.on("message", got.append)
     return got

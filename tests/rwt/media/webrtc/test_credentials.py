@@ -44,7 +44,7 @@ def answering(body: bytes, status: int = 200) -> Iterator[tuple[str, list[str]]]
             self.wfile.write(body)
 
         def log_message(self, *_: object) -> None:
-            """Nothing is logged."""
+            """No-op: messages are not logged."""
 
     with HTTPServer(("127.0.0.1", 0), Handler) as server:
         thread = Thread(target=server.serve_forever)

@@ -1,4 +1,4 @@
-"""What waits to be decoded of a client's camera is bounded, and a whole picture is asked for then."""
+"""Limit on undecoded frames of a client's camera, and the request for a key frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.anyio
 
 
 def _item(name: object) -> tuple[object, object]:
-    """What aiortc queues: a codec and a frame."""
+    """Item of aiortc's queue: a codec and a frame."""
     return SimpleNamespace(mimeType="audio/opus", name=name), SimpleNamespace(data=b"")
 
 

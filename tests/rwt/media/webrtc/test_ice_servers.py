@@ -1,4 +1,4 @@
-"""What STUN and TURN servers answer, and what is said where they do not."""
+"""Answers of STUN and TURN servers, and errors without one."""
 
 from __future__ import annotations
 

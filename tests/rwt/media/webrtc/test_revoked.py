@@ -1,4 +1,4 @@
-"""What lasts ends when the settings are read again and do not allow it any more: viewers by WebRTC, peers
+"""Ends of connections that reloaded settings no longer allow: viewers by WebRTC, peers
 with data channels, and streams over HTTP beside them. What they still allow goes on."""
 
 from __future__ import annotations

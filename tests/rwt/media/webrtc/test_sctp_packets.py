@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from struct import pack
+from typing import Any
 
 import pytest
 from aiortc.rtcsctptransport import (
@@ -38,9 +39,10 @@ def _data(body: bytes = b"x") -> DataChunk:
     return made
 
 
-def _params(made: Chunk, *params: tuple[int, bytes]) -> Chunk:
-    made.params = list(params)  # type: ignore[attr-defined] # of the chunks that have them
-    return made
+def _params(made: Any, *params: tuple[int, bytes]) -> Chunk:
+    made.params = list(params)
+    chunk: Chunk = made
+    return chunk
 
 
 def _init(kind: type[InitChunk | InitAckChunk]) -> Chunk:

@@ -37,7 +37,7 @@ async def test_a_robot_that_dials_in_is_reached_without_its_hub() -> None:
 
 
 def test_it_is_signalled_to_a_robot_in_a_program_of_plain_asyncio() -> None:
-    """Whose callbacks are on no event loop that anyio would know."""
+    """Source of callbacks outside of an event loop known to anyio."""
 
     async def program() -> str:
         async with open_hub("ws://127.0.0.1:0") as hub:

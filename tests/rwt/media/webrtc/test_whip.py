@@ -107,7 +107,7 @@ def _value(server: Server, name: str) -> float:
 
 
 def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
-    """Who sends, after each change."""
+    """Senders after each change."""
     told: list[list[tuple[str, str, str, str]]] = []
 
     def take(message: Any) -> None:
@@ -139,7 +139,7 @@ async def test_who_sends_is_told_while_it_is_received() -> None:
 class Giant(VideoStreamTrack):
     """A camera whose encoded images claim 16383 x 16383 pixels."""
 
-    async def recv(self) -> Packet[Any]:  # type: ignore[override] # aiortc sends encoded packets, too
+    async def recv(self) -> Packet[Any]:  # type: ignore[override]  # aiortc accepts encoded packets, its types only frames
         packet = Packet(vp8_header(16383, 16383))
         packet.pts, packet.time_base = await self.next_timestamp()
         return packet

@@ -30,7 +30,7 @@ def _url(server: Server, query: str) -> str:
 
 
 class Ear:
-    """What comes on the two topics of a microphone."""
+    """Messages on the two topics of a microphone."""
 
     def __init__(self, server: Server) -> None:
         self.pieces: list[bytes] = []
@@ -148,7 +148,7 @@ async def test_what_waits_too_long_is_left_out_from_its_beginning() -> None:
 
     ended: list[str] = []
     microphone = Microphone(
-        Client(),  # type: ignore[arg-type] # nothing else is asked of it
+        Client(),  # type: ignore[arg-type]  # Microphone only requests a publisher
         MicrophoneRequest(TOPIC),
         ended.append,
         AudioBudget(lambda: 0.0),

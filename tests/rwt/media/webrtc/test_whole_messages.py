@@ -13,7 +13,7 @@ MESSAGES = st.lists(st.tuples(st.binary(max_size=300), st.booleans()), max_size=
 
 
 class Events:
-    """What a wire has reported."""
+    """Events reported by a wire."""
 
     def __init__(self, *, takes_reports: bool = True) -> None:
         self.takes_reports = takes_reports

@@ -58,7 +58,7 @@ class Lab:
             await self.settle()
 
     def parameter(self, name: str) -> str:
-        """What this distribution calls a parameter of the robot."""
+        """Return the name of a parameter of the robot in this distribution."""
         separator = ":" if self.graph.distro.parameters_belong_to_nodes else "/"
         return f"/demo_robot{separator}{name}"
 

@@ -125,7 +125,7 @@ async def test_reset_brings_it_back(lab: Any) -> None:
 
 
 def recorded(world: World | None = None) -> list[dict[str, Any]]:
-    """What a drive of three seconds looks like; a simulated clock needs no event loop."""
+    """Return the samples of a drive of three seconds; a simulated clock needs no event loop."""
     clock = SimulatedClock()
     graph = MemoryGraph(clock=clock)
     robot, user = DemoRobot(graph, world), Node(graph, "user")

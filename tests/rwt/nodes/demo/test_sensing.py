@@ -1,4 +1,4 @@
-"""What the robot tells: scans, map, battery, description, diagnostics, chatter."""
+"""Sensors of the robot: scans, map, battery, description, diagnostics, chatter."""
 
 from __future__ import annotations
 

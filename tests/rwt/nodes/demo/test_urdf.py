@@ -82,7 +82,7 @@ def test_a_mesh_hides_the_same_shape_within_it() -> None:
 
 
 def _shape(part: ET.Element | None) -> ET.Element:
-    """What has this place in a link."""
+    """Return the element at this position in a link."""
     assert part is not None
     (shape,) = part.findall("geometry/*")
     return shape

@@ -36,7 +36,7 @@ class Studio:
             await anyio.sleep(0.002)
 
     def listeners(self, topic: str) -> int:
-        """How many listen to a topic."""
+        """Return the number of subscribers of a topic."""
         found = self.graph.topic(topic)
         return len(found.subscribers) if found is not None else 0
 

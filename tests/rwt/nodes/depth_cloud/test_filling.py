@@ -20,8 +20,10 @@ def _fill_row(values: list[int], known: list[bool]) -> list[int] | None:
     for column, value in enumerate(values):
         left = next((c for c in range(column, -1, -1) if known[c]), None)
         right = next((c for c in range(column, len(values)) if known[c]), None)
+        nearest = right if left is None else left
+        assert nearest is not None
         if left is None or right is None or left == right:
-            filled.append(values[right if left is None else left])  # type: ignore[index]  # one of both is
+            filled.append(values[nearest])
         else:
             share = (column - left) / (right - left)
             filled.append(round(values[left] + (values[right] - values[left]) * share))

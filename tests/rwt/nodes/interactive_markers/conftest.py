@@ -30,7 +30,7 @@ class Lab:
         return heard
 
     async def init(self) -> Any:
-        """What ros3djs asks for when it begins."""
+        """Send the first request of ros3djs."""
         return (await self.viewer.call("/marks/tunneled/get_init")).msg
 
     def send(self, event: Event, marker: str = "goal", **fields: object) -> None:

@@ -1,4 +1,4 @@
-"""What viewers are told of markers, and what a program is told of its viewers."""
+"""Updates of markers to viewers, and feedback of viewers to a program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests of recordings record and compare."""
+"""Robots that the tests of recordings record and compare."""
 
 from __future__ import annotations
 

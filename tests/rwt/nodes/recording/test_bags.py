@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rwt.nodes.playback import Player
 from rwt.nodes.recording import Recording, open_recording
 from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_graph.api import Sample
 from rwt_interfaces import NOETIC, Registry
 
 START = 1_700_000_000_000_000_000
@@ -72,13 +73,13 @@ def _floats(index: int) -> Any:
 def plays(recording: Recording, graph: MemoryGraph, clock: SimulatedClock) -> None:
     heard: list[tuple[int, object, str]] = []
     modes: list[str] = []
+
+    def hear(sample: Sample) -> None:
+        levels: Any = sample.payload.value()
+        heard.append((sample.stamp_ns, list(levels.levels), levels.header.frame_id))
+
     with Player(graph, recording), Node(graph, "listener") as node:
-        node.subscribe_samples(
-            "/levels",
-            on_sample=lambda sample: heard.append(
-                (sample.stamp_ns, list(sample.payload.value().levels), sample.payload.value().header.frame_id)  # type: ignore[attr-defined]  # a Levels
-            ),
-        )
+        node.subscribe_samples("/levels", on_sample=hear)
         clock.advance(10.0)
         # Late, but it was kept.
         node.subscribe("/mode", lambda message: modes.append(message.data))

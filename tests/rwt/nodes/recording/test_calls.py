@@ -148,7 +148,10 @@ async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
     async with graph:
         with Node(graph, "robot") as node, record_graph(graph, path, OWN) as recorder:
             introspection = Introspection(graph, on_topic=recorder.look_now)
-            accept = lambda goal: goal.order > 0 or "too small"  # noqa: E731 - said here what it is for
+
+            def accept(goal: Any) -> bool | str:
+                return goal.order > 0 or "too small"
+
             node.advertise_action("/fibonacci", "example_interfaces/Fibonacci", execute, accept=accept)
             with anyio.fail_after(10):
                 handle = await node.send_goal("/fibonacci", {"order": 3}, on_feedback=heard.append)

@@ -1,4 +1,4 @@
-"""What is written, read by the independent readers; and files that are cut, damaged or not recordings."""
+"""Recorded files read by independent readers, and files that are cut, damaged or not recordings."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -68,7 +69,8 @@ def test_rosbags_reads_the_ros_1_file_by_its_own_definitions(tmp_path: Path) -> 
                 store.register(get_types_from_msg(schema.data.decode(), name))
             found.append(store.deserialize_ros1(message.data, schema.name.replace("/", "/msg/")))
     assert len(found) == 26
-    assert found[0].data == "hall"  # type: ignore[attr-defined]  # a std_msgs/String
+    first: Any = found[0]
+    assert first.data == "hall"
 
 
 def test_rosbags_opens_the_ros_2_file(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import example, given
@@ -106,14 +107,15 @@ def test_a_type_of_the_robots_own_plays_without_its_definition_at_hand(
         battery = node.advertise("/battery", "my_robot/Battery")
         with record_graph(graph, path, OWN, RecordingOptions(encoding)):
             battery.publish({"cells": [{"volts": 3.5, "name": "left"}]})
-    heard: list[object] = []
+    heard: list[Any] = []
     with open_recording([path]) as recording:
-        fresh = MemoryGraph(Registry(recording.distro), SimulatedClock(recording.start_ns))
+        clock = SimulatedClock(recording.start_ns)
+        fresh = MemoryGraph(Registry(recording.distro), clock)
         with Player(fresh, recording), Node(fresh, "app") as node:
             node.subscribe("/battery", lambda message: heard.extend(message.cells))
-            fresh.clock.advance(0.0)  # type: ignore[attr-defined]  # a simulated one
+            clock.advance(0.0)
         assert fresh.registry.message("my_robot/Battery").definition.constants[0].name == "FULL"
-    assert [(each.volts, each.name) for each in heard] == [(3.5, "left")]  # type: ignore[attr-defined]  # cells
+    assert [(each.volts, each.name) for each in heard] == [(3.5, "left")]
 
 
 def test_calls_of_a_service_of_the_robots_own_are_answered(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""How a recording is played: when, in what order, and what a client can do about it."""
+"""Playback of a recording: times, order, and control by a client."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rwt.nodes.playback import PlaybackClock, Player, PlayOptions
 from rwt.nodes.recording import RecordingWriter, TopicSelection, channel_form, open_recording
 from rwt.nodes.recording.channels import KEPT
 from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Registry
 from rwt_participant.messages import Message
 
@@ -63,12 +64,11 @@ def playing(path: Path, options: PlayOptions | None = None, *, paused: bool = Fa
             heard = Heard(player, clock, graph, node)
 
             def listen(topic: str) -> None:
-                node.subscribe_samples(
-                    topic,
-                    on_sample=lambda sample: heard.messages.append(
-                        (topic, (sample.stamp_ns - START) / SECOND, sample.payload.value().data)  # type: ignore[attr-defined]  # a number or a text
-                    ),
-                )
+                def hear(sample: Sample) -> None:
+                    message: Any = sample.payload.value()
+                    heard.messages.append((topic, (sample.stamp_ns - START) / SECOND, message.data))
+
+                node.subscribe_samples(topic, on_sample=hear)
 
             for name in ("/count", "/mode", "/renamed"):
                 listen(name)

@@ -53,7 +53,7 @@ class Lab:
 
     @property
     def ticking(self) -> bool:
-        """Whether some goal or topic still has a timer; those of requests here tick ten times a second."""
+        """True if some goal or topic still has a timer; those of requests here tick ten times a second."""
         due = self.clock.until_next()
         return due is not None and due <= 0.1
 

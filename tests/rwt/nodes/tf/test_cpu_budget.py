@@ -1,4 +1,4 @@
-"""What streams may take of the event loop's time."""
+"""Limit on the event loop's time for streams."""
 
 from __future__ import annotations
 

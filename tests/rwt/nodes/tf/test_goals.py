@@ -117,8 +117,8 @@ async def test_the_clients_default_of_2_radians_hears_no_rotation_until_the_quat
         lab.publish("map", "base", turned(yaw))
         await lab.pass_time(0.1)
         sent.append(len(page.feedback()))
-    flipped = tuple(-part for part in turned(0.1).rotation)
-    lab.publish("map", "base", Transform(rotation=flipped))  # type: ignore[arg-type]  # a tuple of four
+    x, y, z, w = turned(0.1).rotation
+    lab.publish("map", "base", Transform(rotation=(-x, -y, -z, -w)))
     await lab.pass_time(0.1)
     assert sent == [1, 0, 0]
     assert len(page.feedback()) == 1

@@ -69,6 +69,14 @@ class Studio:
         topic = self.graph.topic("/a")
         return len(topic.subscribers) if topic else 0
 
+    async def failures(self, count: int) -> None:
+        """Wait until so many images could not be encoded."""
+        await until(lambda: self.counts.failed == count)
+
+    async def encoded(self, count: int) -> None:
+        """Wait until so many images are encoded."""
+        await until(lambda: self.counts.encoded == count)
+
 
 async def _settle() -> None:
     """Long enough for a worker thread that should not be at work."""
@@ -199,7 +207,7 @@ async def test_an_unreadable_first_picture_is_the_end_and_a_later_one_is_left_ou
     assert await _next(viewer) == 1
     for count in (1, 2):
         stills.publish(255)
-        await until(lambda count=count: stills.counts.failed == count)  # type: ignore[misc]  # default
+        await stills.failures(count)
     stills.publish(2)
     assert await _next(viewer) == 2
     assert [record.getMessage() for record in caplog.records].count("/a: torn") == 1
@@ -234,7 +242,7 @@ async def test_a_slow_viewer_of_a_video_gets_fewer_pictures_and_no_gap(video: St
     viewer = video.join()
     for number in range(4):
         video.publish(number)
-        await until(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
+        await video.encoded(number + 1)
     for number in range(4, 20):
         video.publish(number)
     assert [await _next(viewer) for _ in range(4)] == [0, 1, 2, 3]
@@ -265,7 +273,7 @@ async def test_what_is_late_is_left_out_up_to_a_new_key_picture(video: Studio) -
     viewer = video.join()
     for number in range(4):
         video.publish(number)
-        await until(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
+        await video.encoded(number + 1)
     assert await _next(viewer) == 0
     viewer.skip_late()
     assert await _next(viewer) == 1

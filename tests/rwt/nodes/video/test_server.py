@@ -10,6 +10,7 @@ from base64 import b64encode
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from types import MappingProxyType
 from typing import Any
@@ -82,6 +83,10 @@ class Answer:
         """So many parts of a multipart body, by their Content-Length."""
         body = await self.read_until(lambda body: len(_parts(body)) >= count)
         return _parts(body)[:count]
+
+
+def _is_longer(size: int, body: bytes) -> bool:
+    return len(body) > size
 
 
 def _parts(body: bytes) -> list[tuple[dict[str, str], bytes]]:
@@ -192,11 +197,10 @@ async def test_a_video_that_plays_from_where_a_viewer_came_in(theatre: Theatre, 
 
     async with theatre.asks(target) as early, theatre.asks(target) as late:
         await theatre.listeners(1)
-        sizes = 0
+        size = 0
         for number in range(5):
             theatre.publish(number * 10)
-            body = await early.read_until(lambda body, sizes=sizes: len(body) > sizes + 30)  # type: ignore[misc]  # a default in a lambda
-            sizes = len(body)
+            size = len(await early.read_until(partial(_is_longer, size + 30)))
         assert early.headers["content-type"] == ("video/mp4" if type_ == "h264" else "video/webm")
         frames = shown(early.body)
         assert frames[0][0] == 0.0

@@ -44,7 +44,7 @@ class Suite:
         )
 
     def run(self, text: str, *arguments: str, name: str = "test_it.py") -> str:
-        """What pytest says to one test file; its last line is the count."""
+        """Return the output of pytest for one test file; its last line is the count."""
         self.write(name, text)
         said, _ = self.begin(*arguments, name).communicate(timeout=PATIENCE)
         return said

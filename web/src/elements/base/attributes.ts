@@ -5,7 +5,7 @@ import { type Signal, signal } from "@preact/signals";
 export interface AttributeKind<Value> {
   /** The value where the attribute is not there. */
   initial: Value;
-  /** What a text means; undefined for what means nothing. */
+  /** Parsed value of a text; undefined if it is invalid. */
   read(text: string): Value | undefined;
   /** The text of a value; null for the attribute not to be there. */
   write(value: Value): string | null;
@@ -32,7 +32,7 @@ export function number(initial: number, least: number, most: number): AttributeK
   };
 }
 
-/** There or not there. */
+/** Boolean attribute. */
 export function flag(): AttributeKind<boolean> {
   return { initial: false, read: (written) => written !== "false", write: (value) => (value ? "" : null) };
 }

@@ -1,4 +1,4 @@
-/** What all elements have in common: the robot, attributes as properties, errors in words, and a style of their own. */
+/** Base of all elements: the robot, attributes as properties, error texts, and a style of their own. */
 
 import { effect, type Signal, signal } from "@preact/signals";
 import { type ComponentType, render } from "preact";
@@ -11,14 +11,14 @@ import { borrowRobot, homeRobot, type Robot, showToken } from "./connections";
 import { languageChanged, useLanguage } from "./language";
 import { style as baseStyle } from "./style";
 
-/** What the view of an element is given. */
+/** Properties of an element's view. */
 export interface ViewProps<Element extends RobotElement = RobotElement> {
   element: Element;
   session: RobotSession;
   stop: Stop;
 }
 
-/** Whether a text is the address of a rosbridge server. */
+/** Return true if a text is the address of a rosbridge server. */
 function isRobotUrl(written: string): boolean {
   return /^wss?:\/\/[^\s/]+/i.test(written) && URL.canParse(written);
 }

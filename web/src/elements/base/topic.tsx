@@ -47,7 +47,7 @@ export function chooseTopic(
   return { name, type };
 }
 
-/** What is to be said in place of a topic; nothing before the robot has said what it has. */
+/** Text shown instead of a topic; empty until the robot has listed its topics. */
 export function NoTopic({ problem }: { problem: string }) {
   return problem ? <Problem text={problem} /> : null;
 }

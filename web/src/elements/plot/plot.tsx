@@ -19,15 +19,15 @@ export class PlotElement extends RobotElement {
     topic: text(),
     /** The paths of the values, with blanks between them, as `linear.x angular.z`. */
     field: text("data"),
-    /** How much of the past is shown. */
+    /** Shown time span in seconds. */
     seconds: number(30, 1, 3600),
     /** Most messages a second that are taken. */
     rate: number(50, 0.1, 1000),
-    /** Whether the picture stands still. */
+    /** True if the picture stands still. */
     paused: flag(),
     /** The least and the greatest value of the axis, as `-1 1`; by default what fits. */
     range: text(),
-    /** What the plot is called; by default its topic. */
+    /** Title of the plot; the default is its topic. */
     label: text(),
   };
   static override style = style;
@@ -50,7 +50,7 @@ export class PlotElement extends RobotElement {
     return this.field.split(/[\s,]+/).filter((path) => path !== "");
   }
 
-  /** What is shown, as CSV: seconds since 1970, and the values. */
+  /** Shown values as CSV: seconds since 1970, and the values. */
   csv(): string {
     const [times = [], ...columns] = Series.together(this.series);
     const rows = times.map((time, at) => [time, ...columns.map((column) => column[at] ?? "")].join(","));

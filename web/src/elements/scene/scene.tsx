@@ -21,9 +21,9 @@ export class SceneElement extends RobotElement {
     layers: text(),
     /** The frame that stands still; by default the map's. */
     frame: text(),
-    /** Whether the camera stays with the robot. */
+    /** True if the camera stays with the robot. */
     follow: flag(),
-    /** Whether there is a button for sending the robot somewhere. */
+    /** True if there is a button for sending the robot somewhere. */
     goals: flag(),
     /** Origins besides the robot's server that meshes may come from, with blanks between them. */
     meshOrigins: text(),
@@ -36,7 +36,7 @@ export class SceneElement extends RobotElement {
   declare goals: boolean;
   declare meshOrigins: string;
 
-  /** Whether the camera begins above the robot. */
+  /** True if the camera begins above the robot. */
   readonly fromAbove: boolean = false;
   /** Types that are drawn where no layers are named; null for all. */
   readonly types: ReadonlySet<string> | null = null;

@@ -13,7 +13,7 @@ export class StopElement extends RobotElement {
     ...COMMON,
     /** A key that stops from anywhere in the page, as `Escape`. */
     shortcut: text(),
-    /** Whether the state is not said beside the button. */
+    /** True if the state is not shown beside the button. */
     quiet: flag(),
   };
   static override style = style;
@@ -23,7 +23,7 @@ export class StopElement extends RobotElement {
 
   protected override readonly view = StopView;
 
-  /** Whether the controls of the page are kept from moving the robot. */
+  /** True if the controls of the page are kept from moving the robot. */
   get stopped(): boolean {
     return this.robotShown?.stop.stopped.value ?? false;
   }

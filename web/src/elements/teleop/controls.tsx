@@ -6,7 +6,7 @@ import { holdHandlers } from "../../forms/hold";
 import { useTexts } from "../../i18n/context";
 import { type Drive, NO_WISH, type Wish } from "../../robot/drive";
 
-/** What each key asks for while it is held. */
+/** Request of each key while it is held. */
 const KEYS: Record<string, Wish> = {
   ArrowUp: { forward: 1, left: 0, turn: 0 },
   ArrowDown: { forward: -1, left: 0, turn: 0 },
@@ -33,7 +33,7 @@ export function wishOfKeys(held: Iterable<string>): Wish {
   return sum;
 }
 
-/** How much of its turning a robot makes in a curve. */
+/** Fraction of the turning speed used in a curve. */
 const CURVE = 0.5;
 
 const BUTTONS = [
@@ -164,7 +164,7 @@ export function Stick({ drive, disabled }: { drive: Drive; disabled: boolean }) 
   );
 }
 
-/** Whether what has the focus takes keys for itself, as a text field and a slider do. */
+/** Return true if what has the focus takes keys for itself, as a text field and a slider do. */
 function takesKeys(event: Event): boolean {
   const target = event.composedPath()[0];
   return (

@@ -21,7 +21,7 @@ export class TeleopElement extends RobotElement {
     maxAngular: number(1, 0, 20),
     /** When keys drive: while the focus is in the element, from anywhere in the page, or never. */
     keys: choice("focus", "page", "off"),
-    /** What is shown. */
+    /** Shown controls. */
     controls: choice("all", "stick", "buttons"),
   };
   static override style = style;

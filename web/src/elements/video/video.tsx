@@ -15,9 +15,9 @@ export class VideoElement extends RobotElement {
     ...COMMON,
     /** A topic of pictures; by default the first that there is. */
     topic: text(),
-    /** What the picture is called for those who do not see it. */
+    /** Alternative text of the picture. */
     label: text(),
-    /** Whether rate and way of the pictures are said below them. */
+    /** True if the rate and transport of the pictures are shown below them. */
     details: flag(),
   };
   static override style = style;

@@ -14,7 +14,7 @@ import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { NavigationState } from "./navigation_state";
 
-/** How far one press moves the goal, in metres, and how much it turns it, in radians. */
+/** Distance in metres and angle in radians by which one press moves the goal. */
 const STEPS = [0.1, 0.5, 2];
 const TURN = Math.PI / 8;
 /** Frames that a goal is usually said in, and the one of them that stays where it is. */

@@ -1,4 +1,4 @@
-/** How the page's last goal goes, with a way to cancel it. */
+/** State of the page's last goal, and a button that cancels it. */
 
 import { useRef } from "preact/hooks";
 import { useTexts } from "../../i18n/context";

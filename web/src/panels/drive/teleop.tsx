@@ -255,7 +255,7 @@ const ENABLING = [4, 5];
 const DEAD_ZONE = 0.12;
 const GAMEPAD_PERIOD = 50;
 
-/** What a gamepad asks for; null unless one of its enabling buttons is held. */
+/** Request of a gamepad; null unless one of its enabling buttons is held. */
 export function wishOfGamepad(pad: Pick<Gamepad, "axes" | "buttons">): Wish | null {
   if (!ENABLING.some((index) => pad.buttons[index]?.pressed)) return null;
   const axis = (index: number) => {

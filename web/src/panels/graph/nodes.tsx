@@ -9,7 +9,7 @@ import { keepAsking } from "../../robot/asking";
 import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
-/** What a node does, as rosapi tells it. */
+/** Topics and services of a node, as rosapi reports them. */
 export interface NodeDetails {
   publishing: string[];
   subscribing: string[];

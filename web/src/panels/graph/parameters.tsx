@@ -11,7 +11,7 @@ import type { RobotSession } from "../../robot/session";
 import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
-/** What a node declares of a parameter. */
+/** Descriptor of a parameter. */
 interface Descriptor {
   name: string;
   description: string;

@@ -112,7 +112,7 @@ function ShortType({ type }: { type: string }) {
   );
 }
 
-/** How often a topic is published; empty while it is not known. */
+/** Rate of a topic; empty while it is not known. */
 export function rateText({ rates, traffic }: PanelContext["session"], name: string): string {
   const received = traffic.value.get(name);
   const hz = rates.known.value.get(name)?.hz ?? (received ? received.messages / received.seconds : null);

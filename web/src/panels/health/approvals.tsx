@@ -1,4 +1,4 @@
-/** What clients want to do that needs a person's yes: who, what, and the answer. */
+/** Requests that require approval: client, command and decision. */
 
 import { useSignal } from "@preact/signals";
 import { Commanding } from "../../forms/commanding";
@@ -103,7 +103,7 @@ function OneApproval({ context, approval }: { context: PanelContext; approval: A
   );
 }
 
-/** The digest of the content, and its JSON with a line for each value; what was cut is shown as it came. */
+/** The digest of the content, and its JSON with a line for each value; cut content is shown unchanged. */
 function readableJson(text: string): string {
   const at = text.indexOf("{");
   try {

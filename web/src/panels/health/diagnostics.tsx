@@ -1,4 +1,4 @@
-/** How the robot is: diagnostics and battery. */
+/** Health of the robot: diagnostics and battery. */
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";

@@ -27,7 +27,7 @@ interface RecorderState {
   problem: string;
 }
 
-/** Whether a robot with these services records by them. */
+/** Return true if a robot with these services records by them. */
 export function hasRecorder(services: readonly string[]): boolean {
   return services.includes(START) && services.includes(STOP);
 }

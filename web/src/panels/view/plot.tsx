@@ -42,7 +42,7 @@ export const plot: PanelKind = {
   init: componentPanel(PlotPanel),
 };
 
-/** What is plotted where nothing has been chosen: how fast the robot is. */
+/** Default series: the speed of the robot. */
 function usualLines(context: PanelContext): Line[] {
   const { session } = context;
   const odometry = session.topicsOf("nav_msgs/Odometry")[0];
@@ -287,7 +287,7 @@ interface ChartProps {
   series: Series[];
   visible: boolean;
   paused: Signal<boolean>;
-  /** What is shown of the time; null for all. */
+  /** Shown time span; null for all. */
   span: Signal<Span | null>;
   dark: boolean;
 }

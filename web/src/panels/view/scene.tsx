@@ -90,7 +90,7 @@ function ScenePanel({ context }: { context: PanelContext }) {
   );
 }
 
-/** How finely the panel is set to draw. */
+/** Draw quality set in the panel. */
 function qualityOf({ config }: PanelContext): Quality {
   return QUALITIES.find((each) => each === config.value.quality) ?? "auto";
 }
@@ -282,7 +282,7 @@ function HandleButton({ handle }: { handle: Handle }) {
   );
 }
 
-/** What is wrong with what cannot be drawn. */
+/** Errors of topics that cannot be drawn. */
 function Problems({ scene }: { scene: RobotScene }) {
   const problems = scene.rows.value.filter(({ layer }) => layer?.problem.value);
   const { frames } = scene;

@@ -12,7 +12,7 @@ export class Series {
   /** @param seconds that are kept */
   constructor(private readonly seconds = 60) {}
 
-  /** How many values are kept. */
+  /** Maximum number of values. */
   get length(): number {
     return this.end - this.start;
   }

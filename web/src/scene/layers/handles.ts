@@ -8,17 +8,17 @@ export interface Handle {
   id: string;
   marker: string;
   control: string;
-  /** How it moves; not at all for a button or a menu. */
+  /** Movement; none for a button or a menu. */
   moves: "axis" | "plane" | "turn" | null;
   /** Take it, or move what is taken, by a key; false for a key that means nothing to it. */
   key(key: string, far: boolean): boolean;
   /** Let go where it is, or put it back where it was taken. */
   release(keep: boolean): void;
-  /** What a click does: a menu at a place of the page, or a button that is told. */
+  /** Act on a click: open a menu at a position of the page, or send feedback of a button. */
   press(at: { x: number; y: number }): void;
 }
 
-/** How the mouse and arrow keys move a control, by its `interaction_mode` (visualization_msgs/InteractiveMarkerControl). */
+/** Movement by mouse and arrow keys, by `interaction_mode` (visualization_msgs/InteractiveMarkerControl). */
 const MOVES: Record<number, Handle["moves"]> = {
   3: "axis",
   4: "plane",

@@ -59,14 +59,14 @@ interface Held {
   turn: Quaternion;
 }
 
-/** What the mouse holds. */
+/** Control held by the mouse. */
 interface Grip extends Held {
   start: { x: number; y: number };
   from: Vector3;
   moved: boolean;
 }
 
-/** What a click offers. */
+/** Menu of a click. */
 export interface MenuRequest {
   x: number;
   y: number;
@@ -80,7 +80,7 @@ export class InteractiveLayer extends Layer {
   private readonly namespace: string;
   private readonly client = `web-${crypto.getRandomValues(new Uint32Array(1)).join("")}`;
   private grip: Grip | null = null;
-  /** What the keyboard holds. */
+  /** Control held by the keyboard. */
   private taken: Held | null = null;
   private readonly may: boolean;
 

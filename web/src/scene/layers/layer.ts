@@ -1,4 +1,4 @@
-/** What a layer of the scene is: one topic, drawn. */
+/** Layer of the scene: one topic, drawn. */
 
 import { type Signal, signal } from "@preact/signals-core";
 import { Group } from "three";
@@ -9,7 +9,7 @@ import type { Detail } from "../governor";
 import { disposeTree, type View } from "../view";
 import type { Handle } from "./handles";
 
-/** What a layer works with. */
+/** Context of a layer. */
 export interface LayerContext {
   session: RobotSession;
   frames: Frames;
@@ -22,7 +22,7 @@ export interface LayerContext {
 /** One topic in the scene. Its objects hang in a frame; a fault in a message is said and breaks nothing. */
 export abstract class Layer {
   readonly problem: Signal<string> = signal("");
-  /** What of it can be taken, by the keyboard too. */
+  /** Handles, which the keyboard can hold, too. */
   readonly handles: Signal<readonly Handle[]> = signal([]);
   protected readonly group = new Group();
   private readonly ends: (() => void)[] = [];

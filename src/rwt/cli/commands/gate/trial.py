@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from rwt.access.access import Access
 from rwt.access.errors import AccessError, GateRefused
@@ -27,7 +27,7 @@ from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.access.roles import Role
+    from rwt.access.roles import Act, Role
     from rwt.settings import Settings
     from rwt_graph.api import Sample, ServerGoal, ServiceCall
     from rwt_interfaces.structs import MessageType
@@ -136,11 +136,12 @@ class Trial:
         try:
             is_parameter = verb.endswith("param")
             absolute = f"/{name.removeprefix('/')}" if is_parameter else canonical(name)
-            if role.allows("goals" if verb == "goal" else verb, absolute):  # type: ignore[arg-type]  # An act.
+            act = cast("Act", "goals" if verb == "goal" else verb)
+            if role.allows(act, absolute):
                 outcome.rules = self._rules_of(role, verb, absolute)
             client = self._access.client(SharedGraph(self._graph, "/check", 0.0, _ignore), role, _ADDRESS)
             if verb in _ROLE_ACTS:
-                role.require(verb, absolute)  # type: ignore[arg-type]  # One of the acts of roles.
+                role.require(act, absolute)
                 return outcome
             sent = self._send(client, verb, absolute, json.dumps(message).encode(), type)
         except AccessError as refused:

@@ -50,10 +50,12 @@ class CheckedPublisher(Publisher):
         if event.kind == "status" and event.level == "error" and event.text.startswith("publish: "):
             self._rejection = event.text
 
-    async def ready(self) -> None:  # noqa: D102 - inherited
+    async def ready(self) -> None:
+        """Wait until the server knows the publisher."""
         await self._publisher.ready()
 
-    def publish(self, message: MessageLike) -> None:  # noqa: D102 - inherited
+    def publish(self, message: MessageLike) -> None:
+        """Publish a message. Raises ServerRefused if an earlier one was rejected."""
         self._publisher.publish(message)
         self._raise_rejection()
 
@@ -70,6 +72,7 @@ class CheckedPublisher(Publisher):
         finally:
             self.close()
 
-    def close(self) -> None:  # noqa: D102 - inherited
+    def close(self) -> None:
+        """Withdraw the publisher."""
         self._stop_listening()
         self._publisher.close()

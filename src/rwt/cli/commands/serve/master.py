@@ -18,7 +18,7 @@ examples:
   rwt master 0.0.0.0:11311                         for a network
   rwt serve --graph ros1-master://0.0.0.0:11311    with a rosbridge server in the same process
 
-ROS 1 has no access control: whoever reaches the port can command every node."""
+ROS 1 has no access control: every host that reaches the port can command every node."""
 
 
 def add_master_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

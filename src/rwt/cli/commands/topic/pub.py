@@ -88,7 +88,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
 
         await progress.run(publish)
     if progress.state in ("waiting", "denied"):
-        raise CommandError(progress.why or "nobody has approved the message in time", FAILED)
+        raise CommandError(progress.why or "the message was not approved in time", FAILED)
 
 
 def _publish(
