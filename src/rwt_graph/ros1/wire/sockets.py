@@ -20,7 +20,7 @@ import anyio
 from rwt_graph.ros1.wire.tcpros import ReceiveBuffers
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.runtime import Runtime
+    from rwt_graph.memory.graph import MemoryGraph
 
 logger = logging.getLogger(__name__)
 
@@ -52,8 +52,9 @@ class Sockets:
         buffers: receive buffers of all connections.
     """
 
-    def __init__(self, graph: Runtime) -> None:
+    def __init__(self, graph: MemoryGraph) -> None:
         self.spawn = graph.spawn
+        self._graph = graph
         self.receiving = 0
         self.buffers = ReceiveBuffers()
         self._calls: dict[socket.socket, Callable[[], None]] = {}
@@ -67,11 +68,14 @@ class Sockets:
         self._calls[sock] = call
         if self._loop is not None:
             try:
-                self._loop.add_reader(sock.fileno(), call)
+                self._loop.add_reader(sock.fileno(), self._read, call)
                 return
             except NotImplementedError:
                 self._loop = None  # On Windows.
         self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
+
+    def _read(self, call: Callable[[], None]) -> None:
+        self._graph.in_batch(call)
 
     async def _watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
         while sock in self._calls:
