@@ -1,9 +1,21 @@
-"""CPU per delivered message of a ROS 1 topic: `rwt serve` with one JSON client, and subscribers in rospy.
+"""CPU per delivered message of a ROS 1 topic: `rwt serve` beside subscribers in rospy.
 
-    python -m bench.ros1 twist
-    python -m bench.ros1 image
+    python -m bench.ros1                 # Twist at 500 Hz and Image 640x480 at 30 Hz
+    python -m bench.ros1 twist --hertz 1000
+    python -m bench.ros1 --against ../other/src
 
-Needs ROS 1 (`make test-ros1` installs it). All subscribers receive from one publisher at the same time.
+Needs ROS 1 (`make test-ros1` installs it). One publisher in rospy sends all the time. The subscribers take
+turns, alone, and all run on the Python for which Debian packages ROS 1. A figure is the CPU time (user and
+system, all threads) of the subscriber's process for each message that it delivers. The work that is compared:
+
+| subscriber | receive | deserialise | encode | send |
+|---|---|---|---|---|
+| rospy | yes | yes | | |
+| rospy with JSON | yes | yes | `json.dumps` | |
+| bare relay | yes | | | to a TCP socket, unchanged |
+| rwt, JSON and cbor-raw | yes | checks (JSON only) | yes | to a WebSocket client |
+
+The bare relay (`bench/peers/ros1_relay.py`) is the minimum for a server on asyncio.
 """
 
 from __future__ import annotations
@@ -11,33 +23,78 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
+import sys
+import sysconfig
 import tempfile
+import xmlrpc.client
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Final
+from statistics import median
+from typing import TYPE_CHECKING, Any, Final
 
 import websockets
 
-from tests.processes import running
+from bench.traffic.processes import Server, cpu_time
 from tests.ros1.conftest import Ros
 
-_TICKS: Final = os.sysconf("SC_CLK_TCK")
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
-TYPES: Final = {
-    "twist": ("geometry_msgs", "Twist", 500, "message.linear.x = 0.25"),
-    "image": ("sensor_msgs", "Image", 20, "message.data = bytes(range(256)) * 3600; message.height = 480"),
+    from tests.ros1.program import Program
+
+PYTHON: Final = "/usr/bin/python3"
+ROOT: Final = Path(__file__).parents[1]
+SETTLE_SECONDS: Final = 0.7
+"""From the subscription to the measurement, which includes the connection to the publisher."""
+
+YARDSTICKS: Final = ("rospy", "rospy with JSON", "bare relay")
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Message type with a typical content.
+
+    Attributes:
+        fill: statements that set the fields of `message`.
+        limit: maximum CPU time of `rwt`, relative to a subscriber in rospy.
+    """
+
+    package: str
+    name: str
+    hertz: int
+    fill: str
+    limit: float
+
+
+KINDS: Final = {
+    "twist": Kind("geometry_msgs", "Twist", 500, "message.linear.x = 0.25", 1.3),
+    "image": Kind(
+        "sensor_msgs",
+        "Image",
+        30,
+        "message.data = bytes(range(256)) * 3600; message.height = 480; message.width = 640;"
+        " message.step = 1920; message.encoding = 'rgb8'",
+        0.35,
+    ),
 }
 
 PUBLISH: Final = """
 import threading
 from {package}.msg import {name}
-publisher = rospy.Publisher('/measured', {name}, queue_size=10)
+publisher = rospy.Publisher('/measured', {name}, queue_size=10, tcp_nodelay=True)
 message = {name}()
 {fill}
 def publish():
     rate = rospy.Rate({hertz})
     while not rospy.is_shutdown():
-        publisher.publish(message)
-        rate.sleep()
+        try:
+            publisher.publish(message)
+            rate.sleep()
+        except rospy.ROSException:
+            return
 threading.Thread(target=publish, daemon=True).start()
 """
 
@@ -52,63 +109,186 @@ def received(message):
     global count
     count += 1
     {do}
-rospy.Subscriber('/measured', {name}, received)
+subscriber = rospy.Subscriber('/measured', {name}, received, tcp_nodelay=True)
 """
 
 
-def cpu_seconds(process: int) -> float:
-    """Return the processor time that a process has used."""
-    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
+@dataclass(frozen=True, slots=True)
+class Subscriber:
+    """Subscriber that can be measured.
+
+    Attributes:
+        joined: subscribes until the end of the context, which yields the number of messages so far.
+    """
+
+    pid: int
+    joined: Callable[[], AbstractAsyncContextManager[Callable[[], float]]]
 
 
-async def measure(kind: str, seconds: float) -> dict[str, float]:
-    """Return the microseconds of processor time per message of each subscriber."""
-    package, name, hertz, fill = TYPES[kind]
-    texts = {"package": package, "name": name, "hertz": hertz, "fill": fill}
+@asynccontextmanager
+async def in_rospy(program: Program, statements: str) -> AsyncIterator[Callable[[], float]]:
+    """Subscribe in a program with rospy."""
+    program.run(statements)
+    try:
+        yield lambda: program.run("result = count")
+    finally:
+        program.run("subscriber.unregister()")
+
+
+@asynccontextmanager
+async def over_websocket(server: Server, compression: str) -> AsyncIterator[Callable[[], float]]:
+    """Subscribe with a rosbridge client."""
+    count = 0
+
+    async def receive(client: websockets.ClientConnection) -> None:
+        nonlocal count
+        with suppress(websockets.ConnectionClosed):
+            async for _ in client:
+                count += 1
+
+    url = f"ws://{server.host}:{server.port}"
+    async with websockets.connect(url, max_size=None, compression=None, ping_interval=None) as client:
+        await client.send(f'{{"op": "subscribe", "topic": "/measured", "compression": "{compression}"}}')
+        receiving = asyncio.create_task(receive(client))
+        yield lambda: count
+    await receiving
+
+
+@asynccontextmanager
+async def over_tcp(server: Server) -> AsyncIterator[Callable[[], float]]:
+    """Read what the bare relay sends."""
+    read = 0
+
+    async def receive(reader: asyncio.StreamReader) -> None:
+        nonlocal read
+        while data := await reader.read(1 << 20):
+            read += len(data)
+
+    reader, writer = await asyncio.open_connection(server.host, server.port)
+    frame_bytes = 4 + int.from_bytes(await reader.readexactly(4), "little")
+    receiving = asyncio.create_task(receive(reader))
+    try:
+        yield lambda: read / frame_bytes
+    finally:
+        writer.close()
+        await receiving
+
+
+def _called(uri: str, method: str, *arguments: object) -> Any:
+    """Return the value that a ROS 1 program answers to a call."""
+    with xmlrpc.client.ServerProxy(uri) as proxy:
+        answer: Any = getattr(proxy, method)(*arguments)
+        return answer[2]
+
+
+def relay_arguments(ros: Ros) -> list[str]:
+    """Return the arguments of the bare relay, to which the publisher tells its port."""
+    uri = _called(f"http://127.0.0.1:{ros.port}", "lookupNode", "/bench", "/robot/publisher")
+    _, host, port = _called(uri, "requestTopic", "/relay", "/measured", [["TCPROS"]])
+    return [str(ROOT / "bench/peers/ros1_relay.py"), host, str(port), "/measured"]
+
+
+@contextmanager
+def subscribers(kind: Kind, hertz: int, sources: Mapping[str, Path]) -> Iterator[dict[str, Subscriber]]:
+    """Start a publisher and all subscribers, `rwt` from each of the source folders."""
+    texts = {"package": kind.package, "name": kind.name, "hertz": hertz, "fill": kind.fill}
     with tempfile.TemporaryDirectory() as folder:
         ros = Ros(Path(folder))
+        servers: list[Server] = []
+
+        def server(name: str, *arguments: str, source: Path = ROOT / "src") -> Server:
+            folders = (source, sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"])
+            environment = {"PYTHONPATH": os.pathsep.join(map(str, folders)), "ROS_IP": "127.0.0.1"}
+            servers.append(
+                Server(name, arguments, quiet=True, python=PYTHON, environment={**os.environ, **environment})
+            )
+            return servers[-1]
+
         try:
             ros.start_master()
-            programs = {"rospy": ros.program("plain"), "rospy with JSON": ros.program("json")}
-            for program, do in zip(programs.values(), ("pass", "json.dumps(nested(message))"), strict=True):
-                program.run(SUBSCRIBE.format(**texts, do=do))
-            environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
-            arguments = ("serve", "--graph", ros.uri, "ws://127.0.0.1:0")
-            with running(*arguments, environment=environment, real=True, stderr=None) as (server, url):
-                ros.program("publisher").run(PUBLISH.format(**texts))
-                await asyncio.sleep(1.5)  # The topic is known then.
-                async with websockets.connect(url, max_size=None) as client:
-                    await client.send('{"op": "subscribe", "topic": "/measured"}')
-                    await client.recv()
-                    pids = {"rwt": server.pid, **{each: p.process.pid for each, p in programs.items()}}
-                    counted = {each: p.run("result = count") for each, p in programs.items()}
-                    before, got = {each: cpu_seconds(pid) for each, pid in pids.items()}, 0
-                    end = asyncio.get_running_loop().time() + seconds
-                    while asyncio.get_running_loop().time() < end:
-                        await client.recv()
-                        got += 1
-                    used = {each: cpu_seconds(pid) - before[each] for each, pid in pids.items()}
-                    counts = {each: p.run("result = count") - counted[each] for each, p in programs.items()}
-                    counts["rwt"] = got
+            ros.program("publisher").run(PUBLISH.format(**texts))
+            found: dict[str, Subscriber] = {}
+            for name, node, do in (
+                ("rospy", "plain", "pass"),
+                ("rospy with JSON", "json", "json.dumps(nested(message))"),
+            ):
+                program = ros.program(node)
+                statements = SUBSCRIBE.format(**texts, do=do)
+                found[name] = Subscriber(program.process.pid, partial(in_rospy, program, statements))
+            relay = server("bare relay", *relay_arguments(ros))
+            found["bare relay"] = Subscriber(relay.pid, partial(over_tcp, relay))
+            for name, source in sources.items():
+                rwt = server(
+                    name, "-m", "rwt.cli", "serve", "--graph", ros.uri, "ws://127.0.0.1:0", source=source
+                )
+                for encoding, compression in (("JSON", "none"), ("cbor-raw", "cbor-raw")):
+                    found[f"{name}, {encoding}"] = Subscriber(
+                        rwt.pid, partial(over_websocket, rwt, compression)
+                    )
+            yield found
         finally:
+            for each in servers:
+                each.stop()
             ros.close()
-    return {each: used[each] / counts[each] * 1e6 for each in used}
+
+
+async def measured(subscriber: Subscriber, seconds: float) -> float:
+    """Return the microseconds of CPU time per message of one subscriber."""
+    async with subscriber.joined() as count:
+        await asyncio.sleep(SETTLE_SECONDS)
+        used, counted = cpu_time(subscriber.pid).used, count()
+        await asyncio.sleep(seconds)
+        return (cpu_time(subscriber.pid).used - used) / max(1, count() - counted) * 1e6
+
+
+async def measure(
+    kind: Kind, hertz: int, rounds: int, seconds: float, sources: Mapping[str, Path]
+) -> list[dict[str, float]]:
+    """Return the microseconds of CPU time per message of each subscriber, for each round."""
+    with subscribers(kind, hertz, sources) as each:
+        await asyncio.sleep(1.5)  # Until the server knows the topic.
+        return [
+            {name: await measured(subscriber, seconds) for name, subscriber in each.items()}
+            for _ in range(rounds)
+        ]
+
+
+def table(title: str, limit: float, rounds: list[dict[str, float]]) -> str:
+    """Return the medians of the rounds, and of the ratios in each round, as a table in Markdown."""
+    heads = "".join(f" / {name} |" for name in YARDSTICKS)
+    lines = [f"| {title} | µs |{heads}", "|---|---:|" + "---:|" * len(YARDSTICKS)]
+    for name in rounds[0]:
+        cells = [f"{median(each[name] for each in rounds):,.0f}"]
+        for yardstick in YARDSTICKS:
+            ratios = sorted(each[name] / each[yardstick] for each in rounds)
+            spread = "" if name == yardstick else f" ({ratios[0]:.2f} to {ratios[-1]:.2f})"
+            cells.append(f"{median(ratios):.2f}{spread}")
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join([*lines, "", f"Limit of rwt / rospy: {limit:g}"])
 
 
 def main() -> None:
-    """Measure one message type and print the figures."""
+    """Measure message types and print a table of each."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("kind", choices=TYPES)
-    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"default: all of {', '.join(KINDS)}")
+    parser.add_argument("--hertz", type=int, help="publishing rate")
+    parser.add_argument("--rounds", type=int, default=5, help="turns of each subscriber (default: 5)")
+    parser.add_argument("--seconds", type=float, default=3.0, help="length of a turn (default: 3)")
+    parser.add_argument("--against", type=Path, metavar="DIR", help="source folder of another version")
     arguments = parser.parse_args()
-    found = asyncio.run(measure(arguments.kind, arguments.seconds))
-    for each, microseconds in found.items():
-        print(
-            f"{each:16} {microseconds:8.0f} us CPU per message; rwt / this: {found['rwt'] / microseconds:.2f}"
-        )
+    sources = {"rwt": ROOT / "src"}
+    if arguments.against is not None:
+        sources["other rwt"] = arguments.against.resolve()
+    for each in arguments.kinds or KINDS:
+        if each not in KINDS:
+            parser.error(f"unknown kind {each!r}; known are {', '.join(KINDS)}")
+        kind = KINDS[each]
+        hertz = arguments.hertz or kind.hertz
+        rounds = asyncio.run(measure(kind, hertz, arguments.rounds, arguments.seconds, sources))
+        print(table(f"{kind.name}, {hertz} Hz", kind.limit, rounds), end="\n\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

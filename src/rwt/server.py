@@ -50,6 +50,7 @@ from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
+from rwt_transports.turns import loop_batches
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -432,6 +433,8 @@ class Server:
         nodes = stack.enter_context(ExitStack())
         if not graph.running:
             await stack.enter_async_context(graph)
+        with suppress(RuntimeError):  # On trio.
+            graph.in_batch = loop_batches().run
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:

@@ -466,9 +466,11 @@ class Graph(GraphListings):
         clock: ROS time, steady time and timers.
         parameters: global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
         dds_rules: True if publishers and subscriptions with incompatible QoS are not connected.
+        in_batch: calls a function that delivers what other processes sent; servers send the results at once.
     """
 
     dds_rules: bool = False
+    in_batch: Callable[[Callable[[], None]], None] = staticmethod(lambda call: call())
     distro: Distro
     registry: Registry
     clock: Clock

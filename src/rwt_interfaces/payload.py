@@ -236,8 +236,11 @@ class Payload(msgspec.Struct, eq=False):
         return cls(message_type, None, None, None, None, None, {"cdr": (data,)})
 
     @classmethod
-    def relayed_ros1(cls, message_type: MessageType, data: bytes) -> Payload:
-        """Same as :meth:`relayed_cdr`, for ROS 1's serialisation and a type of ROS 1."""
+    def relayed_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
+        """Same as :meth:`relayed_cdr`, for ROS 1's serialisation and a type of ROS 1.
+
+        A view must not change while the message, or what was made of it, exists.
+        """
         return cls(message_type, None, None, None, None, None, {"ros1": (data,)})
 
     @classmethod
@@ -361,11 +364,11 @@ class Payload(msgspec.Struct, eq=False):
 
     def _whole(self, form: BinaryForm) -> bytes:
         parts = self._made(form)
-        if len(parts) > 1:
-            assert self._forms is not None  # Made above.
-            self._forms[form] = parts = (b"".join(parts),)
-        whole = parts[0]
-        assert isinstance(whole, bytes)  # Only one of several parts is a view.
+        if len(parts) == 1 and isinstance(parts[0], bytes):
+            return parts[0]
+        assert self._forms is not None  # Made above.
+        whole = b"".join(parts)
+        self._forms[form] = (whole,)
         return whole
 
     def _made(self, form: BinaryForm) -> Parts:
@@ -385,6 +388,12 @@ class Payload(msgspec.Struct, eq=False):
             if self._string is not None:
                 self._spliced = self._of_string(self._string)
                 self._string = None
+            elif self._is_relayed and self.type.long_octets_fields:
+                found = SplicedMessage.from_serialised(self.type, self._serialised())
+                if isinstance(found, SplicedMessage):
+                    self._spliced = found
+                else:
+                    self._message = found
             elif self._message is not None or (self._json is None and self._json_parts is None):
                 field = long_octets(self.type, self._encodable())
                 self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
@@ -434,6 +443,12 @@ class Payload(msgspec.Struct, eq=False):
             return Payload(self.type, bytes(self.json()), self._message, is_long=self.is_long)
         if self._spliced is not None:
             return Payload(self.type, self._json, self._message, None, self._spliced.detached())
+        forms = self._forms or {}
+        if any(isinstance(part, memoryview) for parts in forms.values() for part in parts):
+            is_only = self._json is None and self._message is None
+            own: dict[BinaryForm, Parts] = {form: (b"".join(parts),) for form, parts in forms.items()}
+            kept = own if is_only else None
+            return Payload(self.type, self._json, self._message, None, None, None, kept, self.is_long)
         return self
 
     def forget_forms(self) -> None:
@@ -481,8 +496,22 @@ class Payload(msgspec.Struct, eq=False):
             return spliced.value()
         if self._json is not None or self._json_parts is not None:
             return self.type.json.decode(self.json())
+        return self.type.deserialise(self._serialised())
+
+    @property
+    def _is_relayed(self) -> bool:
+        """True if only a relayed form exists."""
+        return (
+            self._json is None
+            and self._message is None
+            and self._spliced is None
+            and self._json_parts is None
+        )
+
+    def _serialised(self) -> RawText:
         assert self._forms is not None  # Invariant: text, message or a relayed form exists.
-        return self.type.deserialise(b"".join(self._forms[self.type.registry.distro.serialisation]))
+        parts = self._forms[self.type.registry.distro.serialisation]
+        return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def _split(

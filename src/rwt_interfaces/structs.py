@@ -156,6 +156,19 @@ class MessageType:
         """Decodes a message of this type from its distribution's serialisation; raises InvalidMessage."""
         return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
 
+    @cached_property
+    def long_octets_fields(self) -> tuple[LongField, ...]:
+        """Long fields that hold octets."""
+        return tuple(field for field in self.long_fields if not field.is_text)
+
+    @cached_property
+    def deserialise_views(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
+        """Same as :attr:`deserialise`, with long octets outside of arrays as views of the data."""
+        from rwt_interfaces.serialise import unpack, wire_rules
+
+        is_cdr = self.registry.distro.serialisation == "cdr"
+        return unpack.compile_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1, views=True)
+
     def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
         """Return the encoder of one form, and its head of strings and octets."""
         encoder = self._binary_encoders.get(form)

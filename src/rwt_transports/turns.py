@@ -16,10 +16,12 @@ graph have a budget of their own (:class:`rwt_graph.clock.SteadyClock`).
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, TypeVar
+from weakref import WeakValueDictionary
 
 import anyio.lowlevel
 
@@ -184,6 +186,56 @@ class Turns:
                 log_exception("work that waited for its turn failed")
         if line:
             self._begin()
+
+
+class Batches:
+    """Callbacks of an event loop, at whose end the work is done that they cause, in place of the next turn.
+
+    A turn polls the sockets, which costs more than a small message. If other callbacks follow in the same
+    turn, the work waits for the next one, where it is done for all of them together. On loops other than
+    asyncio's own, such as uvloop, all work waits for the next turn.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        # Private: the callbacks that follow in this turn.
+        self._following: deque[object] | None = getattr(loop, "_ready", None)
+        self._is_open = False
+        self._calls: list[Callable[[], None]] = []
+
+    def run(self, call: Callable[[], None]) -> None:
+        """Call a function, and do the work that it causes."""
+        if self._is_open or self._following is None:
+            call()
+            return
+        self._is_open = True
+        try:
+            call()
+        finally:
+            self._is_open = False
+            calls, self._calls = self._calls, []
+            for each in calls:
+                if self._following:
+                    self._loop.call_soon(each)
+                else:
+                    each()
+
+    def call_soon(self, call: Callable[[], None]) -> None:
+        """Call a function at the end of the batch, or in the next turn."""
+        if self._is_open:
+            self._calls.append(call)
+        else:
+            self._loop.call_soon(call)
+
+
+_batches: Final[WeakValueDictionary[asyncio.AbstractEventLoop, Batches]] = WeakValueDictionary()
+"""Batches by event loop; an entry ends with its last user."""
+
+
+def loop_batches() -> Batches:
+    """Return the batches of the running event loop, which is asyncio's."""
+    loop = asyncio.get_running_loop()
+    return _batches.setdefault(loop, Batches(loop))
 
 
 def loop_turns(seconds: float, *, is_held_back: Callable[[], bool] | None = None) -> Turns:

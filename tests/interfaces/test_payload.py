@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.distro import DISTROS, NOETIC
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -388,3 +388,33 @@ def test_one_wrong_float32_among_many_is_found(wrong: object) -> None:
         with pytest.raises(InvalidMessage) as refused:
             Payload.from_value(type, {"data": [odd] * 700 + [wrong] + [0.5] * 300})
         assert refused.value.path == "data[700]"
+
+
+@pytest.mark.parametrize("size", [10, 1 << 14, 1 << 18])
+def test_a_relayed_view_has_every_form_and_is_detached_from_its_buffer(size: int) -> None:
+    registry = Registry(NOETIC)
+    registry.add_text("uint8[] first\nstring text\nuint8[] second\nuint8[2] pair", "t_msgs/Pair")
+    type = registry.message("t_msgs/Pair")
+    value = {"first": b"\5" * size, "text": "x", "second": b"\7" * size, "pair": b"ab"}
+    made = Payload.from_value(type, value)
+    data = made.serialised()
+
+    def relayed() -> tuple[bytearray, Payload]:
+        buffer = bytearray(data)
+        return buffer, Payload.relayed_ros1(type, memoryview(buffer).toreadonly())
+
+    buffer, payload = relayed()
+    assert bytes(payload.json()) == bytes(made.json())
+    assert payload.cbor() == made.cbor()
+    assert payload.serialised() == data
+    assert payload.value() == made.value()
+    for read in (None, Payload.json, Payload.cbor, Payload.value, Payload.serialised_parts):
+        buffer, payload = relayed()
+        if read is not None:
+            read(payload)
+        kept = payload.detach()
+        assert kept.kept_size
+        del payload
+        buffer.clear()  # Fails if a view is left.
+        assert kept.value() == made.value()
+        assert kept.serialised() == data

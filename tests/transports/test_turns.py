@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable, Generator
 from functools import partial
@@ -10,7 +11,7 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_transports.turns import RETRY_SECONDS, Turns, in_turns, loop_turns, no_turns
+from rwt_transports.turns import RETRY_SECONDS, Turns, in_turns, loop_batches, loop_turns, no_turns
 
 
 class Loop:
@@ -194,3 +195,33 @@ async def test_steps_of_a_task_let_others_run() -> None:
         tasks.cancel_scope.cancel()
     first, last = seen.index("step"), len(seen) - seen[::-1].index("step")
     assert "other" in seen[first:last]
+
+
+class TestBatches:
+    async def run_in_loop(self, others: int) -> list[str]:
+        """Return the order of events of a callback in a batch, with others behind it in the turn."""
+        events: list[str] = []
+        loop = asyncio.get_running_loop()
+        batches = loop_batches()
+        assert loop_batches() is batches
+        turns = Turns(1.0, batches.call_soon, loop.call_later)
+
+        def deliver() -> None:
+            turns.wait(lambda: events.append("written"))
+            events.append("delivered")
+
+        def receive() -> None:
+            batches.run(deliver)
+            events.append("returned")
+
+        loop.call_soon(receive)
+        for _ in range(others):
+            loop.call_soon(events.append, "other")
+        await asyncio.sleep(0.01)
+        return events
+
+    def test_work_is_done_at_the_end_of_a_batch(self) -> None:
+        assert asyncio.run(self.run_in_loop(0)) == ["delivered", "written", "returned"]
+
+    def test_work_waits_for_the_callbacks_that_follow(self) -> None:
+        assert asyncio.run(self.run_in_loop(2)) == ["delivered", "returned", "other", "other", "written"]

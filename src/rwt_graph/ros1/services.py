@@ -80,7 +80,7 @@ class ServiceOffer:
         if call is not None:
             call.cancel()
 
-    def _on_request(self, link: Link, body: bytes) -> None:
+    def _on_request(self, link: Link, body: bytes | memoryview) -> None:
         if link in self._open:
             raise WireError("a request was sent before the response to the one before it")
         try:
@@ -233,9 +233,9 @@ class Ros1Services:
         call.on_end = answered.set
         link: Link | None = None
 
-        def on_response(link: Link, body: bytes) -> None:
+        def on_response(link: Link, body: bytes | memoryview) -> None:
             if not link.frames.is_success:
-                call.fail(body.decode(errors="replace"))
+                call.fail(str(body, errors="replace"))
                 return
             try:
                 call.reply(Payload.from_ros1(info.type.response, body))

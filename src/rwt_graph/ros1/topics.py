@@ -268,7 +268,9 @@ class Subscription:
         endpoint = self._discovery.found_publisher(self.name, link.caller, type, is_latched=is_latched)
         link.on_frame = partial(self._on_message, type, endpoint)
 
-    def _on_message(self, type: MessageType, endpoint: RemoteEndpoint, _link: Link, body: bytes) -> None:
+    def _on_message(
+        self, type: MessageType, endpoint: RemoteEndpoint, _link: Link, body: bytes | memoryview
+    ) -> None:
         sample = Sample(self.name, Payload.relayed_ros1(type, body), self._now(), endpoint.node)
         if endpoint.cache is not None:
             endpoint.cache.add(sample)

@@ -134,7 +134,7 @@ class Wakeups:
     def start(self) -> None:
         """Watch the descriptors from the running event loop, and start the thread."""
         try:
-            asyncio.get_running_loop().add_reader(self._epoll.fileno(), self._drain)
+            asyncio.get_running_loop().add_reader(self._epoll.fileno(), self._drain_batch)
         except RuntimeError:
             self._graph.spawn(self._watch, "wake-ups by ROS 2")  # On trio.
         self._thread.start()
@@ -168,6 +168,9 @@ class Wakeups:
         with self._lock:
             self._armed[wakeup.descriptor] = wakeup
         self._guard.trigger_guard_condition()
+
+    def _drain_batch(self) -> None:
+        self._graph.in_batch(self._drain)
 
     def _drain(self) -> None:
         ready = self._epoll.poll(0)

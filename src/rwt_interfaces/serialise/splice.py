@@ -86,10 +86,19 @@ def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
 
 def long_octets(type: MessageType, message: msgspec.Struct) -> LongField | None:
     """Return the first field of a Python message with separate octets."""
-    for field in type.long_fields:
-        if not field.is_text and len(field.fetch(message)) >= LONG_OCTETS_BYTES:
+    for field in type.long_octets_fields:
+        if len(field.fetch(message)) >= LONG_OCTETS_BYTES:
             return field
     return None
+
+
+def without_views(type: MessageType, message: msgspec.Struct) -> msgspec.Struct:
+    """Return a message whose long octets are bytes, not views."""
+    for field in type.long_octets_fields:
+        octets = field.fetch(message)
+        if isinstance(octets, memoryview):
+            message = field.put(message, bytes(octets))
+    return message
 
 
 def json_of_text(type: MessageType, message: msgspec.Struct, field: LongField) -> Steps[Parts]:
@@ -115,7 +124,7 @@ class SplicedMessage:
         field: LongField,
         token: bytes,
         content: RawText | None,
-        octets: bytes | None = None,
+        octets: RawText | None = None,
         unescaped: tuple[str, ...] = (),
     ) -> None:
         self._short = short
@@ -140,10 +149,25 @@ class SplicedMessage:
 
     @classmethod
     def from_octets(cls, message: msgspec.Struct, field: LongField) -> SplicedMessage:
-        """Return a message of Python with long octets in one field."""
-        octets: bytes = field.fetch(message)
+        """Return a message of Python with long octets in one field, which may be a view."""
+        octets: RawText = field.fetch(message)
         token = token_for_base64((len(octets) + 2) // 3 * 4, -len(octets) % 3)
         return cls(field.put(message, pybase64.b64decode(token)), field, token, None, octets)
+
+    @classmethod
+    def from_serialised(cls, type: MessageType, data: bytes | memoryview) -> SplicedMessage | msgspec.Struct:
+        """Decode a message; in two parts, without a copy of the long one, if it has long octets.
+
+        Raises:
+            InvalidMessage: the message does not fit.
+        """
+        message = type.deserialise_views(data)
+        field = long_octets(type, message)
+        if field is None:
+            return message
+        spliced = cls.from_octets(message, field)
+        spliced._short = without_views(type, spliced._short)
+        return spliced
 
     @classmethod
     def from_text(cls, message: msgspec.Struct, field: LongField) -> SplicedMessage:
@@ -160,7 +184,7 @@ class SplicedMessage:
         return self._content
 
     @property
-    def octets(self) -> bytes:
+    def octets(self) -> RawText:
         """Octets of base64 or of a text with escapes; decoded once."""
         if self._octets is None and self._unescaped:
             self._octets = "".join(self._unescaped).encode()
@@ -192,7 +216,7 @@ class SplicedMessage:
     def value(self) -> msgspec.Struct:
         """Return the whole message."""
         is_text = self._field.is_text
-        content = string_of(self.content, self._unescaped) if is_text else self.octets
+        content = string_of(self.content, self._unescaped) if is_text else bytes(self.octets)
         return self._field.put(self._short, content)
 
     def json(self, encode: Callable[[msgspec.Struct], bytes]) -> Parts:
@@ -218,12 +242,12 @@ class SplicedMessage:
 
     def detached(self) -> SplicedMessage:
         """Return the message without references to the receive buffer."""
-        content = self._content
+        content, octets = self._content, self._octets
         return SplicedMessage(
             self._short,
             self._field,
             self._token,
-            bytes(content) if content is not None else None,
-            self._octets,
+            None if content is None else bytes(content),
+            None if octets is None else bytes(octets),
             self._unescaped,
         )

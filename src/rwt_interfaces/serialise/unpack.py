@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.splice import LONG_OCTETS_BYTES
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.struct_fields import time_struct
 from rwt_interfaces.validation.mismatch import check_length, under
@@ -27,9 +28,13 @@ _MOST_EMPTY_ELEMENTS = 16
 CUT_SHORT = "data cut short"
 
 
-def compile_reader(message: MessageType, rules: WireRules) -> _Read:
-    """Return a reader of a message type's own Struct; it raises InvalidMessage and struct.error."""
-    fields = [(slot.name, _reader(slot.type, rules)) for slot in message.slots]
+def compile_reader(message: MessageType, rules: WireRules, *, views: bool = False) -> _Read:
+    """Return a reader of a message type's own Struct; it raises InvalidMessage and struct.error.
+
+    Args:
+        views: True to leave long octets outside of arrays as views of the data.
+    """
+    fields = [(slot.name, _reader(slot.type, rules, views=views)) for slot in message.slots]
     make = message.struct
     filler = len(rules.filler)
 
@@ -48,10 +53,30 @@ def compile_reader(message: MessageType, rules: WireRules) -> _Read:
             return make(), position + filler
         return make(*values), position
 
+    return _numbers_at_once(message, rules, read) or read
+
+
+def _numbers_at_once(message: MessageType, rules: WireRules, read_each: _Read) -> _Read | None:
+    """Return a reader of a message of numbers that are not padded; None for any other."""
+    numbers = (field_types.Bool, field_types.Int, field_types.Float)
+    codes = [letters(slot.type) for slot in message.slots if isinstance(slot.type, numbers)]
+    sizes = {struct.calcsize(code) for code in codes} if rules.aligned else {1}
+    if len(codes) < max(2, len(message.slots)) or len(sizes) > 1:
+        return None
+    make, alignment = message.struct, max(sizes)
+    unpack_from, size = struct.Struct("<" + "".join(codes)).unpack_from, struct.calcsize("<" + "".join(codes))
+
+    def read(data: memoryview, position: int) -> tuple[Any, int]:
+        start = position + -position % alignment
+        try:
+            return make(*unpack_from(data, start)), start + size
+        except struct.error:
+            return read_each(data, position)  # Raises the error with the field's name.
+
     return read
 
 
-def _reader(field_type: FieldType, rules: WireRules) -> _Read:
+def _reader(field_type: FieldType, rules: WireRules, *, views: bool = False) -> _Read:
     match field_type:
         case field_types.Bool() | field_types.Int() | field_types.Float():
             return _number_reader(letters(field_type), rules)
@@ -60,9 +85,9 @@ def _reader(field_type: FieldType, rules: WireRules) -> _Read:
         case field_types.String():
             return _string_reader(field_type, rules)
         case field_types.Octets():
-            return _octets_reader(field_type, rules)
+            return _octets_reader(field_type, rules, views=views)
         case field_types.Message():
-            return compile_reader(field_type.type, rules)
+            return compile_reader(field_type.type, rules, views=views)
         case field_types.Array():
             return _array_reader(field_type, rules)
 
@@ -133,15 +158,17 @@ def _wide_text(octets: memoryview) -> str:
     return str(units, "utf-16-le")
 
 
-def _octets_reader(field_type: field_types.Octets, rules: WireRules) -> _Read:
+def _octets_reader(field_type: field_types.Octets, rules: WireRules, *, views: bool) -> _Read:
     fixed = field_type.length
+    views = views and fixed is None
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         count = fixed
         if count is None:
             count, position = _read_length(data, position, rules.aligned)
         _need(data, position, count)
-        return bytes(data[position : position + count]), position + count
+        octets = data[position : position + count]
+        return (octets if views and count >= LONG_OCTETS_BYTES else bytes(octets)), position + count
 
     return read
 
@@ -202,9 +229,11 @@ def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, i
     return read
 
 
-def compile_decoder(message: MessageType, rules: WireRules) -> Callable[[bytes | memoryview], msgspec.Struct]:
-    """Return a decoder of a message type; it raises only InvalidMessage."""
-    read = compile_reader(message, rules)
+def compile_decoder(
+    message: MessageType, rules: WireRules, *, views: bool = False
+) -> Callable[[bytes | memoryview], msgspec.Struct]:
+    """Return a decoder of a message type; it raises only InvalidMessage. `views` as for a reader."""
+    read = compile_reader(message, rules, views=views)
     header = rules.header
 
     def decode(data: bytes | memoryview) -> msgspec.Struct:

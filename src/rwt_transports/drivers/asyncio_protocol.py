@@ -44,7 +44,14 @@ from rwt_transports.drivers.sockets import (
 )
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, forget_protocol, spare_buffers
 from rwt_transports.errors import log_exception
-from rwt_transports.turns import ENCRYPT_SECONDS, READ_SECONDS, WRITE_SECONDS, loop_turns
+from rwt_transports.turns import (
+    ENCRYPT_SECONDS,
+    READ_SECONDS,
+    WRITE_SECONDS,
+    Turns,
+    loop_batches,
+    loop_turns,
+)
 
 logger = logging.getLogger("rwt_transports")
 
@@ -83,7 +90,7 @@ class _LoopShare:
         self.loop = asyncio.get_running_loop()
         self.buffer = bytearray(READ_BYTES)
         self.reading = loop_turns(READ_SECONDS, is_held_back=is_held_back)
-        self.writing = loop_turns(WRITE_SECONDS)
+        self.writing = Turns(WRITE_SECONDS, loop_batches().call_soon, self.loop.call_later)
 
 
 _shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _LoopShare]] = (

@@ -9,7 +9,14 @@ import pytest
 
 from rwt_graph.errors import WireError
 from rwt_graph.ros1.wire import xmlrpc
-from rwt_graph.ros1.wire.tcpros import HEADER_BYTES, Frames, decode_header, encode_header
+from rwt_graph.ros1.wire.tcpros import (
+    HEADER_BYTES,
+    LARGE_BYTES,
+    MESSAGE_BYTES,
+    Frames,
+    decode_header,
+    encode_header,
+)
 from rwt_graph.ros1.wire_types import WireTypes
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
@@ -64,13 +71,51 @@ class TestFrames:
         bodies = [source.randbytes(source.choice((0, 1, 3, 4, 5, 100, 5000))) for _ in range(40)]
         stream = b"".join(map(frame, bodies))
         for _ in range(50):
-            frames, found, at = Frames(), list[bytes](), 0
+            frames, found, at = Frames(), list[bytes | memoryview](), 0
             while at < len(stream):
                 size = source.choice((1, 2, 3, 7, 64, 4096))
                 found += frames.feed(stream[at : at + size])
                 at += size
             assert found == bodies
             assert (frames.missing, frames.held) == (0, 0)
+
+    def test_large_frames_are_the_same_however_they_are_received(self) -> None:
+        source = random.Random(4)
+        bodies = [source.randbytes(size) for size in (3, LARGE_BYTES, 10, 900_000, 5, 400_000, 2_000_000)]
+        stream = memoryview(b"".join(map(frame, bodies)))
+        for _ in range(20):
+            frames, found, at = Frames(MESSAGE_BYTES), list[bytes](), 0
+            while at < len(stream):
+                size = source.randrange(1, 300_000)
+                if frames.missing and source.random() < 0.7:
+                    with frames.space() as space:
+                        size = min(len(space), size)
+                        space[:size] = stream[at : at + size]
+                    whole = frames.filled(size)
+                    found += () if whole is None else (bytes(whole),)
+                else:
+                    found += map(bytes, frames.feed(bytes(stream[at : at + size])))
+                at += size
+            assert found == bodies
+
+    def test_memory_of_large_frames_is_reused_without_views(self) -> None:
+        frames, body = Frames(MESSAGE_BYTES), bytes(range(256)) * 3600
+
+        def receive(body: bytes) -> memoryview:
+            list(frames.feed(frame(body)[:100]))
+            (whole,) = frames.feed(frame(body)[100:])
+            assert isinstance(whole, memoryview)
+            return whole
+
+        kept, first = receive(body), receive(body[::-1])
+        assert kept.obj is not first.obj
+        used = id(first.obj)
+        del first
+        again = receive(body[::-1])
+        assert id(again.obj) == used
+        assert (bytes(kept), bytes(again)) == (body, body[::-1])
+        with pytest.raises(TypeError):
+            again[0] = 1
 
     def test_responses_have_a_status(self) -> None:
         frames = Frames()

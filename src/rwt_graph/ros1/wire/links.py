@@ -11,8 +11,8 @@ import anyio
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.ros1.wire import rpc
-from rwt_graph.ros1.wire.sockets import MOST_READ_BYTES, READ_BYTES, Stream, connect
-from rwt_graph.ros1.wire.tcpros import MESSAGE_BYTES, Frames, decode_header, encode_header
+from rwt_graph.ros1.wire.sockets import Stream, connect
+from rwt_graph.ros1.wire.tcpros import LARGE_BYTES, MESSAGE_BYTES, Frames, decode_header, encode_header
 
 if TYPE_CHECKING:
     from rwt_graph.ros1.wire.sockets import Sockets
@@ -24,7 +24,7 @@ CONNECT_SECONDS: Final = 5.0
 _MOST_RECEIVED: Final = 512 * 1024 * 1024
 
 OnLink: TypeAlias = "Callable[[Link], None]"
-OnFrame: TypeAlias = "Callable[[Link, bytes], None]"
+OnFrame: TypeAlias = "Callable[[Link, bytes | memoryview], None]"
 
 
 class Link:
@@ -48,7 +48,7 @@ class Link:
         self.on_header: OnLink = _ignore
         self.on_frame: OnFrame = _ignore_frame
         self.on_close: OnLink = _ignore
-        self.frames = Frames()
+        self.frames = Frames(buffers=sockets.buffers)
         self.ready = anyio.Event()
         self.closed = anyio.Event()
         self.reason = ""
@@ -65,23 +65,40 @@ class Link:
 
     def _on_data(self, data: bytes) -> None:
         for frame in self.frames.feed(data):
-            if self._has_header:
-                self.on_frame(self, frame)
-            else:
-                self._has_header = True
-                self.header = decode_header(frame)
-                self.frames.most = MESSAGE_BYTES
-                self.on_header(self)
-                self.ready.set()
+            self._on_frame(frame)
             if self.stream.closed:
                 return
-        self.stream.read_bytes = min(max(self.frames.missing, READ_BYTES), MOST_READ_BYTES)
+        self._note_held()
+
+    def space(self) -> memoryview:
+        return self.frames.space()
+
+    def filled(self, count: int) -> None:
+        frame = self.frames.filled(count)
+        if frame is not None:
+            self._on_frame(frame)
+        if not self.stream.closed:
+            self._note_held()
+
+    def _on_frame(self, frame: bytes | memoryview) -> None:
+        if self._has_header:
+            self.on_frame(self, frame)
+            return
+        self._has_header = True
+        self.header = decode_header(bytes(frame))
+        self.frames.most = MESSAGE_BYTES
+        self.on_header(self)
+        self.ready.set()
+
+    def _note_held(self) -> None:
+        """Count the bytes of an incomplete frame."""
         held = self.frames.held
         if held != self._held:
             self._sockets.receiving += held - self._held
             self._held = held
             if held and self._sockets.receiving > _MOST_RECEIVED:
                 raise WireError("too many large messages are being received")
+        self.stream.large = self if held + self.frames.missing >= LARGE_BYTES else None
 
     def send_header(self, fields: Mapping[str, str]) -> None:
         """Send this side's header."""
@@ -122,7 +139,7 @@ def _ignore(_link: Link) -> None:
     pass
 
 
-def _ignore_frame(_link: Link, _frame: bytes) -> None:
+def _ignore_frame(_link: Link, _frame: bytes | memoryview) -> None:
     pass
 
 

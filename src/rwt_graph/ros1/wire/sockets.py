@@ -13,22 +13,28 @@ import socket
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
 
+from rwt_graph.ros1.wire.tcpros import ReceiveBuffers
+
 if TYPE_CHECKING:
-    from rwt_graph.memory.runtime import Runtime
+    from rwt_graph.memory.graph import MemoryGraph
 
 logger = logging.getLogger(__name__)
 
 #: False on Windows.
 _HAS_SENDMSG: Final = hasattr(socket.socket, "sendmsg")
 
-#: Bytes that are read at once: at first, and at most within a large frame. The C library maps memory for each
-#: larger read, which costs more than a small message.
+#: Bytes that are read at once, except of large frames. The C library maps memory for each larger read, which
+#: costs more than a small message.
 READ_BYTES: Final = 32 * 1024
-MOST_READ_BYTES: Final = 512 * 1024
+
+#: Maximum reads of one socket in one turn of the event loop.
+_READ_BATCH: Final = 4
+
+_PEER_CLOSED: Final = "the other program has closed the connection"
 
 #: Maximum connections that are accepted in one turn of the event loop.
 _ACCEPT_BATCH: Final = 16
@@ -43,11 +49,14 @@ class Sockets:
     Attributes:
         spawn: starts a task on the graph's event loop.
         receiving: bytes of incomplete frames of all connections.
+        buffers: receive buffers of all connections.
     """
 
-    def __init__(self, graph: Runtime) -> None:
+    def __init__(self, graph: MemoryGraph) -> None:
         self.spawn = graph.spawn
+        self._graph = graph
         self.receiving = 0
+        self.buffers = ReceiveBuffers()
         self._calls: dict[socket.socket, Callable[[], None]] = {}
         try:
             self._loop: asyncio.AbstractEventLoop | None = asyncio.get_running_loop()
@@ -59,11 +68,14 @@ class Sockets:
         self._calls[sock] = call
         if self._loop is not None:
             try:
-                self._loop.add_reader(sock.fileno(), call)
+                self._loop.add_reader(sock.fileno(), self._read, call)
                 return
             except NotImplementedError:
                 self._loop = None  # On Windows.
         self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
+
+    def _read(self, call: Callable[[], None]) -> None:
+        self._graph.in_batch(call)
 
     async def _watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
         while sock in self._calls:
@@ -158,6 +170,16 @@ async def connect(host: str, port: int) -> socket.socket:
     raise failure or OSError(f"{host} has no address")
 
 
+class LargeFrame(Protocol):
+    """Receiver of a large frame, into memory that it provides."""
+
+    def space(self) -> memoryview:
+        """Return memory for the next bytes; it is released after the read."""
+
+    def filled(self, count: int) -> None:
+        """Called after bytes were received into :meth:`space`."""
+
+
 class Stream:
     """TCP connection whose data is passed to a function.
 
@@ -169,7 +191,7 @@ class Stream:
 
     Attributes:
         dropped: number of dropped frames.
-        read_bytes: maximum bytes of the next read.
+        large: receiver of what follows, within a large frame.
     """
 
     def __init__(
@@ -190,7 +212,7 @@ class Stream:
         self._finishing = False
         self.closed = False
         self.dropped = 0
-        self.read_bytes = READ_BYTES
+        self.large: LargeFrame | None = None
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         # Peers that disappear without a word are noticed within a minute.
         for option, value in (("TCP_KEEPIDLE", 30), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 3)):
@@ -201,22 +223,34 @@ class Stream:
 
     def _read(self) -> None:
         try:
-            data = self._socket.recv(self.read_bytes)
+            if self.large is None:
+                data = self._socket.recv(READ_BYTES)
+                if data:
+                    self._on_data(data)
+                else:
+                    self._lost(_PEER_CLOSED)
+            for _ in range(_READ_BATCH):
+                if self.large is None or self.closed or not self._read_large(self.large):
+                    return
         except BlockingIOError:
             return
         except OSError as error:
             self._lost(str(error))
-            return
-        if not data:
-            self._lost("the other program has closed the connection")
-            return
-        try:
-            self._on_data(data)
         except Exception as error:
             # The callback parses bytes of other programs: a failure ends this connection only, without a
             # traceback in the log for each malformed frame.
             logger.debug("a connection of ROS 1 is closed", exc_info=True)
             self._lost(str(error))
+
+    def _read_large(self, large: LargeFrame) -> bool:
+        """Read the rest of a large frame; returns True if more may be readable."""
+        with large.space() as space:
+            count, most = self._socket.recv_into(space), len(space)
+        if not count:
+            self._lost(_PEER_CLOSED)
+        else:
+            large.filled(count)
+        return count == most
 
     def send(self, parts: tuple[bytes | memoryview, ...]) -> None:
         """Send a frame, at once if possible."""

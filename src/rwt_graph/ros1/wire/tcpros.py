@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Final
 
@@ -15,6 +16,14 @@ _MOST_FIELDS: Final = 64
 
 #: Maximum bytes of a message, request or response.
 MESSAGE_BYTES: Final = 256 * 1024 * 1024
+
+#: Minimum bytes of a frame that is yielded as a view of its receive buffer.
+LARGE_BYTES: Final = 64 * 1024
+
+#: Receive buffers of large frames: bytes at first; maximum number, and bytes of each, that are kept.
+_FIRST_BYTES: Final = 256 * 1024
+_MOST_BUFFERS: Final = 8
+_KEPT_BYTES: Final = 8 * 1024 * 1024
 
 
 def length_prefix(length: int) -> bytes:
@@ -47,8 +56,46 @@ def decode_header(body: bytes) -> dict[str, str]:
     return fields
 
 
+class ReceiveBuffers:
+    """Receive buffers of large frames, reused when no view of them is left.
+
+    Each new megabyte costs page faults, which are more expensive than the copy from the kernel.
+    """
+
+    def __init__(self) -> None:
+        self._kept: deque[bytearray] = deque(maxlen=_MOST_BUFFERS)
+
+    def take(self, size: int) -> bytearray:
+        """Return a buffer for a frame of `size` bytes. A new one for a large frame is smaller: it grows."""
+        if size < LARGE_BYTES:
+            return bytearray(size)
+        for index, buffer in enumerate(self._kept):
+            # Not much larger: who keeps a view of a frame keeps the whole buffer.
+            if min(size, _KEPT_BYTES) <= len(buffer) <= 4 * size and _is_free(buffer):
+                del self._kept[index]
+                return buffer
+        return bytearray(_FIRST_BYTES)
+
+    def give(self, buffer: bytearray) -> None:
+        """Keep a buffer, of which views may exist."""
+        if LARGE_BYTES <= len(buffer) <= _KEPT_BYTES:
+            self._kept.append(buffer)
+
+
+def _is_free(buffer: bytearray) -> bool:
+    """Return True if no view of a buffer exists: only then, its size may change."""
+    try:
+        buffer.append(0)
+    except BufferError:
+        return False
+    buffer.pop()
+    return True
+
+
 class Frames:
     """Splitter of a stream into frames: a 4-byte little-endian length, then that many bytes.
+
+    Bytes of large frames may be received directly into :meth:`space`.
 
     Attributes:
         most: maximum bytes of a frame.
@@ -58,22 +105,26 @@ class Frames:
         held: bytes of the current frame.
     """
 
-    def __init__(self, most: int = HEADER_BYTES) -> None:
+    def __init__(self, most: int = HEADER_BYTES, buffers: ReceiveBuffers | None = None) -> None:
         self.most = most
         self.has_status = False
         self.is_success = True
         self.missing = 0
         self.held = 0
-        self._chunks: list[bytes] = []
+        self._buffers = buffers or ReceiveBuffers()
+        self._buffer = bytearray()
         self._head = b""
 
-    def feed(self, data: bytes) -> Iterator[bytes]:
+    def feed(self, data: bytes) -> Iterator[bytes | memoryview]:
         """Yield the frames that these bytes complete. Attributes may be set between two frames.
+
+        Large frames are views: their memory is reused when the last view is gone.
 
         Raises:
             WireError: a frame is larger than `most`.
         """
-        data, self._head = self._head + data, b""
+        if self._head:
+            data, self._head = self._head + data, b""
         at, end = 0, len(data)
         while at < end:
             if not self.missing:
@@ -89,15 +140,53 @@ class Frames:
                 if self.has_status:
                     self.is_success = data[at] == 1
                 at = start
-            chunk = data[at : at + self.missing]
-            at += len(chunk)
-            self.missing -= len(chunk)
-            if self.missing:
-                self._chunks.append(chunk)
-                self.held += len(chunk)
-                return
-            if self._chunks:
-                self._chunks.append(chunk)
-                chunk = b"".join(self._chunks)
-                self._chunks, self.held = [], 0
-            yield chunk
+                if self.missing <= end - at:
+                    after = at + self.missing
+                    self.missing = 0
+                    yield data[at:after]
+                    at = after
+                    continue
+            if at < end:
+                at += self._keep(data[at:])
+                if not self.missing:
+                    yield self._complete()
+
+    def _keep(self, data: bytes) -> int:
+        """Add bytes to the current frame; returns their number."""
+        count = min(len(data), self.missing)
+        left = memoryview(data)[:count]
+        while left:
+            space = self.space()
+            size = min(len(space), len(left))
+            space[:size] = left[:size]
+            space.release()
+            left = left[size:]
+            self._count(size)
+        return count
+
+    def space(self) -> memoryview:
+        """Return memory for the next bytes of the current frame, see :meth:`filled`; release it after use."""
+        size = self.held + self.missing
+        if not self._buffer:
+            self._buffer = self._buffers.take(size)
+        if self.held == len(self._buffer):
+            # Doubled, so that memory stays in proportion to what was received.
+            self._buffer.extend(bytes(min(self.held, self.missing)))
+        return memoryview(self._buffer)[self.held : size]
+
+    def filled(self, count: int) -> bytes | memoryview | None:
+        """Count bytes in :meth:`space`; returns the frame that they complete."""
+        self._count(count)
+        return None if self.missing else self._complete()
+
+    def _count(self, count: int) -> None:
+        self.held += count
+        self.missing -= count
+
+    def _complete(self) -> bytes | memoryview:
+        buffer, size = self._buffer, self.held
+        self._buffer, self.held = bytearray(), 0
+        if size < LARGE_BYTES:
+            return bytes(buffer)
+        self._buffers.give(buffer)
+        return memoryview(buffer)[:size].toreadonly()
