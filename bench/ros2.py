@@ -18,7 +18,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import AsyncExitStack, ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -26,7 +26,7 @@ import websockets
 
 from bench.ros1 import cpu_seconds
 from tests.processes import running
-from tests.ros2.program import Program
+from tests.statements import Program
 
 
 class Case(NamedTuple):
@@ -145,7 +145,7 @@ class _Client:
 async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: float) -> dict[str, float]:
     """Return the microseconds of CPU time per delivered message of each server."""
     package, _, name = case.type.split("/")
-    with Program(int(os.environ["ROS_DOMAIN_ID"])) as program:
+    with closing(Program(sys.executable, "tests.ros2.program", environment=dict(os.environ))) as program:
         program.run(_PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz))
         async with AsyncExitStack() as stack:
             clients: dict[str, list[_Client]] = {}

@@ -13,7 +13,7 @@ from tests.ros2.test_server import serving
 from tests.waiting import until
 
 if TYPE_CHECKING:
-    from tests.ros2.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 

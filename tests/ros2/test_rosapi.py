@@ -12,7 +12,7 @@ from tests.waiting import until
 
 if TYPE_CHECKING:
     from rwt_graph.nodes.node import Node
-    from tests.ros2.program import Program
+    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 
