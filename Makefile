@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-ros1 test-ros2 test-rclpy-real
+client-grades size clean test-ros1 test-ros2 bench-ros2 test-rclpy-real
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -96,6 +96,13 @@ test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
 	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
 		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 		$(ROS2)/bin/python -m pytest tests/ros2 tests/contract/graph $(ARGS)
+
+# CPU time per delivered message beside rosbridge_suite; SUITE is your workspace of it, built for the Python of ROS2.
+bench-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
+	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
+		ROS_DOMAIN_ID=91 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+		$(ROS2)/bin/python -m bench.ros2 $(SUITE) $(ARGS)
 
 # Tests of the ROS 1 graph against real ROS 1 programs, which Debian 12 packages for its own Python; apt needs root.
 ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconfigure geometry-msgs nav-msgs rosbag \

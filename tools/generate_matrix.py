@@ -128,8 +128,8 @@ def _lines(tables: Mapping[str, Sequence[Subject]], results: Mapping[str, Any]) 
     yield _HEAD
     for heading, kind in (("Servers", "servers"), ("Client libraries", "clients")):
         yield f"## {heading}\n"
-        yield "| | version | grade | conformance | robustness | failed | suite |"
-        yield "|---|---|---|--:|--:|--:|---|"
+        yield "| | version | runs on | thread settings | grade | conformance | robustness | failed | suite |"
+        yield "|---|---|---|---|---|--:|--:|--:|---|"
         for subject in tables[kind]:
             yield _row(subject, results.get(title_of(subject)))
         yield ""
@@ -141,7 +141,8 @@ def _lines(tables: Mapping[str, Sequence[Subject]], results: Mapping[str, Any]) 
 
 
 def _row(subject: Subject, result: Mapping[str, Any] | None) -> str:
-    name = f"| {subject['name']} | {subject['version']} "
+    runs_on, threads = subject.get("on", "-"), subject.get("threads", "-")
+    name = f"| {subject['name']} | {subject['version']} | {runs_on} | {threads} "
     if result is None:
         how = (
             "`make matrix ARGS='--only rosbridge_suite --checkout …'`"

@@ -136,16 +136,21 @@ class Tempo:
         return await self._stretched(case, self._load.times(case), tag)
 
     async def again(self, case: Case, tag: str) -> Played:
-        """Repeat a failed case with at least twice the time, and at least that of the target."""
-        self._load = await self._measured()
-        return await self._stretched(case, min(MOST, 2 * self._load.times(case)), tag, self._target.timeout)
+        """Repeat a failed case with at least twice the time, and at least the times of the target.
 
-    async def _stretched(self, case: Case, times: float, tag: str, least: float = 0.0) -> Played:
+        Discovery, as in DDS, may take longer than the responses suggest.
+        """
+        self._load = await self._measured()
+        return await self._stretched(case, min(MOST, 2 * self._load.times(case)), tag, self._target)
+
+    async def _stretched(self, case: Case, times: float, tag: str, least: Target | None = None) -> Played:
         limits = self.limits()
         longer = replace(
             limits,
-            timeout=max(limits.timeout, _WHOLE_SECOND * times, least),
-            settle=max(limits.settle, min(self._target.settle, LEAST_SETTLE) * times),
+            timeout=max(limits.timeout, _WHOLE_SECOND * times, least.timeout if least else 0.0),
+            settle=max(
+                limits.settle, min(self._target.settle, LEAST_SETTLE) * times, least.settle if least else 0.0
+            ),
         )
         return await self._play(stretched(case, times), tag, longer)
 

@@ -59,9 +59,9 @@ class Future(Generic[T]):
 
     async def wait(self) -> T:
         """Return the value, or raise the error, once it is set."""
-        if not self._values:
-            if _HAS_NO_TASK.get():
-                await _for_a_task()
+        if not self._values and _HAS_NO_TASK.get():
+            await _for_a_task()
+        if not self._values:  # It may be set before the task continues.
             if self._event is None:
                 self._event = anyio.Event()
             await self._event.wait()
@@ -128,4 +128,6 @@ class _Rest(Awaitable[T]):
         self._work = work
 
     def __await__(self) -> Generator[Any, Any, T]:
-        return self._work.__await__()
+        if _HAS_NO_TASK.get():
+            yield  # The awaiting coroutine has no task either.
+        return (yield from self._work.__await__())

@@ -54,3 +54,33 @@ def test_the_rest_can_be_cancelled() -> None:
             await rest
 
     asyncio.run(cancel())
+
+
+def test_a_value_that_is_set_before_the_task_continues_is_received() -> None:
+    async def finish() -> int:
+        number = Future[int]()
+        begun = run_until_it_waits(_sum(number))
+        assert isinstance(begun, Awaitable)
+        number.set(3)
+        return await asyncio.wait_for(begun, 10)
+
+    assert asyncio.run(finish()) == 3
+
+
+def test_a_coroutine_without_a_task_awaits_the_rest_of_another() -> None:
+    number = Future[int]()
+
+    async def outer() -> int:
+        begun = run_until_it_waits(_sum(number))
+        assert isinstance(begun, Awaitable)
+        return 1 + await begun
+
+    async def finish() -> int:
+        begun = run_until_it_waits(outer())
+        assert isinstance(begun, Awaitable)
+        rest = asyncio.ensure_future(begun)
+        await asyncio.sleep(0)
+        number.set(3)
+        return await asyncio.wait_for(rest, 10)
+
+    assert asyncio.run(finish()) == 4

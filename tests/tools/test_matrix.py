@@ -49,7 +49,7 @@ def test_a_report_becomes_a_row_and_its_failures() -> None:
     assert (found["conformance"], found["robustness"]) == ([2, 3], [0, 1])
     table = {"servers": [{"name": "x", "version": "2"}], "clients": [], "absent": []}
     text = page(table, {"x, 2": found})
-    assert "| x | 2 | **B** | 2/3 | 0/1 | 2 | 1.0.0 |" in text
+    assert "| x | 2 | - | - | **B** | 2/3 | 0/1 | 2 | 1.0.0 |" in text
     assert "| `a/three` | SHOULD | expected 1\\|2, got &lt;3> |" in text
     assert "| `b/one` | HARDEN | throws |" in text
 

@@ -27,7 +27,7 @@ _SOURCES = ("rosbridge_library/src", "rosbridge_server/src", "rosapi/src")
 _INTERFACES = ("rosbridge_msgs", "rosapi_msgs", "rosbridge_test_msgs")
 _NEEDED = ("rosbridge_server/scripts/rosbridge_websocket.py", "rosapi/scripts/rosapi_node")
 #: What its unmodified code imports that is no part of ROS: the names of the modules.
-_MODULES = ("tornado", "cbor", "bson", "PIL")
+_MODULES = ("tornado", "bson", "PIL")
 
 #: Seconds after which rosapi is taken for stuck; it waits for five for the services of a node's parameters.
 _PATIENCE = 6.0

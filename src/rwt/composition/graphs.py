@@ -69,7 +69,9 @@ def make_graph(
     if make is not None:
         raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
     if settings.graph == "ros2":
-        joined: Graph = _ros2().Ros2Graph(registry, clock, use_sim_time=settings.ros2.use_sim_time)
+        joined: Graph = _ros2().Ros2Graph(
+            registry, clock, use_sim_time=settings.ros2.use_sim_time, remap=settings.ros2.remap
+        )
         return joined
     if is_ros1:
         from rwt_graph.ros1 import Ros1Graph  # Imported only if configured.

@@ -189,6 +189,13 @@ class Ros2Settings(Table):
     """Connection to the installed ROS 2. Used with `graph = "ros2"`."""
 
     use_sim_time: Annotated[bool, Field(description="take ROS time from the topic `/clock`")] = False
+    remap: Annotated[
+        tuple[str, ...],
+        Field(
+            description="remapping rules, such as `/cmd_vel:=/input/cmd_vel`, `__ns:=/robot1` for all nodes"
+            " of the server, or `rosapi:__node:=api`"
+        ),
+    ] = ()
 
 
 class RecorderSettings(Table):

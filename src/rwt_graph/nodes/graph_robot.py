@@ -394,6 +394,9 @@ class GraphRobot(GraphVerbs):
     ) -> None:
         super().__init__(graph, graph, node_name(name, namespace), timeout)
         self._participant = self.run(lambda: graph.participant(self.name))
+        # A graph of ROS 2 may remap it.
+        self.name = self._participant.name
+        self.namespace = namespace_of(self.name)
         self.params = ParameterClient(graph, self.namespace, self.name, self._call_within)
 
     async def _call_within(self, service: str, request: MessageLike, seconds: float) -> Message:

@@ -10,17 +10,20 @@ from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
 from rwt_graph.errors import InvalidGraphName, Ros2Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.names import validate
 from rwt_graph.ros2.ament import add_installed
 from rwt_graph.ros2.connection import Connection
 from rwt_graph.ros2.discovery import Discovery
+from rwt_graph.ros2.remapping import RemappedParticipant, Remapping
 from rwt_graph.ros2.ros_time import RosTime
 from rwt_graph.ros2.services import Ros2Services
 from rwt_graph.ros2.topics import Ros2Topics
 from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
+    from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
     from rwt_graph.clock import Clock
     from rwt_graph.memory.actions import MemoryActionServer
 
@@ -48,9 +51,11 @@ class Ros2Graph(MemoryGraph):
         use_sim_time: take ROS time from the topic `/clock`; replaces `clock`.
         domain: ROS_DOMAIN_ID; that of the environment by default.
         use_callbacks: False to wait for samples in a thread, as with middlewares without callbacks.
+        remap: rules as after `--ros-args -r`, such as `/cmd_vel:=/input/cmd_vel`: nodes of this process and
+            lookups of one name use the new name; listings show it.
 
     Raises:
-        Ros2Error: the registry is of ROS 1.
+        Ros2Error: the registry is of ROS 1, or a remapping rule is invalid.
     """
 
     def __init__(
@@ -61,7 +66,9 @@ class Ros2Graph(MemoryGraph):
         use_sim_time: bool = False,
         domain: int | None = None,
         use_callbacks: bool = True,
+        remap: Iterable[str] = (),
     ) -> None:
+        self._remapping = Remapping(remap)
         if registry is None:
             registry = Registry()
             add_installed(registry)
@@ -89,7 +96,7 @@ class Ros2Graph(MemoryGraph):
         )
 
     def participant(self, name: str) -> MemoryParticipant:
-        participant = super().participant(name)
+        participant = super().participant(self._remapping.node(validate(name)))
         if self._connection is not None:
             try:
                 self._connection.node_of(participant.owner)
@@ -97,6 +104,18 @@ class Ros2Graph(MemoryGraph):
                 participant.close()
                 raise InvalidGraphName(f"{name} is not a node name in ROS 2: {error}") from None
         return participant
+
+    def make_participant(self, name: str) -> MemoryParticipant:
+        return RemappedParticipant(self, name, self._remapping)
+
+    def topic(self, name: str) -> TopicInfo | None:
+        return super().topic(self._remapping.name(name))
+
+    def service(self, name: str) -> ServiceInfo | None:
+        return super().service(self._remapping.name(name))
+
+    def action(self, name: str) -> ActionInfo | None:
+        return super().action(self._remapping.name(name))
 
     def left(self, participant: MemoryParticipant) -> None:
         super().left(participant)

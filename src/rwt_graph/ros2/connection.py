@@ -16,8 +16,7 @@ from rwt_graph.errors import Ros2Error
 from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.raw_services import RawClient, RawService
-from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, rcl, rmw
-from rwt_graph.ros2.take import raw_take
+from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw
 from rwt_graph.ros2.type_supports import message_class, service_class
 from rwt_graph.ros2.wakeups import Wakeups
 from rwt_participant.qos import QoS

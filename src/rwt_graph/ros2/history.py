@@ -11,7 +11,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rwt_graph.memory.topics import KEEP_ALL_LIMIT, TransientLocalCache
-from rwt_graph.ros2.take import NO_NUMBER
+from rwt_graph.ros2.rcl import NO_NUMBER
 from rwt_participant.qos import Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:

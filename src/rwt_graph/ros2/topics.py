@@ -16,7 +16,7 @@ from rwt_graph.api import Sample
 from rwt_graph.errors import Ros2Error
 from rwt_graph.ros2.connection import now
 from rwt_graph.ros2.history import ALL_RETAINED, Probe, RemoteHistory
-from rwt_graph.ros2.take import NO_NUMBER
+from rwt_graph.ros2.rcl import NO_NUMBER
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS, Reliability
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         Topics,
     )
     from rwt_graph.ros2.connection import Connection
-    from rwt_graph.ros2.take import RawSample
+    from rwt_graph.ros2.rcl import RawSample
     from rwt_interfaces.structs import MessageType
     from rwt_participant.timers import Timer
 

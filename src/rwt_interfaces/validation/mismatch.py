@@ -33,7 +33,7 @@ def describe(value: object) -> str:
         case bytes() | bytearray() | memoryview():
             return "bytes"
         case _:
-            return type(value).__name__
+            return type(value).__name__.removesuffix("_")  # `bool_` is `bool` since NumPy 2.
 
 
 def quote(text: str) -> str:

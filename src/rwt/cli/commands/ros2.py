@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import sys
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ examples:
   rwt ros2 install ~/rwt_ros2                     the ament package `rwt`, in a folder of yours
   export AMENT_PREFIX_PATH=~/rwt_ros2:$AMENT_PREFIX_PATH
   ros2 launch rwt rwt_launch.py port:=9091
+  rwt ros2 serve --ros-args -r /cmd_vel:=/input/cmd_vel -r __ns:=/robot1
   rwt ros2 serve --ros-args -p port:=9091 -p topics_glob:="['/odom', '/scan']"
 """
 
@@ -106,6 +108,14 @@ def add_ros2_command(commands: argparse._SubParsersAction[argparse.ArgumentParse
     serve.add_argument(
         "--params-file", action="append", default=[], type=Path, metavar="FILE", help="parameters as YAML"
     )
+    serve.add_argument(
+        "-r",
+        "--remap",
+        action="append",
+        default=[],
+        metavar="OLD:=NEW",
+        help="remap a name, __ns or __node",
+    )
     serve.set_defaults(run=_serve)
 
 
@@ -135,9 +145,16 @@ def _serve(arguments: argparse.Namespace) -> int:
     from rwt.cli import main  # The command line knows this module.
 
     options, warnings = serve_options(_parameters(arguments))
+    if arguments.remap:
+        options += ["--set", f"ros2.remap={json.dumps([_of_gateway(rule) for rule in arguments.remap])}"]
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
     return main(["serve", "--graph", "ros2", *options])
+
+
+def _of_gateway(rule: str) -> str:
+    """Return a rule; `__node` without a node renames the node of rosbridge_suite."""
+    return f"rosbridge_websocket:{rule}" if rule.startswith(("__node:=", "__name:=")) else rule
 
 
 def _parameters(arguments: argparse.Namespace) -> dict[str, str]:

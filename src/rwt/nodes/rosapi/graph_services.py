@@ -27,7 +27,7 @@ def topics(node: Node, _: Any) -> Answer:
     topics = [topic for topic in node.graph.topics() if not _is_hidden(topic.name)]
     return {
         "topics": [topic.name for topic in topics],
-        "types": [_type_name(node, topic.type) for topic in topics],
+        "types": [_type_of(node, topic) for topic in topics],
     }
 
 
@@ -35,7 +35,7 @@ def topics_for_type(node: Node, request: Any) -> Answer:
     """Return the topics of one type, in either spelling of its name."""
     wanted = _two_part(request.type)
     return {
-        "topics": [topic.name for topic in node.graph.topics() if topic.type and topic.type.name == wanted]
+        "topics": [topic.name for topic in node.graph.topics() if _two_part(_type_of(node, topic)) == wanted]
     }
 
 
@@ -52,7 +52,7 @@ def topics_and_raw_types(node: Node, _: Any) -> Answer:
 def topic_type(node: Node, request: Any) -> Answer:
     """Return the type of a topic; empty if it does not exist."""
     topic = _topic(node, request.topic)
-    return {"type": _type_name(node, topic.type) if topic else ""}
+    return {"type": _type_of(node, topic) if topic else ""}
 
 
 def publishers(node: Node, request: Any) -> Answer:
@@ -153,6 +153,13 @@ def get_ros_version(node: Node, _: Any) -> Answer:
 
 def _topic(node: Node, name: str) -> TopicInfo | None:
     return node.graph.topic(_absolute(name))
+
+
+def _type_of(node: Node, topic: TopicInfo) -> str:
+    """Return the name of a topic's type; other processes may use a type that is not known here."""
+    if topic.type is not None:
+        return _type_name(node, topic.type)
+    return next((end.type for end in (*topic.publishers, *topic.subscribers) if end.type), "")
 
 
 def _type_name(node: Node, type: MessageType | ServiceType | ActionType | None) -> str:

@@ -1,0 +1,218 @@
+"""CPU per delivered message of ROS 2 topics: `rwt serve --graph ros2` and rosbridge_suite, in one run.
+
+    make bench-ros2 SUITE=FOLDER
+
+FOLDER is a workspace of rosbridge_suite, with `lib/rosbridge_server/rosbridge_websocket`, built for this
+Python. Both servers subscribe to the same publisher and send JSON to as many clients. Only the CPU time of
+the server processes counts (user and system), so that other load of the machine matters little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import websockets
+
+from bench.ros1 import cpu_seconds
+from tests.processes import running
+from tests.statements import Program
+
+
+class Case(NamedTuple):
+    """Traffic of one row.
+
+    Attributes:
+        limit: largest accepted quotient of the CPU time of this server and that of rosbridge_suite.
+    """
+
+    title: str
+    type: str
+    fill: str
+    hertz: int
+    clients: int
+    limit: float
+
+
+CASES: Final = {
+    "twist": Case("Twist", "geometry_msgs/msg/Twist", "message.linear.x = 0.25", 100, 1, 1 / 3),
+    "scan": Case(
+        "LaserScan, 720 ranges",
+        "sensor_msgs/msg/LaserScan",
+        "message.ranges = [1.25 + i / 100 for i in range(720)]; message.intensities = message.ranges",
+        20,
+        1,
+        1 / 4,
+    ),
+    "cloud": Case(
+        "PointCloud2, 320 kB",
+        "sensor_msgs/msg/PointCloud2",
+        "message.data = bytes(range(256)) * 1250; message.point_step = 16; message.width = 20000",
+        5,
+        1,
+        1 / 8,
+    ),
+    "image": Case(
+        "Image, 640 x 480 rgb8",
+        "sensor_msgs/msg/Image",
+        "message.data = bytes(range(256)) * 3600; message.height = 480; message.width = 640",
+        3,
+        1,
+        1 / 15,
+    ),
+    "fan": Case("Twist, ten clients", "geometry_msgs/msg/Twist", "message.linear.x = 0.25", 50, 10, 1 / 10),
+}
+
+_PUBLISH: Final = """
+from {package}.msg import {name}
+message = {name}()
+{fill}
+publisher = node.create_publisher({name}, '/measured', 10)
+timer = node.create_timer(1 / {hertz}, lambda: publisher.publish(message))
+"""
+
+HEAD: Final = (
+    "| messages | Hz | rwt, µs | rosbridge_suite, µs | quotient | limit |\n|---|---:|---:|---:|---:|---:|\n"
+)
+
+#: Seconds before the measurement, in which both servers discover the publisher.
+_SETTLE_SECONDS: Final = 3.0
+
+
+@contextmanager
+def rosbridge_suite(workspace: Path) -> Iterator[tuple[int, str]]:
+    """rosbridge_websocket of a workspace: its process, and its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    python = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    environment = {
+        **os.environ,
+        "AMENT_PREFIX_PATH": f"{workspace}:{os.environ['AMENT_PREFIX_PATH']}",
+        "LD_LIBRARY_PATH": f"{workspace}/lib:{os.environ['LD_LIBRARY_PATH']}",
+        "PYTHONPATH": f"{workspace}/lib/{python}/site-packages",
+    }
+    parameters = ("-p", f"port:={port}", "-p", "address:=127.0.0.1")
+    program = workspace / "lib/rosbridge_server/rosbridge_websocket"
+    process = subprocess.Popen([sys.executable, program, "--ros-args", *parameters], env=environment)
+    try:
+        yield process.pid, f"ws://127.0.0.1:{port}"
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+async def _connect(url: str) -> websockets.ClientConnection:
+    for _ in range(300):
+        try:
+            return await websockets.connect(url, max_size=None, compression=None)
+        except OSError:
+            await asyncio.sleep(0.1)
+    raise TimeoutError(f"{url} does not accept connections")
+
+
+class _Client:
+    """Client that counts what it receives."""
+
+    def __init__(self, connection: websockets.ClientConnection) -> None:
+        self.count = 0
+        self._connection = connection
+        self._reading = asyncio.ensure_future(self._read())
+
+    async def _read(self) -> None:
+        async for _ in self._connection:
+            self.count += 1
+
+    async def close(self) -> None:
+        self._reading.cancel()
+        await self._connection.close()
+
+
+async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: float) -> dict[str, float]:
+    """Return the microseconds of CPU time per delivered message of each server."""
+    package, _, name = case.type.split("/")
+    with closing(Program(sys.executable, "tests.ros2.program", environment=dict(os.environ))) as program:
+        program.run(_PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz))
+        async with AsyncExitStack() as stack:
+            clients: dict[str, list[_Client]] = {}
+            for server, (_, url) in servers.items():
+                clients[server] = []
+                for _ in range(case.clients):
+                    connection = await _connect(url)
+                    request = {"op": "subscribe", "topic": "/measured", "type": case.type}
+                    await connection.send(json.dumps(request))
+                    clients[server].append(_Client(connection))
+                    stack.push_async_callback(clients[server][-1].close)
+            await asyncio.sleep(_SETTLE_SECONDS)
+            before = {
+                server: (cpu_seconds(pid), sum(client.count for client in clients[server]))
+                for server, (pid, _) in servers.items()
+            }
+            await asyncio.sleep(seconds)
+            found = {}
+            for server, (pid, _) in servers.items():
+                used = cpu_seconds(pid) - before[server][0]
+                received = sum(client.count for client in clients[server]) - before[server][1]
+                if not received:
+                    raise RuntimeError(f"{server}: no message of {case.title} has arrived")
+                found[server] = used / received * 1e6
+    return found
+
+
+async def run(cases: list[str], workspace: Path, seconds: float) -> str:
+    """Return the figures of all cases as a table."""
+    rows = []
+    for each in cases:
+        case = CASES[each]
+        # New servers for every row: rosbridge_suite slows down with the topics that it has had.
+        with ExitStack() as stack:
+            environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
+            arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0")
+            process, url = stack.enter_context(
+                running(*arguments, environment=environment, real=True, stderr=None)
+            )
+            suite = stack.enter_context(rosbridge_suite(workspace))
+            found = await measure(case, {"rwt": (process.pid, url), "suite": suite}, seconds)
+        quotient = found["suite"] / found["rwt"]
+        rows.append(
+            [
+                case.title,
+                f"{case.hertz}",
+                f"{found['rwt']:,.0f}",
+                f"{found['suite']:,.0f}",
+                f"1/{quotient:.1f}",
+                f"1/{1 / case.limit:.0f}",
+            ]
+        )
+        print(" | ".join(rows[-1]), flush=True)
+    return HEAD + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("suite", type=Path, help="workspace of rosbridge_suite")
+    parser.add_argument("--seconds", type=float, default=10.0, help="length of each measurement")
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=[*CASES])
+    arguments = parser.parse_args()
+    print(asyncio.run(run(arguments.cases, arguments.suite.resolve(), arguments.seconds)))
+
+
+if __name__ == "__main__":
+    main()
