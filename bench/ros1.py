@@ -43,7 +43,7 @@ from tests.ros1.conftest import Ros
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tests.ros1.program import Program
+    from tests.statements import Program
 
 PYTHON: Final = "/usr/bin/python3"
 ROOT: Final = Path(__file__).parents[1]

@@ -24,7 +24,7 @@ from typing import Final, NamedTuple
 
 import websockets
 
-from bench.ros1 import cpu_seconds
+from bench.traffic.processes import cpu_time
 from tests.processes import running
 from tests.statements import Program
 
@@ -159,13 +159,13 @@ async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: floa
                     stack.push_async_callback(clients[server][-1].close)
             await asyncio.sleep(_SETTLE_SECONDS)
             before = {
-                server: (cpu_seconds(pid), sum(client.count for client in clients[server]))
+                server: (cpu_time(pid).used, sum(client.count for client in clients[server]))
                 for server, (pid, _) in servers.items()
             }
             await asyncio.sleep(seconds)
             found = {}
             for server, (pid, _) in servers.items():
-                used = cpu_seconds(pid) - before[server][0]
+                used = cpu_time(pid).used - before[server][0]
                 received = sum(client.count for client in clients[server]) - before[server][1]
                 if not received:
                     raise RuntimeError(f"{server}: no message of {case.title} has arrived")

@@ -20,7 +20,7 @@ def _frames(chunks: Iterator[bytes]) -> tuple[list[bytes], bool]:
     frames, found = Frames(_LARGEST), list[bytes]()
     try:
         for chunk in chunks:
-            found.extend(frames.feed(chunk))
+            found.extend(bytes(frame) for frame in frames.feed(chunk))
             assert frames.held <= _LARGEST
     except WireError:
         return found, False
