@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
 
+from rwt_graph.errors import WireError
 from rwt_graph.ros1.wire.tcpros import ReceiveBuffers
 
 if TYPE_CHECKING:
@@ -236,10 +237,11 @@ class Stream:
             return
         except OSError as error:
             self._lost(str(error))
+        except WireError as error:
+            self._lost(str(error))
         except Exception as error:
-            # The callback parses bytes of other programs: a failure ends this connection only, without a
-            # traceback in the log for each malformed frame.
-            logger.debug("a connection of ROS 1 is closed", exc_info=True)
+            # Subscribers run in the callback: a fault of one ends this connection only.
+            logger.exception("a connection of ROS 1 is closed")
             self._lost(str(error))
 
     def _read_large(self, large: LargeFrame) -> bool:
