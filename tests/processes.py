@@ -10,12 +10,13 @@ import atexit
 import ctypes
 import json
 import os
+import secrets
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -36,10 +37,15 @@ _APPLIED: Final = ("PYTHONPATH", "PYTHONUNBUFFERED")
 
 
 def free_port() -> int:
-    """A port without a listener."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port: int = listener.getsockname()[1]
-    return port
+    """Return a port without a listener.
+
+    It is not one of those that the system gives to outgoing connections, as it would be taken again soon.
+    """
+    while True:
+        port = 20_000 + secrets.randbelow(12_000)
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 def rwt_command(*arguments: str) -> list[str]:

@@ -6,7 +6,6 @@ They are skipped where Debian's packages of ROS 1 are not installed.
 from __future__ import annotations
 
 import shutil
-import socket
 import subprocess
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack
@@ -16,6 +15,7 @@ from typing import Final
 import pytest
 
 from rwt_graph.ros1 import Ros1Graph
+from tests.processes import free_port
 from tests.statements import Program
 
 HAS_ROS = shutil.which("rosmaster", path="/usr/bin") is not None
@@ -39,7 +39,7 @@ class Ros:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.port = _free_port()
+        self.port = free_port()
         self.uri = f"ros1://127.0.0.1:{self.port}"
         self.environment = {
             "PATH": "/usr/bin:/bin",
@@ -112,13 +112,6 @@ def _end(process: subprocess.Popen[str]) -> None:
     process.wait()
     assert process.stdout is not None
     process.stdout.close()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture

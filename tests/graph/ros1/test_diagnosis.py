@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from typing import Any
 
 import anyio.to_thread
@@ -11,6 +10,7 @@ from rwt.cli import main
 from rwt_graph.ros1 import Ros1Graph
 from rwt_graph.ros1.diagnosis import NodeReport, examine_nodes
 from rwt_graph.ros1.wire import rpc
+from tests.processes import free_port
 
 pytestmark = pytest.mark.anyio
 
@@ -21,11 +21,8 @@ async def test_nodes_that_cannot_be_reached_are_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("ROS_IP", "127.0.0.1")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    gone = f"http://127.0.0.1:{port}/"
-    async with Ros1Graph(master=f"ros1-master://127.0.0.1:{port + 1 if port < 65535 else port - 1}") as graph:
+    gone = f"http://127.0.0.1:{free_port()}/"
+    async with Ros1Graph(master=f"ros1-master://127.0.0.1:{free_port()}") as graph:
         for name, uri in (("/desktop", UNRESOLVED), ("/crashed", gone)):
             await rpc.call(graph.master, "registerPublisher", name, "/chatter", "std_msgs/String", uri)
         reports = {each.name: each for each in await examine_nodes(graph.master)}

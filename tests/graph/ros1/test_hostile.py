@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 from typing import Any
@@ -16,6 +15,7 @@ from rwt_graph.errors import Ros1Error
 from rwt_graph.ros1 import Ros1Graph, discovery
 from rwt_graph.ros1.wire import links, rpc, xmlrpc
 from rwt_graph.ros1.wire.tcpros import decode_header, encode_header, length_prefix
+from tests.processes import free_port
 from tests.waiting import until
 
 pytestmark = [
@@ -32,13 +32,6 @@ STRING = {
     "md5sum": "992ce8a1687cec8c8bd883ec73ca41d1",
     "message_definition": "string data\n",
 }
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture
