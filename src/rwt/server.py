@@ -430,9 +430,10 @@ class Server:
         settings, graph = self.settings, self.graph
         tls = server_tls(settings.tls)
         load_encodings(settings.encodings)
-        nodes = stack.enter_context(ExitStack())
         if not graph.running:
             await stack.enter_async_context(graph)
+        # Nodes leave first: their timers go on while a graph takes leave of other processes.
+        nodes = stack.enter_context(ExitStack())
         with suppress(RuntimeError):  # On trio.
             graph.in_batch = loop_batches().run
         ready = start_nodes(graph, settings, nodes)

@@ -13,8 +13,8 @@ import pytest
 from rwt.hub.hub import Hub, hub_routes
 from rwt_transports.api import Attach, BindAddress, Driver
 from rwt_transports.connection import ListenerState
+from rwt_transports.drivers import sockets
 from rwt_transports.drivers.anyio_stream import AnyioDriver
-from rwt_transports.drivers.sockets import Handshakes
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import AddressCount
@@ -213,7 +213,7 @@ async def test_the_oldest_handshake_in_tls_gives_way(
 ) -> None:
     if kind == "own" and anyio_backend_name != "asyncio":
         pytest.skip("asyncio's own sockets")
-    monkeypatch.setattr(Handshakes.__init__, "__defaults__", (2,))
+    monkeypatch.setattr(sockets, "MAX_HANDSHAKES", 2)
     driver = _asyncio_driver() if kind == "own" else AnyioDriver()
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)

@@ -119,7 +119,7 @@ class ClientRobot(GraphVerbs):
         *,
         on_feedback: Callable[[Message], object] | None = None,
     ) -> Goal:
-        """Send a goal and wait until it is accepted."""
+        """Send a goal, as :meth:`rwt_participant.api.RobotApi.send_goal` does."""
         name, client = self.resolve(action), self._client
         sent = GraphGoal(self.clock, name, on_feedback)
         try:
@@ -136,7 +136,7 @@ class ClientRobot(GraphVerbs):
         return sent
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Request cancellation of a goal, which any client may have sent."""
+        """Cancel a goal, as :meth:`rwt_participant.api.RobotApi.cancel_goal` does."""
         self._client.cancel_goal(action, goal_id)
 
     def _close(self) -> None:
