@@ -28,7 +28,6 @@ from bench.gate.robot import ASKER_TOKEN, LEASE_SECONDS, LIST, TOKEN, URLS
 from bench.traffic.processes import Server, ServerFailed
 from rwt_client import Robot, connect
 
-ROBOT = Path(__file__).parent / "robot.py"
 STOP, LEASE, APPROVAL = "emergency stop", "dead-man's stop", "approval"
 TURN = "longest turn (CPU time) between commands"
 STOPS = 200
@@ -165,7 +164,7 @@ def run(options: argparse.Namespace, over: str, number: int) -> dict[str, list[f
             stack.callback(relay.stop)
             os.setpriority(os.PRIO_PROCESS, relay.pid, options.nice)
             hub = [f"ws://{relay.host}:{relay.port}"]
-        server = Server("this server", [str(ROBOT), folder, *hub], quiet=True)
+        server = Server("this server", ["-m", "bench.gate.robot", folder, *hub], quiet=True)
         stack.callback(server.stop)
         stack.callback(os.setpriority, os.PRIO_PROCESS, 0, 0)
         os.setpriority(os.PRIO_PROCESS, server.pid, options.nice)

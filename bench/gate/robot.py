@@ -1,6 +1,6 @@
 """Server with a gate, whose robot publishes when it heard which speed, and the longest turn before.
 
-`python bench/gate/robot.py FOLDER [HUB]` writes the URLs of its listeners to `urls.json` in the folder, and
+`python -m bench.gate.robot FOLDER [HUB]` writes the URLs of its listeners to `urls.json` in the folder, and
 dials the hub.
 """
 
