@@ -5,6 +5,7 @@ A server collects old objects as rarely as it can, since a full collection block
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import socket
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from rwt.gateways.rosbridge.ops.offers import Provided
 from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
 from rwt.gateways.rosbridge.peer import Peer
 from rwt_graph.memory.actions import MemoryActionServer
+from rwt_interfaces.errors import InvalidMessage
 from rwt_transports.connection import Connection
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.outbox import Outbox
@@ -126,6 +128,35 @@ def test_a_connection_is_freed_with_what_it_has_received(
     for _ in range(5):
         act(robot)
     wait_until(lambda: _left_behind() == others, lambda: "some are left")
+
+
+def _connections_reset(robot: Robot) -> None:
+    for _ in range(COUNT):
+        client = robot.connect()
+        client.ask_something()
+        client.reset()
+
+
+def _incomplete_large_messages(robot: Robot) -> None:
+    with robot.connect() as client:
+        markers: list[dict[str, object]] = [{}] * 50_000
+        for _ in range(10):
+            client.say("publish", topic="/markers", type="visualization_msgs/MarkerArray",
+                       msg={"markers": markers, "other": 1})  # fmt: skip
+        client.ask_something()
+
+
+def _transports_and_errors() -> int:
+    return sum(isinstance(each, asyncio.Transport | InvalidMessage) for each in gc.get_objects())
+
+
+@pytest.mark.parametrize("act", [_connections_reset, _incomplete_large_messages])
+def test_neither_lost_transports_nor_errors_stay_in_cycles(
+    act: Callable[[Robot], None], robot: Robot, uncollected: None
+) -> None:
+    before = _transports_and_errors()
+    act(robot)
+    wait_until(lambda: _transports_and_errors() == before, lambda: "some are left")
 
 
 class _Cycle:

@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import anyio
 
@@ -234,30 +234,41 @@ async def _in_turns(turns: Turns, steps: Steps[T]) -> T:
 
     The steps run within the turn's budget: tasks that it wakes would all run in the same turn.
     """
-    results: list[T] = []
-    errors: list[Exception] = []
-    is_done = anyio.Event()
-
-    def step() -> None:
-        try:
-            next(steps)
-        except StopIteration as end:
-            results.append(end.value)
-        except Exception as error:
-            errors.append(error)
-        else:
-            turns.wait(step)
-            return
-        is_done.set()
-
-    turns.wait(step)
+    running = _InTurns(turns, steps)
+    turns.wait(running.step)
     try:
-        await is_done.wait()
+        await running.is_done.wait()
     finally:
         steps.close()
-    if errors:
-        raise errors[0]
-    return results[0]
+    error, running.error = running.error, None
+    if error is not None:
+        try:
+            raise error
+        finally:
+            del error  # Its traceback refers to this frame.
+    return running.results[0]
+
+
+class _InTurns(Generic[T]):
+    """Steps that run each in a turn; holds no reference to itself."""
+
+    def __init__(self, turns: Turns, steps: Steps[T]) -> None:
+        self._turns, self._steps = turns, steps
+        self.is_done = anyio.Event()
+        self.results: list[T] = []
+        self.error: Exception | None = None
+
+    def step(self) -> None:
+        try:
+            next(self._steps)
+        except StopIteration as end:
+            self.results.append(end.value)
+        except Exception as error:
+            self.error = error
+        else:
+            self._turns.wait(self.step)
+            return
+        self.is_done.set()
 
 
 def _index(

@@ -416,7 +416,10 @@ def _complete(
         except InvalidMessage as error:
             errors.append(reduce(lambda inner, slot: under(slot.name, inner), reversed(path), error))
     if short is None or errors:
-        raise min(errors, key=lambda error: _place(message, error.path)) from None
+        try:
+            raise min(errors, key=lambda error: _place(message, error.path)) from None
+        finally:
+            errors.clear()  # Otherwise errors, their tracebacks and this frame would form a cycle.
     for path, items in completed:
         short = put(short, field_types.attributes(path), items)
     return short

@@ -31,6 +31,7 @@ from rwt_transports.api import (
     Link,
     RemoteAddress,
 )
+from rwt_transports.drivers.asyncio_cycles import cut_cycles
 from rwt_transports.drivers.sockets import (
     UNSENT_BYTES,
     Handshakes,
@@ -478,6 +479,7 @@ class AsyncioDriver:
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Connect to `address` and attach the link. Starts no task: bytes arrive by callback."""
+        cut_cycles()
         loop = asyncio.get_running_loop()
         make_link = partial(_SocketLink, attach, _share_of(address.is_held_back))
         if address.path:
@@ -490,6 +492,7 @@ class AsyncioDriver:
 
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+        cut_cycles()
         loop = asyncio.get_running_loop()
         sockets = (
             [bind_unix(address.path)]

@@ -52,8 +52,14 @@ The most that was seen is 12, and after that nothing."""
 LEFT_OBJECTS: Final = 80
 """Thousands of small objects of which the same is true."""
 
-LEFT_OBJECTS_TOGETHER: Final = 400
-"""Thousands of them after all attacks at once, whose sessions of HTTP and MCP have not expired yet."""
+LEFT_OBJECTS_TOGETHER: Final = 300
+"""Thousands of them after all attacks at once, which load all libraries and types: a second time adds 3 %."""
+
+CYCLES: Final = 300
+"""Objects that an attack may leave in cycles, which the server never frees once it has frozen them."""
+
+CYCLES_TOGETHER: Final = 3_000
+"""Objects of which the same is true of all attacks at once: by tasks of libraries that were cancelled."""
 
 LOG_BYTES: Final = 100_000
 """Of one attack."""
@@ -141,6 +147,7 @@ def test_all_attacks_at_once() -> None:
             # Attackers that time out on a busy machine are no fault of the server.
             damage, _, _ = suffer_at_once(names, PEERS, server)
             _given_back(server, damage, LEFT_OBJECTS_TOGETHER)
+            assert server.cycles() < CYCLES_TOGETHER
         assert damage.waits.seconds < PATIENCE, damage
         assert damage.grown < TOGETHER, damage
         is_quick = damage.held < HELD and damage.ran < SOON * HELD
@@ -153,6 +160,7 @@ def _check(attack: str, server: Attacked) -> None:
     for number in range(1, TRIES + 1):
         damage = suffer(attack, server)
         _given_back(server, damage)
+        assert server.cycles() < CYCLES
         assert damage.waits.seconds < PATIENCE, damage
         assert damage.grown < (VIEWER if attack in OF_VIEWERS else ADMIN), damage
         assert damage.logged < LOG_BYTES, damage

@@ -1,7 +1,8 @@
 """`rwt serve` that tells what was asked of its event loop and its memory: `python -m
 tests.faults.attacks.watched_server serve …`, with the arguments of `rwt`.
 
-Each line of its input is answered by a line of JSON, a `Look`. The environment's `HOLDS_TO_TRACE` is a number
+Each line of its input is answered by a line of JSON, a `Look`, and the line `cycles` by a number: see
+:func:`_frozen_garbage`. The environment's `HOLDS_TO_TRACE` is a number
 of seconds: where the loop's thread is, once it has held it for so long, goes to the log.
 """
 
@@ -96,8 +97,21 @@ def _yardstick() -> float:
     return time.thread_time() - begin
 
 
+def _frozen_garbage() -> int:
+    """Return the number of objects that are garbage, but were frozen as members of cycles, and free them."""
+    gc.collect()
+    gc.unfreeze()
+    found = gc.collect()
+    gc.freeze()
+    return found
+
+
 def _answer() -> None:
-    for _ in sys.stdin:
+    for line in sys.stdin:
+        if line == "cycles\n":
+            sys.stdout.write(f"{_frozen_garbage()}\n")
+            sys.stdout.flush()
+            continue
         gc.collect()
         yardstick = min(_yardstick() for _ in range(2))
         look = Look(

@@ -213,4 +213,5 @@ class TopicEvents(ReaderStream):
         self._drops.close()
         self._fanout.leave(self._throttle, self._name, SAMPLES)
         self._client.graph.unsubscribe(self._fanout)
+        del self._throttle, self._drops, self._stream  # They refer to this stream.
         super()._close()
