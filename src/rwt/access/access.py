@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from rwt.access.disclosure import Disclosures
     from rwt.access.gate.client_gate import ClientGate
     from rwt.access.gate.gate import Gate
-    from rwt.access.settings import AccessSettings
-    from rwt.access.settings.gate import GateSettings
+    from rwt.access.settings import AccessSettings, GateSettings
     from rwt.delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo

@@ -6,7 +6,7 @@ import contextlib
 import ipaddress
 import socket
 
-from rwt.access.settings.types import is_host_name
+from rwt.access.settings import is_host_name
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 

@@ -22,7 +22,7 @@ from rwt.access.access import Access
 from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import GateRefused, NotAllowed
 from rwt.access.graph_view import GraphView
-from rwt.access.settings.gate import GateRule
+from rwt.access.settings import GateRule
 from rwt.composition.pages import routes
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.gateways.foxglove.gateway import FoxgloveGateway

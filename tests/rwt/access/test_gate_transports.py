@@ -22,7 +22,7 @@ from rwt import Server
 from rwt.access.access import Access
 from rwt.access.audit import Audit
 from rwt.access.gate.record import Recorder
-from rwt.access.settings.gate import AuditSettings, GateSettings
+from rwt.access.settings import AuditSettings, GateSettings
 from rwt.hub.hub import open_hub
 from rwt.settings.models import DialSettings, Settings
 from rwt.settings.webrtc import WebRtcSettings

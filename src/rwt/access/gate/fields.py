@@ -18,7 +18,7 @@ from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt.access.gate.rules import Rule
-    from rwt.access.settings.gate import FieldLimit
+    from rwt.access.settings import FieldLimit
     from rwt_interfaces.structs import MessageType
 
 #: Longest interval, in seconds, that counts for a rate: a value must not jump after a pause.

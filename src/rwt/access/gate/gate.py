@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.stop_path import Cancel
     from rwt.access.roles import Role
-    from rwt.access.settings.gate import GateRule, GateSettings
+    from rwt.access.settings import GateRule, GateSettings
     from rwt_graph.api import Graph, Publisher
     from rwt_interfaces.structs import MessageType
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.gate.record import Actor
-    from rwt.access.settings.gate import LeaseSettings
+    from rwt.access.settings import LeaseSettings
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
 

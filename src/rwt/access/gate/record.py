@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.audit.budget import Source
     from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
-    from rwt.access.settings.gate import AuditSettings
+    from rwt.access.settings import AuditSettings
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
 

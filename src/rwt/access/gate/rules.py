@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import re
     from collections.abc import Mapping
 
-    from rwt.access.settings.gate import GateRule
+    from rwt.access.settings import GateRule
     from rwt_interfaces.structs import MessageType
 
 GatedAct = Literal["publish", "call", "goal", "set_param"]

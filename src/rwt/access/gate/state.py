@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.lease import Lease
     from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import GatedAct, Rule
-    from rwt.access.settings.gate import GateSettings
+    from rwt.access.settings import GateSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
 

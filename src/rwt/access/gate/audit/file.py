@@ -21,7 +21,7 @@ import msgspec
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    from rwt.access.settings.gate import AuditSettings
+    from rwt.access.settings import AuditSettings
 
 logger: Final = logging.getLogger("rwt.bridge")
 
