@@ -163,7 +163,11 @@ class Access:
         of_address = self._quotas_of(address)
         work = self._work(self.limits.work_per_second, of_address.work)
         quotas = ClientQuotas(self.limits, of_address, work)
-        gate = None if self.gate is None else self._client_gate(self.gate, role, address, name, user_agent)
+        gate: ClientGate | None = None
+        if self.gate is not None:
+            from rwt.access.gate.client_gate import ClientGate
+
+            gate = ClientGate(self.gate, name, role, address, device_of(user_agent))
         return ClientGraph(
             shared,
             role,
@@ -191,12 +195,6 @@ class Access:
             topic: absolute name of the topic.
         """
         self._reserved.add(topic)
-
-    @staticmethod
-    def _client_gate(gate: Gate, role: Role, address: str, name: str, user_agent: str) -> ClientGate:
-        from rwt.access.gate.client_gate import ClientGate
-
-        return ClientGate(gate, name, role, address, device_of(user_agent))
 
     def _quotas_of(self, address: str) -> AddressQuotas:
         """Return the quotas shared by all clients of an address.

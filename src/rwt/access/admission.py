@@ -131,15 +131,7 @@ class Admission:
         Raises:
             Refused: the token is unknown.
         """
-        return self._by_token(info) or self.default_role
-
-    def role_of_token(self, info: PeerInfo) -> Role | None:
-        """Return the role of an HTTP request by its token; None without a token, or if none is configured.
-
-        Raises:
-            Refused: the token is unknown.
-        """
-        return self._by_token(info)
+        return self.role_of_token(info) or self.default_role
 
     def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Return True if the web page named by the ``Origin`` header may connect."""
@@ -154,12 +146,17 @@ class Admission:
         raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here{hint} (origins.allow)")
 
     def _role(self, info: PeerInfo) -> Role | None:
-        role = self._by_token(info) or self.default_role
+        role = self.role_of_token(info) or self.default_role
         if role is None and self.rosauth is None:
             raise self._refused(info, 401, f"a bearer token is needed (auth.tokens): {_HOW}")
         return role
 
-    def _by_token(self, info: PeerInfo) -> Role | None:
+    def role_of_token(self, info: PeerInfo) -> Role | None:
+        """Return the role of an HTTP request by its token; None without a token, or if none is configured.
+
+        Raises:
+            Refused: the token is unknown.
+        """
         if not self._tokens:
             return None
         try:
@@ -175,9 +172,8 @@ class Admission:
 
     def log_refusal(self, info: PeerInfo, reason: str) -> None:
         """Log a refused connection; the rate limit is for all connections together."""
-        line = self._log_rate.admit(
-            f"turned {info.address or info.transport} away: {reason}", self._monotonic()
-        )
+        text = f"turned {info.address or info.transport} away: {reason}"
+        line = self._log_rate.admit(text, self._monotonic())
         if line is not None:
             self._audit.write(logging.WARNING, "%s", line)
 

@@ -172,7 +172,7 @@ async def test_a_gateway_has_the_verbs_of_its_row_and_no_others(
     shared = SharedGraph(graph, "/gateway", 0.0, _nothing)
     client = access.client(shared, access.admission.roles["guest"], "", f"{gateway}:1")
     is_declared = gateway != "undeclared" and verb in decisions.decisions_of(f"{gateway}:1")
-    text = rf"roles\.guest\.{decisions.VERBS[verb].act}" if is_declared else f"{verb} is not declared"
+    text = rf"roles\.guest\.{decisions.VERBS[verb]}" if is_declared else f"{verb} is not declared"
     with pytest.raises(NotAllowed, match=text):
         getattr(client, verb)(*VERBS[verb])
 

@@ -8,6 +8,7 @@ from contextvars import copy_context
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
+from rwt.access.client_graph import WrappedPublisher
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
 from rwt.access.gate.node import LEASES, SERVICES, TOPICS, stop_response
 from rwt.access.gate.record import CALLER
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
-    from rwt.delivery.counters import Counters, TopicCounts
+    from rwt.delivery.counters import Counters
     from rwt_graph.api import OnReply
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -53,27 +54,15 @@ _MAX_SHOWN_BYTES: Final = 2000
 _MAX_RECORDED: Final = 1000
 
 
-class _CheckedPublisher:
-    """Publisher of a client in front of another one."""
-
-    __slots__ = ("_actor", "_gate", "_inner", "counts", "topic", "type")
-
-    def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher) -> None:
-        self._gate = gate
-        self._actor = actor
-        self._inner = inner
-        self.topic: str = inner.topic
-        self.type: MessageType = inner.type
-        self.counts: TopicCounts = inner.counts
-
-
-class GatedPublisher(_CheckedPublisher):
+class GatedPublisher(WrappedPublisher):
     """Publisher of a client on a topic with gate rules."""
 
-    __slots__ = ("_guarded",)
+    __slots__ = ("_actor", "_gate", "_guarded")
 
     def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher, guarded: GuardedTopic) -> None:
-        super().__init__(gate, actor, inner)
+        super().__init__(inner)
+        self._gate = gate
+        self._actor = actor
         self._guarded = guarded
 
     def publish(self, payload: Payload) -> None:
@@ -89,20 +78,18 @@ class GatedPublisher(_CheckedPublisher):
         guarded.publish(self._actor, payload, self._inner.publish)
 
 
-class GoalPublisher(_CheckedPublisher):
+class GoalPublisher(WrappedPublisher):
     """Publisher of a client on a topic whose messages are goals of an action, as in ROS 1.
 
-    Args:
-        gate: gate of the server.
-        actor: client that publishes.
-        inner: publisher of the topic, behind its own rules if there are any.
-        action: absolute name of the action.
+    Its inner publisher checks the rules of the topic, if there are any.
     """
 
-    __slots__ = ("_action",)
+    __slots__ = ("_action", "_actor", "_gate")
 
     def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher, action: str) -> None:
-        super().__init__(gate, actor, inner)
+        super().__init__(inner)
+        self._gate = gate
+        self._actor = actor
         self._action = action
 
     def publish(self, payload: Payload) -> None:
@@ -119,13 +106,7 @@ class GoalPublisher(_CheckedPublisher):
 
 
 class StopPublisher:
-    """Publisher of a client on the topic that presses the emergency stop; it holds nothing in the graph.
-
-    Args:
-        gate: gate of the server.
-        actor: client that publishes.
-        counters: counters of the client's gateway.
-    """
+    """Publisher of a client on the topic that presses the emergency stop; it holds nothing in the graph."""
 
     __slots__ = ("_actor", "_gate", "counts", "topic", "type")
 
@@ -256,45 +237,33 @@ class ClientGate:
 
     The client is an actor of the gate from the constructor until :meth:`close`.
 
+    Attributes:
+        actor: client as the gate knows it.
+
     Args:
-        gate: gate of the server.
         name: name of the client; empty: the gate assigns one.
-        role: role of the client.
         address: network address of the client.
+        device: program and system of the client, for people.
     """
 
-    __slots__ = ("_actor", "_gate", "_recorded")
+    __slots__ = ("_gate", "_recorded", "actor")
 
     def __init__(self, gate: Gate, name: str, role: Role, address: str, device: str) -> None:
         self._gate = gate
         self._recorded: set[str] = set()
-        self._actor = gate.join(name, role, address, device)
-
-    @property
-    def name(self) -> str:
-        """Name of the client at the gate."""
-        return self._actor.name
-
-    def tell_approvals(self, on_progress: Callable[[str], None]) -> None:
-        """Call `on_progress` when a command begins to wait for approval, and with the answer."""
-        self._actor.on_approval = on_progress
-
-    def swap_on_notice(self, on_notice: Callable[[str], None] | None) -> Callable[[str], None] | None:
-        """Set what is called with what the gate does to the client's commands; returns what was before."""
-        before, self._actor.on_notice = self._actor.on_notice, on_notice
-        return before
+        self.actor = gate.join(name, role, address, device)
 
     def take_role(self, role: Role) -> None:
         """Switch the client to another role."""
-        self._gate.take_role(self._actor, role)
+        self._gate.take_role(self.actor, role)
 
     def close(self) -> None:
         """Remove the client: release its leases, and withdraw its requests for approval."""
-        self._gate.leave(self._actor)
+        self._gate.leave(self.actor)
 
     def note_refusal(self, act: str, name: str, why: str) -> None:
         """Record an act that the client's role does not allow."""
-        self._gate.recorder.note("refused", act, name, self._actor, why)
+        self._gate.recorder.note("refused", act, name, self.actor, why)
 
     @staticmethod
     def approval_of(pending: PendingCall | ClientGoal | None) -> Approval | None:
@@ -320,11 +289,11 @@ class ClientGate:
             rule = self._gate.latch_rule(topic)
             if rule is not None:
                 text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
-                _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
+                _refuse(self._gate, self.actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
-        if topic == STOP and not self._gate.may_stop(self._actor.role):
-            raise NotAllowed(f"role {self._actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
+        if topic == STOP and not self._gate.may_stop(self.actor.role):
+            raise NotAllowed(f"role {self.actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
 
     def check_subscriber(self, topic: str) -> None:
         """Check a subscription: the topic of leases names the holders of all leases.
@@ -332,14 +301,14 @@ class ClientGate:
         Raises:
             NotAllowed: the role may not see every topic that rules with a lease are about.
         """
-        if topic != LEASES or self._actor.rights.sees_every_topic:
+        if topic != LEASES or self.actor.rights.sees_every_topic:
             return
         for rule in self._gate.rules.all:
             for glob in absolute_globs(rule.settings.topics) if rule.settings.lease else ():
-                if not all(map(self._actor.rights.sees_topic, _names_like(glob))):
+                if not all(map(self.actor.rights.sees_topic, _names_like(glob))):
                     raise NotAllowed(
-                        f"role {self._actor.role!r} may not see {glob}, whose holder {LEASES} names"
-                        f" (roles.{self._actor.role}.subscribe)"
+                        f"role {self.actor.role!r} may not see {glob}, whose holder {LEASES} names"
+                        f" (roles.{self.actor.role}.subscribe)"
                     )
 
     def check_type(self, topic: str, type: MessageType) -> None:
@@ -348,7 +317,7 @@ class ClientGate:
         Raises:
             GateRefused: as for :meth:`rwt.access.gate.gate.Gate.require_type`.
         """
-        self._gate.require_type(self._actor, topic, type)
+        self._gate.require_type(self.actor, topic, type)
 
     def reserve_offer(self, name: str) -> None:
         """Check that a service or action of a client does not use a name of the gate.
@@ -361,7 +330,7 @@ class ClientGate:
 
     def publisher(self, inner: ClientPublisher) -> ClientPublisher:
         """Return a publisher that checks the rules; `inner` itself if there are none for the topic."""
-        gate, actor = self._gate, self._actor
+        gate, actor = self._gate, self.actor
         if gate.recorder.keeps_all and inner.topic not in self._recorded:
             if len(self._recorded) >= _MAX_RECORDED:
                 self._recorded.clear()
@@ -377,18 +346,18 @@ class ClientGate:
 
     def leave_topic(self, topic: str) -> None:
         """Note that the client no longer publishes on a topic."""
-        self._gate.leave_topic(self._actor, topic)
+        self._gate.leave_topic(self.actor, topic)
 
     def lease_seconds(self, topic: str) -> float | None:
         """Return the seconds of silence after which the client loses a lease; None without a lease."""
-        return self._gate.lease_seconds(self._actor.rights, topic)
+        return self._gate.lease_seconds(self.actor.rights, topic)
 
     # Emergency stop
 
     @property
     def is_stop_due(self) -> bool:
         """True if the client can press the emergency stop now."""
-        return self._gate.is_stop_due and self._gate.may_stop(self._actor.role)
+        return self._gate.is_stop_due and self._gate.may_stop(self.actor.role)
 
     def is_stop_topic(self, topic: str) -> bool:
         """Return True for the topic that presses the emergency stop."""
@@ -396,15 +365,11 @@ class ClientGate:
 
     def stop_publisher(self, counters: Counters) -> StopPublisher:
         """Return a publisher that presses the emergency stop."""
-        return StopPublisher(self._gate, self._actor, counters)
-
-    def is_stop_service(self, service: str) -> bool:
-        """Return True for the service that presses the emergency stop."""
-        return service == STOP
+        return StopPublisher(self._gate, self.actor, counters)
 
     def stop(self, request: Payload, type: ServiceType) -> Payload:
         """Press the emergency stop by a call, and return the response."""
-        return stop_response(self._gate, self._actor, request, type)
+        return stop_response(self._gate, self.actor, request, type)
 
     # Calls
 
@@ -436,10 +401,10 @@ class ClientGate:
             ]
             as_goal = _SEND_GOAL.fullmatch(service)
             if as_goal is not None:
-                _require_plain_goal(gate, self._actor, as_goal["action"], request)
-            return gate.check(self._actor, acts, type.request, request, text)
+                _require_plain_goal(gate, self.actor, as_goal["action"], request)
+            return gate.check(self.actor, acts, type.request, request, text)
         except GateRefused as refused:
-            _refuse(gate, self._actor, "call", service, refused)
+            _refuse(gate, self.actor, "call", service, refused)
             return request, []
 
     def note_call(self, service: str, written: list[str], request: Payload) -> None:
@@ -448,7 +413,7 @@ class ClientGate:
         if not recorder.keeps_all:
             return
         if not written:
-            recorder.note("allowed", "call", service, self._actor)
+            recorder.note("allowed", "call", service, self.actor)
             return
         after = _shown(request)
 
@@ -456,7 +421,7 @@ class ClientGate:
             for name in written:
                 before = values.get(name)
                 recorder.note(
-                    "allowed", "set_param", name, self._actor, f"by {service}", before=before, after=after
+                    "allowed", "set_param", name, self.actor, f"by {service}", before=before, after=after
                 )
 
         self._gate.read_parameters(written, note)
@@ -484,7 +449,7 @@ class ClientGate:
     def as_caller(self, send: Callable[[], PendingCall]) -> PendingCall:
         """Call a service of the gate, which finds the client in :data:`CALLER`."""
         context = copy_context()
-        context.run(CALLER.set, self._actor)
+        context.run(CALLER.set, self.actor)
         return context.run(send)
 
     # Goals
@@ -496,9 +461,9 @@ class ClientGate:
             GateRefused: a rule rejects the goal.
         """
         try:
-            return self._gate.check(self._actor, [("goal", action)], type.goal, goal)
+            return self._gate.check(self.actor, [("goal", action)], type.goal, goal)
         except GateRefused as refused:
-            _refuse(self._gate, self._actor, "goal", action, refused)
+            _refuse(self._gate, self.actor, "goal", action, refused)
             return goal, []
 
     def send_goal(
@@ -520,7 +485,7 @@ class ClientGate:
         """
         gate, goal_id = self._gate, uuid4().hex
         if gate.recorder.keeps_all and not needed:
-            gate.recorder.note("allowed", "goal", action, self._actor)
+            gate.recorder.note("allowed", "goal", action, self.actor)
         if not needed:
             return send(goal_id, goal)
         kept = goal.detach()
@@ -545,22 +510,22 @@ class ClientGate:
                 # Meanwhile the emergency stop may be pressed, and the client may have another role.
                 for *_, each in needed:
                     gate.require_released(each)
-                if (subject.role, subject.credential) != (self._actor.role, self._actor.credential):
+                if (subject.role, subject.credential) != (self.actor.role, self.actor.credential):
                     raise GateRefused(f"{act} {name}: the client has another role now")
                 if not others:
                     go()
             except (AccessError, RobotError) as refused:
-                gate.recorder.note("refused", act, name, self._actor, str(refused))
+                gate.recorder.note("refused", act, name, self.actor, str(refused))
                 refuse(str(refused))
                 return
             if others:
                 self._ask(others, payload, waiting, go, refuse)
 
         try:
-            subject = gate.approvals.subject(self._actor, act, name, rule, payload)
+            subject = gate.approvals.subject(self.actor, act, name, rule, payload)
             approval = gate.approvals.ask(subject, rule, payload)
         except GateRefused as refused:
-            gate.recorder.note("refused", act, name, self._actor, str(refused), refused.rule)
+            gate.recorder.note("refused", act, name, self.actor, str(refused), refused.rule)
             refuse(str(refused))
             return
         approval.go = next_one
