@@ -103,13 +103,11 @@ class Access:
         if not settings.rules and not settings.audit.is_on:
             return None
         # Imported here: servers without a gate do not load it.
-        from rwt.access.gate.gate import BadRule, Gate
+        from rwt.access.gate.gate import Gate
         from rwt.access.gate.node import GateNode
 
         try:
             gate = Gate(graph, settings, self.audit)
-        except BadRule as wrong:
-            raise SettingsError(str(wrong)) from None
         except OSError as error:
             raise SettingsError(f"`gate.audit.file`: cannot be written: {error.strerror}") from error
         if settings.rules:
@@ -125,21 +123,12 @@ class Access:
             SettingsError: the settings are invalid, or require a restart; then nothing changes.
         """
         replace = self.admission.prepare(settings)
-        self._reload_gate(settings.gate)
+        if self.gate is not None:
+            self.gate.replace_rules(settings.gate)
+        elif settings.gate.rules or settings.gate.audit.is_on:
+            raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
         replace()
         self._open_responses.review()
-
-    def _reload_gate(self, settings: GateSettings) -> None:
-        if self.gate is None:
-            if settings.rules or settings.audit.is_on:
-                raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
-            return
-        from rwt.access.gate.gate import BadRule
-
-        try:
-            self.gate.replace_rules(settings)
-        except BadRule as wrong:
-            raise SettingsError(str(wrong)) from None
 
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""
@@ -186,7 +175,7 @@ class Access:
 
     def is_stop_due(self, role: Role) -> bool:
         """True if clients of a role can press the emergency stop now."""
-        return self.gate is not None and self.gate.is_stop_due and self.gate.may_stop(role.name)
+        return self.gate is not None and self.gate.is_stop_due(role.name)
 
     def reserve(self, topic: str) -> None:
         """Reserve a topic for the server: no client can publish on it, whatever its role.

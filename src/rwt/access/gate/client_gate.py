@@ -10,9 +10,9 @@ from uuid import uuid4
 
 from rwt.access.client_graph import WrappedPublisher
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
+from rwt.access.gate.gate import GATE_NODE
 from rwt.access.gate.node import LEASES, SERVICES, TOPICS, stop_response
 from rwt.access.gate.record import CALLER
-from rwt.access.gate.state import GATE_NODE
 from rwt.access.graph_view import STOP
 from rwt.access.roles import absolute_globs
 from rwt_graph.api import ClientGoal, PendingCall
@@ -101,7 +101,7 @@ class GoalPublisher(WrappedPublisher):
         try:
             _require_plain_goal(self._gate, self._actor, self._action, payload)
         except GateRefused as refused:
-            _refuse(self._gate, self._actor, "goal", self._action, refused)
+            self._gate.refuse(self._actor, "goal", self._action, refused)
         self._inner.publish(payload)
 
 
@@ -289,7 +289,7 @@ class ClientGate:
             rule = self._gate.latch_rule(topic)
             if rule is not None:
                 text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
-                _refuse(self._gate, self.actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
+                self._gate.refuse(self.actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         if topic == STOP and not self._gate.may_stop(self.actor.role):
@@ -357,7 +357,7 @@ class ClientGate:
     @property
     def is_stop_due(self) -> bool:
         """True if the client can press the emergency stop now."""
-        return self._gate.is_stop_due and self._gate.may_stop(self.actor.role)
+        return self._gate.is_stop_due(self.actor.role)
 
     def is_stop_topic(self, topic: str) -> bool:
         """Return True for the topic that presses the emergency stop."""
@@ -404,7 +404,7 @@ class ClientGate:
                 _require_plain_goal(gate, self.actor, as_goal["action"], request)
             return gate.check(self.actor, acts, type.request, request, text)
         except GateRefused as refused:
-            _refuse(gate, self.actor, "call", service, refused)
+            gate.refuse(self.actor, "call", service, refused)
             return request, []
 
     def note_call(self, service: str, written: list[str], request: Payload) -> None:
@@ -463,7 +463,7 @@ class ClientGate:
         try:
             return self._gate.check(self.actor, [("goal", action)], type.goal, goal)
         except GateRefused as refused:
-            _refuse(self._gate, self.actor, "goal", action, refused)
+            self._gate.refuse(self.actor, "goal", action, refused)
             return goal, []
 
     def send_goal(
@@ -561,12 +561,3 @@ def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload)
         if settings.fields or settings.approval or settings.largest_bytes:
             raise GateRefused(f"goals of {action} are only taken by `send_action_goal`", rule.key)
         gate.require_finite(rule, payload)
-
-
-def _refuse(gate: Gate, actor: Actor, act: GatedAct, name: str, refused: GateRefused) -> None:
-    """Record a rejection, and raise it unless the gate only observes."""
-    gate.recorder.note(
-        "would refuse" if gate.is_observing else "refused", act, name, actor, str(refused), refused.rule
-    )
-    if not gate.is_observing:
-        raise refused

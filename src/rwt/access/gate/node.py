@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
@@ -85,11 +86,11 @@ class GateNode:
             )
         }
         handlers: dict[str, Callable[[Actor | None, Any], dict[str, object]]] = {
-            "/gate/take_lease": self._take_lease,
-            "/gate/release_lease": self._release_lease,
-            "/gate/request_lease": self._request_lease,
+            "/gate/take_lease": partial(self._change_lease, gate.take_lease),
+            "/gate/release_lease": partial(self._change_lease, gate.release_lease),
+            "/gate/request_lease": partial(self._change_lease, self._ask_holder),
             "/gate/pass_lease": self._pass_lease,
-            STOP: self._stop,
+            STOP: partial(_press, gate),
             "/gate/release_stop": self._release_stop,
             "/gate/approve": self._approve,
         }
@@ -177,15 +178,6 @@ class GateNode:
 
     # Services
 
-    def _take_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return self._change_lease(actor, request.topic, self._gate.take_lease)
-
-    def _release_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return self._change_lease(actor, request.topic, self._gate.release_lease)
-
-    def _request_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return self._change_lease(actor, request.topic, self._ask_holder)
-
     def _ask_holder(self, client: Actor, name: str) -> None:
         """Show the holder of a lease that a client asks for it, until it has it or :data:`REQUEST_SECONDS`.
 
@@ -226,16 +218,15 @@ class GateNode:
         ]
 
     def _change_lease(
-        self, actor: Actor | None, topic: str, change: Callable[[Actor, str], None]
+        self, change: Callable[[Actor, str], None], actor: Actor | None, request: Any
     ) -> dict[str, object]:
         """Change a lease, and return its holder, also if the change was rejected."""
-        client, refusal = _client(actor), ""
+        client, topic, refusal = _client(actor), request.topic, ""
         try:
             change(client, topic)
         except GateRefused as refused:
             refusal = str(refused)
-        found = self._gate.find_topic(canonical(topic))
-        held = None if found is None or found.lease is None else found.lease.holder
+        held = self._gate.holder_of(canonical(topic))
         # As for subscribers of the topic of leases: only roles that may see a topic see who holds it.
         sees = client.rights.sees_topic(canonical(topic))
         holder = held.name if sees and held is not None else ""
@@ -253,9 +244,6 @@ class GateNode:
         to = request.to
         self._gate.pass_lease(_client(actor), request.topic, to)
         return {"success": True, "message": f"{to} holds it now"}
-
-    def _stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return _press(self._gate, actor, request)
 
     def _release_stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
         self._gate.release(actor, request.reason)

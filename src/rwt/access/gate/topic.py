@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     import msgspec
 
-    from rwt.access.gate.record import Actor, Decision
+    from rwt.access.gate.gate import Gate
+    from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import Rule
-    from rwt.access.gate.state import GateState
     from rwt_graph.api import Publisher
     from rwt_interfaces.structs import MessageType
 
@@ -88,21 +88,19 @@ class GuardedTopic:
     A rule that does not fit the topic's type, such as one for an unknown field, is a fault: every message is
     rejected, and no stop message is published.
 
-    Attributes by purpose:
+    Private attributes:
 
     * Stalled connections: ``_freshness`` (of the commands; None without a lease), ``_has_lists`` (False: a
       message of any size is decoded before its limits are checked).
-    * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
-    * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
-      (identities of paused clients, with the time of the last rejected message: another connection or
-      advertisement of the same credential is paused, too).
+    * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use).
+    * Clients: ``_lease_owner`` (identity that the lease counts for), ``_paused_at`` (identities of paused
+      clients, with the time of the last rejected message: another connection or advertisement of the same
+      credential is paused, too).
     * Rates: ``_motion`` (values last passed on), ``_has_rates`` (True if a rule limits them).
     * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
       ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's
       stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a
       header).
-    * Emergency stops: ``is_emergency``, ``driven_in`` and ``stopped_in`` (numbers of the last press before a
-      client's message passed, and that stopped the topic).
 
     Attributes:
         name: absolute name.
@@ -111,18 +109,12 @@ class GuardedTopic:
         fault: description of what is wrong with the rules; empty if they fit.
         users: clients that publish on the topic.
         is_emergency: True if the emergency stop is for the topic.
-        driven_in: number of the last press of the emergency stop when a client last drove.
+        driven_in: number of the last press of the emergency stop before a client's message passed.
         stopped_in: number of the press that stopped the topic last.
         is_closed: True after :meth:`close`: the gate has another object for the topic, or none.
-
-    Args:
-        gate: state of the gate.
-        name: absolute name.
-        type: type of the messages.
-        rules: all rules about the topic.
     """
 
-    def __init__(self, gate: GateState, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
+    def __init__(self, gate: Gate, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
         self.name = name
         self.type = type
         self.fault = ""
@@ -256,10 +248,7 @@ class GuardedTopic:
             passed = self._check(client, rules, payload, now)
         except GateRefused as refused:
             self._motion.refused()
-            decision: Decision = "would refuse" if gate.is_observing else "refused"
-            gate.recorder.note(decision, "publish", self.name, client, str(refused), refused.rule)
-            if not gate.is_observing:
-                raise
+            gate.refuse(client, "publish", self.name, refused)
             forward(payload)
             return
         if self._has_rates:
@@ -407,7 +396,7 @@ class GuardedTopic:
             "lease", "publish", self.name, holder or before, change, self.lease_rule,
             before="" if before is None else before.name, after="" if holder is None else holder.name,
         )  # fmt: skip
-        gate.leases_changed()
+        gate.on_leases()
 
     @property
     def _has_just_stopped(self) -> bool:

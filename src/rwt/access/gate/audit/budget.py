@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Final
 
+from rwt.access.quotas import RateLimit
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -27,28 +29,6 @@ _SOURCES_OF_CREDENTIAL: Final = 4
 _MIN_BURST_BYTES: Final = 16 * 1024
 
 
-class _Bucket:
-    """Bytes that may be written: a burst, and a rate."""
-
-    __slots__ = ("_at", "_bytes", "burst", "rate")
-
-    def __init__(self, burst: float, rate: float) -> None:
-        self.burst = burst
-        self.rate = rate
-        self._bytes = burst
-        self._at = 0.0
-
-    def level(self, now: float) -> float:
-        """Return the bytes that may be written now."""
-        self._bytes = min(self.burst, self._bytes + (now - self._at) * self.rate) if self._at else self._bytes
-        self._at = now
-        return self._bytes
-
-    def take(self, size: int) -> None:
-        """Use up bytes; :meth:`level` was at least as much."""
-        self._bytes -= size
-
-
 class AuditBudget:
     """Budget of one kind of lines, for each source and for each credential.
 
@@ -65,8 +45,8 @@ class AuditBudget:
     def __init__(self, file_bytes: int, files: int, keep_seconds: float) -> None:
         self._burst = max(file_bytes * _SOURCE_FRACTION, _MIN_BURST_BYTES)
         self._rate = file_bytes * max(files - 1, 0.5) / keep_seconds * _SOURCE_FRACTION
-        self._sources: dict[Source, _Bucket] = {}
-        self._credentials: dict[str, _Bucket] = {}
+        self._sources: dict[Source, RateLimit] = {}
+        self._credentials: dict[str, RateLimit] = {}
         self._left_out: dict[Source, Counter[str]] = {}
 
     def take(self, source: Source, size: int, now: float) -> bool:
@@ -75,24 +55,23 @@ class AuditBudget:
         credential = self._credentials.get(source[0])
         if credential is None:
             times = _SOURCES_OF_CREDENTIAL
-            credential = self._credentials[source[0]] = _Bucket(self._burst * times, self._rate * times)
-        if min(bucket.level(now), credential.level(now)) < size:
+            credential = self._credentials[source[0]] = RateLimit(self._rate * times, self._burst * times)
+        if not bucket.take(now, size):
             return False
-        bucket.take(size)
-        credential.take(size)
+        if not credential.take(now, size):
+            bucket.give_back(size)
+            return False
         return True
 
-    def _bucket_of(self, source: Source, now: float) -> _Bucket:
+    def _bucket_of(self, source: Source, now: float) -> RateLimit:
         bucket = self._sources.get(source)
         if bucket is None and len(self._sources) >= _MAX_SOURCES:
-            self._sources = {
-                each: left for each, left in self._sources.items() if left.level(now) < left.burst
-            }
+            self._sources = {each: left for each, left in self._sources.items() if not left.is_full(now)}
             if len(self._sources) >= _MAX_SOURCES:
                 source = OTHERS
                 bucket = self._sources.get(source)
         if bucket is None:
-            bucket = self._sources[source] = _Bucket(self._burst, self._rate)
+            bucket = self._sources[source] = RateLimit(self._rate, self._burst)
         return bucket
 
     def leave_out(self, source: Source, decision: str, count: int = 1) -> None:
