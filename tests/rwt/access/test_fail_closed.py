@@ -26,7 +26,7 @@ from rwt.access.settings import GateRule
 from rwt.composition.pages import routes
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.gateways.rosbridge import Bridge
+from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.nodes.video import WebVideoServer
