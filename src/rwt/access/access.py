@@ -68,8 +68,6 @@ class Access:
         work: totals of the work caused by all clients.
 
     Args:
-        graph: graph of the robot.
-        settings: settings of access control.
         disclosures: declarations of what services reveal, by the name of their type, besides those of
             parameters and loggers. Restricted roles cannot call an undeclared service that reveals the graph.
         now: returns the seconds since 1970.
@@ -141,8 +139,6 @@ class Access:
         """Return the graph as one client may see and use it.
 
         Args:
-            shared: resources that all clients of the gateway share.
-            role: role of the client.
             address: network address of the client; resources that earlier clients of the address left behind
                 count towards its quotas.
             name: name of the client at the gate, such as `rosbridge:3`, which begins with that of its gateway
@@ -225,9 +221,6 @@ class _OpenResponse(NamedTuple):
 
 class OpenResponses:
     """Responses to requests that stay open, such as streams and peers; they end if new settings forbid them.
-
-    Args:
-        admission: admission of the server.
     """
 
     def __init__(self, admission: Admission) -> None:

@@ -37,10 +37,8 @@ class Admission:
         default_role: role of clients without credentials; None: credentials are required.
 
     Args:
-        settings: settings of access control.
         now: returns the seconds since 1970.
         monotonic: returns the seconds of a steady clock.
-        audit: log of refused connections.
 
     Raises:
         SettingsError: the rosauth secret cannot be read.
@@ -94,7 +92,6 @@ class Admission:
         """Return the role of a connected client after :meth:`reload`.
 
         Args:
-            info: peer, as the transport knows it.
             by_auth: role granted by an `auth` op, if any.
 
         Raises:
@@ -113,7 +110,6 @@ class Admission:
         """Admit a connection.
 
         Args:
-            info: peer, as the transport knows it.
             loopback: True if its listener can only be reached from this machine.
 
         Returns:

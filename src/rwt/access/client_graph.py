@@ -121,11 +121,7 @@ class _Call:
 
 
 class WrappedPublisher:
-    """Publisher of a client in front of another one.
-
-    Args:
-        inner: publisher that gets the messages.
-    """
+    """Publisher of a client in front of another one."""
 
     __slots__ = ("_inner", "counts", "topic", "type")
 
@@ -255,9 +251,6 @@ class ClientGraph(GraphView):
     * Parameters it has set: ``_parameters``.
 
     Args:
-        shared: resources that all clients of the gateway share.
-        role: role of the client.
-        quotas: quotas of the client.
         disclosures: declarations of what services reveal, by service type.
         setting_parameters: service types whose calls set parameters.
         gate: gate of the client; None if the server has no gate.
@@ -415,8 +408,6 @@ class ClientGraph(GraphView):
         """Advertise a topic and return its absolute name.
 
         Args:
-            topic: name of the topic.
-            type: name of its message type.
             mark: identifies the advertisement; the same mark replaces it.
             qos: policies for a new publisher; None for the graph's default.
             lacks: see :meth:`rwt.delivery.shared_publishers.SharedPublishers.acquire`.
@@ -475,7 +466,6 @@ class ClientGraph(GraphView):
         :meth:`take_role` and :meth:`unadvertise`.
 
         Args:
-            topic: name of the topic.
             type: name of its message type; None for the type that the graph knows.
             mark: mark for :meth:`unadvertise` (UNA-06); None: the topic is kept until the client leaves.
             qos, lacks: as for :meth:`advertise`.
@@ -519,7 +509,6 @@ class ClientGraph(GraphView):
         """Return the fan-out of a topic; join it to receive samples.
 
         Args:
-            topic: name of the topic.
             type: name of its message type; None for the type that the graph knows.
             is_new: True for a new subscription, which counts until :meth:`unsubscribe`; False to change an
                 existing one.
@@ -582,7 +571,6 @@ class ClientGraph(GraphView):
         """Call a service; listings in the response are filtered by the client's role.
 
         Args:
-            service: name of the service.
             request: creates the request of the service's type.
             on_reply: called once with the outcome, unless the client leaves first.
             timeout: seconds; None: no timeout.
@@ -704,9 +692,7 @@ class ClientGraph(GraphView):
         """Send a goal.
 
         Args:
-            action: name of the action.
             goal: creates the goal of the action's type.
-            events: callbacks of the goal's sender.
 
         Raises:
             NotAllowed: the role may not send goals to the action.

@@ -69,7 +69,6 @@ class Rosauth:
     """Verifier of `auth` ops by a shared secret.
 
     Args:
-        secret: secret of 16 characters.
         allowed_delta: maximum difference between ``t`` and now, in seconds.
         now: returns the seconds since 1970.
         role_for: returns the role of a level; None to reject it.
@@ -192,8 +191,6 @@ def rosauth_of(
     """Return the verifier of `auth` ops; None if no secret is configured.
 
     Args:
-        settings: settings of authentication.
-        roles: every role, by name.
         configured: True if the settings define roles: then a level that names none is rejected by default.
         now: returns the seconds since 1970.
 

@@ -62,13 +62,6 @@ def restrict(
     A hidden name in a request is replaced by one that does not exist: the service itself then answers as for
     unknown names.
 
-    Args:
-        view: view of the client.
-        disclosures: declarations of all services.
-        service: absolute name of the service.
-        type: type of the service.
-        request: request of the client.
-
     Raises:
         NotAllowed: the role may not read or write a parameter in the request, or the service reveals the
             graph without a declaration.
@@ -144,7 +137,6 @@ def affected_parameters(tree: ParameterTree, name: str, text: str, most: int) ->
     no tree.
 
     Args:
-        tree: global tree of parameters.
         name: full name of the parameter.
         text: new value as JSON text; empty to delete it.
         most: maximum number of parameters.

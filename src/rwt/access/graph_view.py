@@ -37,9 +37,6 @@ class GraphView(GraphListings):
         clock: clock of the graph.
 
     Args:
-        graph: graph of the robot.
-        role: role that decides.
-        work: account of the work for the holder.
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
     """
 

@@ -239,9 +239,6 @@ class AddressQuotas:
 
     Attributes:
         clients: that are connected from there.
-
-    Args:
-        work: work of all clients of the address.
     """
 
     def __init__(self, work: Work) -> None:

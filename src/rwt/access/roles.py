@@ -61,10 +61,6 @@ class Role:
         unrestricted: True if the role may do everything.
         globs: permissions by act: globs of absolute names.
         answers: last response of each service that lists the graph, as given and as filtered for the role.
-
-    Args:
-        name: name in the settings.
-        settings: globs of the role.
     """
 
     __slots__ = (

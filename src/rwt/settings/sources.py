@@ -121,7 +121,6 @@ def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Se
 
     Args:
         settings: None for the defaults.
-        changes: values by the names of settings at the top.
 
     Raises:
         SettingsError: a setting is unknown, or a value is invalid.

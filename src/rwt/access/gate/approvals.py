@@ -148,8 +148,6 @@ class Approvals:
     same message again.
 
     Args:
-        clock: clock of the graph.
-        recorder: records requests and answers.
         on_change: called after a change of the pending requests.
         describe: returns the fields of a message that rules name, with their values.
     """
@@ -267,7 +265,6 @@ class Approvals:
         """Approve or deny a request.
 
         Args:
-            id: id of the request.
             approve: True to approve, False to deny.
             by: client that answers; None: a program of the robot, or a person asked by a gateway.
             seconds: duration of the approval; 0: for this act only.

@@ -170,7 +170,6 @@ class WaitingGoal(_Waiting, ClientGoal):
 
     Args:
         id: goal id under which it is sent.
-        action: absolute name of the action.
         refused: called with the reason if the goal is not sent; not after :meth:`abandon`.
     """
 
@@ -383,9 +382,6 @@ class ClientGate:
         """Check a service call; return the request as it may be sent, and the acts that require approval.
 
         Args:
-            service: absolute name of the service.
-            type: type of the service.
-            request: request of the client.
             written: parameters that the call sets.
             text: value of the parameter as JSON text, if the request has one.
 
@@ -433,8 +429,6 @@ class ClientGate:
 
         Args:
             needed: acts that require approval, from :meth:`check_call`.
-            request: request of the client.
-            send: sends the call.
             on_reply: called with the reason if the call is not sent.
         """
         waiting = PendingApproval()
@@ -477,9 +471,7 @@ class ClientGate:
         """Send a goal once all of its acts are approved.
 
         Args:
-            action: absolute name of the action.
             needed: acts that require approval, from :meth:`check_goal`.
-            goal: goal of the client.
             send: sends the goal under a goal id.
             refused: called with the reason if the goal is not sent.
         """

@@ -162,8 +162,6 @@ class FieldChecks:
     """Limits of one rule, compiled for messages of one type.
 
     Args:
-        rule: rule that states the limits.
-        type: type of the messages.
         motion: values last passed on to the topic; None for requests and goals, whose rates are not limited.
         neutral: stop message, away from which rates count; None: zeros.
         limits: limits in place of the rule's own.
@@ -210,7 +208,6 @@ class FieldChecks:
         """Check a message; return the one to pass on, and what was clamped; None if nothing was.
 
         Args:
-            payload: message of the type.
             now: seconds of a steady clock.
 
         Raises:
@@ -350,7 +347,6 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
 
     Args:
         parts: parts of the path, from :func:`_resolve`.
-        leaf: check of the fields.
     """
     (text, attributes), *rest = parts
     inner = leaf
@@ -406,7 +402,6 @@ class _Range:
     """Check of numbers; an instance is a `_Check`.
 
     Args:
-        limit: the limit.
         key: key of the setting, for error texts.
         motion: values last passed on; None: rates are not limited.
         neutrals: numbers of the stop message, for limits on rates.

@@ -411,10 +411,7 @@ class Gate:
         """Check a client's request or goal.
 
         Args:
-            actor: client that sends it.
             acts: acts and names that it is for; the first is checked for its fields.
-            type: type of the payload.
-            payload: request or goal.
             text: value of a parameter as JSON text, if the request has one.
 
         Returns:
@@ -478,8 +475,6 @@ class Gate:
 
         Args:
             topic: absolute name of the topic.
-            rule: rule that requires approval.
-            client: client that publishes.
             payload: message as it will reach the robot.
             is_stop: True for the stop message, which needs none while another message is approved.
 
@@ -501,15 +496,7 @@ class Gate:
         raise GateRefused(text, f"{rule.key}.approval")
 
     def note_clamped(self, client: Actor, act: GatedAct, name: str, clamped: Clamped, key: str) -> None:
-        """Record what was clamped, and tell the client.
-
-        Args:
-            client: client that acts.
-            act: act with the message.
-            name: name of the topic, service or action.
-            clamped: numbers that were changed.
-            key: key of the rule.
-        """
+        """Record what was clamped, and tell the client."""
         text = str(clamped)
         self.recorder.note(
             "changed", act, name, client, text, key, before=clamped.before, after=clamped.after
@@ -588,7 +575,6 @@ class Gate:
         """Check that all numbers of a message are finite, whose fields the rule's limits are not for.
 
         Args:
-            rule: rule that requires it, or not.
             payload: message with the values of parameters, or with a goal in it.
             text: value of a parameter as JSON text.
 

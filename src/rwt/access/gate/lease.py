@@ -32,7 +32,6 @@ class WakeWatch:
     Timers do not run on while a machine is suspended, so a lease would last for its rest after the wake-up.
 
     Args:
-        clock: clock of the graph.
         look: called with True after the machine was suspended, otherwise with False; returns False if nothing
             is left to watch for.
     """
@@ -89,8 +88,6 @@ class Lease:
     Args:
         topic: absolute name of the topic.
         key: key of the setting, for error texts.
-        settings: settings of the lease.
-        clock: clock of the graph.
         on_change: called after each change of the holder, with a description of the change, the holder and
             the holder before.
         require_room: raises GateRefused if a client may hold no more leases.

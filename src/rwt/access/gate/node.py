@@ -61,12 +61,7 @@ SERVICES: Final = {
 
 
 class GateNode:
-    """Node of the gate: serves :data:`SERVICES` and publishes :data:`TOPICS`.
-
-    Args:
-        gate: gate of the server.
-        graph: graph of the robot.
-    """
+    """Node of the gate: serves :data:`SERVICES` and publishes :data:`TOPICS`."""
 
     def __init__(self, gate: Gate, graph: Graph) -> None:
         self._gate = gate

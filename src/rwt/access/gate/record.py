@@ -161,11 +161,6 @@ class Recorder:
     Attributes:
         counts: number of events by decision.
 
-    Args:
-        settings: settings of the audit.
-        audit: log of the server.
-        clock: clock of the graph.
-
     Raises:
         OSError: the audit file cannot be opened.
     """
@@ -213,7 +208,6 @@ class Recorder:
         """Record one event.
 
         Args:
-            decision: outcome of the act.
             act: act, such as `publish`.
             name: name of the topic, service, action or parameter.
             client: client that acted; None: a program of the robot itself, or the gate.

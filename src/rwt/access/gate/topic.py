@@ -227,11 +227,6 @@ class GuardedTopic:
     def publish(self, client: Actor, payload: Payload, forward: Callable[[Payload], None]) -> None:
         """Check a client's message, and forward it if it passes every rule.
 
-        Args:
-            client: client that publishes.
-            payload: message of the topic's type.
-            forward: publishes the message.
-
         Raises:
             GateRefused: a rule rejects the message; the text names the rule.
         """

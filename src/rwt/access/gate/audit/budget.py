@@ -37,8 +37,6 @@ class AuditBudget:
     exceeds the budget is counted by decision.
 
     Args:
-        file_bytes: size of a file.
-        files: number of files.
         keep_seconds: time in which two credentials that write all they may fill the files.
     """
 

@@ -55,7 +55,6 @@ class _ChainedFile:
 
     Args:
         path: newest file; the one before is ``NAME.1``, and so on.
-        settings: settings of the audit.
     """
 
     def __init__(self, path: Path, settings: AuditSettings) -> None:
