@@ -45,6 +45,7 @@ from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
 from rwt.settings.sources import LoadedSettings, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
+from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
@@ -213,6 +214,7 @@ class Server:
         self._name = name
         self._loop = loop
         self._worker = worker
+        self._is_first = worker is None or worker.number == 1
         self._read_settings = reload or (lambda: self.settings)
         self._running: _Running | None = None
         self._thread: ExitStack | None = None
@@ -476,7 +478,7 @@ class Server:
                 reload_roles.append(media[0].reload_roles)
             metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
-        if self._worker is None or self._worker.number == 1:
+        if self._is_first:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
         if self._app is not None:
@@ -511,8 +513,7 @@ class Server:
         """Warn if other machines can reach a server without authentication."""
         role = access.admission.default_role
         open_at = [each.url for each in listeners if not is_loopback_listener(each.url)]
-        is_first = self._worker is None or self._worker.number == 1
-        if open_at and role is not None and role.unrestricted and is_first:
+        if open_at and role is not None and role.unrestricted and self._is_first:
             logger.warning(
                 "NO AUTHENTICATION: everybody who reaches %s may drive this robot. Set `auth.tokens`, or"
                 " `auth.default_role` to a role that may less, or listen on 127.0.0.1.",
@@ -523,8 +524,7 @@ class Server:
         """Warn if clients send tokens over networks without encryption, unless a proxy may encrypt them."""
         urls = [each.url for each in listeners if each.url.startswith("ws://")]
         open_at = [url for url in urls if not is_loopback_listener(url)]
-        is_first = self._worker is None or self._worker.number == 1
-        if open_at and self.settings.auth.tokens and not self.settings.proxies and is_first:
+        if open_at and self.settings.auth.tokens and not self.settings.proxies and self._is_first:
             logger.warning(
                 "UNENCRYPTED TOKENS: everybody on the network can read the tokens that clients send to %s."
                 " Use `--tls auto` or a certificate (tls.certfile), or a reverse proxy with TLS (proxies).",
@@ -695,11 +695,8 @@ def _from_other_machines(url: str) -> list[str]:
 
 def _own_addresses(family: socket.AddressFamily) -> list[str]:
     """Return the addresses of this machine, the one with a route to other networks first."""
-    found = []
-    with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
-        # Addresses for documentation (RFC 5737, RFC 3849): it sends nothing, and only looks for a route.
-        probe.connect(("192.0.2.1" if family is socket.AF_INET else "2001:db8::1", 9))
-        found.append(str(probe.getsockname()[0]))
+    first = outward_address(family)
+    found = [] if first is None else [str(first)]
     with suppress(OSError):
         found += [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, family)]
     return [each for each in dict.fromkeys(found) if not ipaddress.ip_address(each).is_loopback]

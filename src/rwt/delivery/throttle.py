@@ -12,7 +12,7 @@ from rwt_protocol.fragments import cut
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
 
 if TYPE_CHECKING:
-    from rwt.delivery.deadline import DeadlineWatch
+    from rwt.delivery.drop_notices import DeadlineWatch
     from rwt_graph.api import EndpointInfo, Sample
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, SecretStr, ValidationError, model_validator
 
 from rwt.access.settings import (
     BUILT_IN_ROLES,
@@ -25,7 +25,6 @@ from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.rosbridge.settings import BridgeSettings
-from rwt.settings.webrtc import WebRtcSettings
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
 from rwt_transports.limits import Limits
@@ -235,6 +234,63 @@ class WebSettings(Table):
     ] = ()
 
 
+class WebRtcSettings(Table):
+    """WebRTC through the port of `ws://` and `wss://` listeners. Needs the extra `webrtc`, and asyncio."""
+
+    enabled: Annotated[
+        bool, Field(description="accept offers at `/webrtc`: rosbridge over data channels")
+    ] = False
+    servers: Annotated[
+        tuple[str, ...],
+        Field(
+            max_length=8,
+            description="STUN and TURN servers, such as `stun:stun.example.org` and"
+            " `turn:turn.example.org:3478?transport=udp`; none for peers in one network",
+        ),
+    ] = ()
+    username: Annotated[str, Field(description="user name for the TURN servers")] = ""
+    credential: Annotated[
+        SecretStr | None, Field(description="password for the TURN servers, sent to clients with each answer")
+    ] = None
+    credential_command: Annotated[
+        tuple[str, ...],
+        Field(
+            description="command that prints a temporary TURN credential as JSON: `username`, `password`,"
+            " `ttl` in seconds, and optionally `uris`"
+        ),
+    ] = ()
+    credential_url: Annotated[
+        str | None, Field(pattern=r"^https?://", description="URL that returns such a credential")
+    ] = None
+    addresses: Annotated[
+        Literal["auto", "all", "relay"],
+        Field(
+            description="addresses that peers are told and that are tried: `auto`, private ones only for"
+            " clients with private addresses; `all`, private ones for every client, such as one in the"
+            " robot's network that comes through a hub; `relay`, only those of a TURN server"
+        ),
+    ] = "auto"
+    peers: Annotated[Count, Field(description="open peer connections")] = 32
+    handshakes: Annotated[
+        Count, Field(description="peer connections that are still connecting; offers wait up to 5 s for one")
+    ] = 8
+    channels: Annotated[Count, Field(description="data channels per peer; each is a client")] = 16
+    candidates: Annotated[Count, Field(description="candidate addresses per peer")] = 64
+    connect_seconds: Annotated[
+        Seconds, Field(description="seconds from the offer until the connection must be established")
+    ] = 15.0
+
+    @model_validator(mode="after")
+    def _one_credential(self) -> WebRtcSettings:
+        if sum(map(bool, (self.credential, self.credential_command, self.credential_url))) > 1:
+            raise ValueError(
+                "expected at most one of `credential`, `credential_command` and `credential_url`"
+            )
+        if self.addresses == "relay" and not self.servers and not self.credential_command:
+            raise ValueError('`addresses = "relay"` needs a TURN server in `servers`')
+        return self
+
+
 class Settings(BridgeSettings):
     """All settings of a server.
 
@@ -353,46 +409,24 @@ class Settings(BridgeSettings):
         return given
 
     @model_validator(mode="after")
-    def _graph_fits_distro(self) -> Settings:
+    def _fits_together(self) -> Settings:
         if self.graph.partition(":")[0] in ROS1_GRAPHS and self.distro != "noetic":
             raise ValueError(f'`distro`: {self.distro!r} cannot join ROS 1: expected "noetic"')
-        return self
-
-    @model_validator(mode="after")
-    def _agents_have_a_role(self) -> Settings:
         role, known = self.mcp.default_role, (*BUILT_IN_ROLES, *self.roles)
         if role not in known:
             raise ValueError(f"`mcp.default_role`: there is no role {role!r}; known are {', '.join(known)}")
-        return self
-
-    @model_validator(mode="after")
-    def _reachable(self) -> Settings:
         if not self.listen and not self.dial.urls:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
-        return self
-
-    @model_validator(mode="after")
-    def _one_recorder(self) -> Settings:
-        if self.workers > 1 and self.recorder.folder is not None:
-            raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
-        return self
-
-    @model_validator(mode="after")
-    def _joined_over_zenoh(self) -> Settings:
-        if self.workers > 1 and self.graph not in ("memory", "zenoh"):
-            raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
-        return self
-
-    @model_validator(mode="after")
-    def _one_output(self) -> Settings:
         if self.gate.audit.stdout and any(url.lower().startswith("stdio:") for url in self.listen):
             raise ValueError(
                 '`gate.audit.stdout`: standard output carries the protocol of `listen = ["stdio:"]`'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _one_gate(self) -> Settings:
-        if self.workers > 1 and (self.gate.rules or self.gate.audit.is_on):
+        if self.workers == 1:
+            return self
+        if self.recorder.folder is not None:
+            raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
+        if self.graph not in ("memory", "zenoh"):
+            raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
+        if self.gate.rules or self.gate.audit.is_on:
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self

@@ -14,8 +14,7 @@ from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
 from rwt.gateways.base import ConnectionGateway
 from rwt.gateways.foxglove.catalogue import Catalogue, RoleListing
 from rwt.gateways.foxglove.client import FoxgloveClient
-from rwt.gateways.foxglove.parameter_feed import ParameterFeed
-from rwt.gateways.foxglove.parameters import GET
+from rwt.gateways.foxglove.parameters import GET, ParameterFeed
 from rwt.gateways.foxglove.playback import state_frame, state_of
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.foxglove.wire.payloads import encodings
