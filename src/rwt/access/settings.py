@@ -147,23 +147,17 @@ RememberSeconds = Annotated[float, Field(ge=0.0, le=86_400.0)]
 class LeaseSettings(Table):
     """One client at a time may publish on the topics of the rule, as long as its messages continue."""
 
-    seconds: Annotated[
-        LeaseSeconds,
-        Field(
-            description="seconds of silence after which the holder's robot is stopped and the lease is free"
-        ),
-    ] = 0.5
-    take: Annotated[
-        Literal["publish", "service"],
-        Field(description="how to take a free lease: by publishing, or only by `/gate/take_lease`"),
-    ] = "publish"
-    precedence: Annotated[
-        tuple[str, ...],
-        Field(
-            description="roles in order of precedence: each may take the lease from those after it; roles"
-            " not listed come last"
-        ),
-    ] = ()
+    seconds: LeaseSeconds = Field(
+        0.5, description="seconds of silence after which the holder's robot is stopped and the lease is free"
+    )
+    take: Literal["publish", "service"] = Field(
+        "publish", description="how to take a free lease: by publishing, or only by `/gate/take_lease`"
+    )
+    precedence: tuple[str, ...] = Field(
+        (),
+        description="roles in order of precedence: each may take the lease from those after it; roles not"
+        " listed come last",
+    )
 
 
 class StopMessageSettings(Table):
@@ -173,31 +167,25 @@ class StopMessageSettings(Table):
         Mapping[str, object],
         Field(description="field values; omitted fields have their defaults (zero for a velocity)"),
     ] = Field(default_factory=dict)
-    repeat_seconds: Annotated[
-        RepeatSeconds,
-        Field(
-            description="seconds for which the message is repeated; choose more than the robot's own timeout"
-        ),
-    ] = 1.0
+    repeat_seconds: RepeatSeconds = Field(
+        1.0, description="seconds for which the message is repeated; choose more than the robot's own timeout"
+    )
 
 
 class FieldLimit(Table):
     """Limits for the value of a field."""
 
-    min: Annotated[Number | None, Field(description="minimum")] = None
-    max: Annotated[Number | None, Field(description="maximum")] = None
-    rate: Annotated[
-        Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
-        Field(
-            description="largest change per second away from the value of the stop message, on topics;"
-            " towards that value there is no limit"
-        ),
-    ] = None
-    one_of: Annotated[tuple[str, ...], Field(description="accepted strings, such as frame ids")] = ()
-    beyond: Annotated[
-        Literal["refuse", "clamp"],
-        Field(description="reject a value out of range, or clamp it"),
-    ] = "refuse"
+    min: Number | None = Field(None, description="minimum")
+    max: Number | None = Field(None, description="maximum")
+    rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        None,
+        description="largest change per second away from the value of the stop message, on topics; towards"
+        " that value there is no limit",
+    )
+    one_of: tuple[str, ...] = Field((), description="accepted strings, such as frame ids")
+    beyond: Literal["refuse", "clamp"] = Field(
+        "refuse", description="reject a value out of range, or clamp it"
+    )
 
     @model_validator(mode="after")
     def _limits_something(self) -> FieldLimit:
@@ -216,58 +204,51 @@ class FieldLimit(Table):
 class ApprovalSettings(Table):
     """Approval by a person before each request."""
 
-    roles: Annotated[Globs, Field(min_length=1, description="roles that may approve")]
-    seconds: Annotated[
-        ApprovalSeconds, Field(description="seconds to approve; after them the request is rejected")
-    ] = 60.0
-    remember_seconds: Annotated[
-        RememberSeconds,
-        Field(
-            description="longest time in seconds that one approval may cover; 0: each approval is for one"
-            " request"
-        ),
-    ] = 0.0
+    roles: Globs = Field(min_length=1, description="roles that may approve")
+    seconds: ApprovalSeconds = Field(
+        60.0, description="seconds to approve; after them the request is rejected"
+    )
+    remember_seconds: RememberSeconds = Field(
+        0.0,
+        description="longest time in seconds that one approval may cover; 0: each approval is for one"
+        " request",
+    )
 
 
 class GateRule(Table):
     """Rule for the names that the globs match. If several rules match, all apply."""
 
-    topics: Annotated[Globs, Field(description="topics that clients publish on")] = ()
-    type: Annotated[
-        str | None,
-        Field(
-            description="message type of `topics`; not set: that of the robot's programs, before which only"
-            " roles that may do everything can advertise them"
-        ),
-    ] = None
-    services: Annotated[Globs, Field(description="services that clients call")] = ()
-    actions: Annotated[Globs, Field(description="actions that clients send goals to")] = ()
-    parameters: Annotated[
-        Globs, Field(description="parameters that clients set: `/node:name` on ROS 2, `/name` on ROS 1")
-    ] = ()
-    roles: Annotated[Globs, Field(description="roles to which the rule applies")] = ("*",)
-    emergency: Annotated[bool, Field(description="stopped and rejected by the emergency stop")] = False
+    topics: Globs = Field((), description="topics that clients publish on")
+    type: str | None = Field(
+        None,
+        description="message type of `topics`; not set: that of the robot's programs, before which only"
+        " roles that may do everything can advertise them",
+    )
+    services: Globs = Field((), description="services that clients call")
+    actions: Globs = Field((), description="actions that clients send goals to")
+    parameters: Globs = Field(
+        (), description="parameters that clients set: `/node:name` on ROS 2, `/name` on ROS 1"
+    )
+    roles: Globs = Field(("*",), description="roles to which the rule applies")
+    emergency: bool = Field(False, description="stopped and rejected by the emergency stop")
     lease: LeaseSettings | None = None
     stop: StopMessageSettings | None = None
     fields: Mapping[FieldPath, FieldLimit] = Field(
         default_factory=dict,
         description="limits of fields of the message, the request or the goal, each under its path",
     )
-    finite: Annotated[bool, Field(description="reject NaN and infinity")] = True
-    largest_bytes: Annotated[
-        CountOrNone, Field(description="largest message, request or goal in bytes; 0: no limit")
-    ] = 0
-    largest_items: Annotated[
-        Count,
-        Field(
-            description="items in all lists of the largest message whose fields or numbers are checked, and"
-            " 32 times as many bytes: checking them holds the event loop"
-        ),
-    ] = 10_000
-    messages_per_second: Annotated[
-        CountOrNone,
-        Field(description="messages per second on each topic, of all clients together; 0: no limit"),
-    ] = 0
+    finite: bool = Field(True, description="reject NaN and infinity")
+    largest_bytes: CountOrNone = Field(
+        0, description="largest message, request or goal in bytes; 0: no limit"
+    )
+    largest_items: Count = Field(
+        10_000,
+        description="items in all lists of the largest message whose fields or numbers are checked, and 32"
+        " times as many bytes: checking them holds the event loop",
+    )
+    messages_per_second: CountOrNone = Field(
+        0, description="messages per second on each topic, of all clients together; 0: no limit"
+    )
     approval: ApprovalSettings | None = None
 
     @model_validator(mode="after")
@@ -292,39 +273,32 @@ class GateRule(Table):
 class EmergencySettings(Table):
     """Emergency stop: roles that may stop, and release."""
 
-    stop_roles: Annotated[Globs, Field(description="roles that may stop the robot")] = ("*",)
-    release_roles: Annotated[Globs, Field(description="roles that may release the stop")] = ("admin",)
-    at_start: Annotated[bool, Field(description="start stopped, until the stop is released")] = False
+    stop_roles: Globs = Field(("*",), description="roles that may stop the robot")
+    release_roles: Globs = Field(("admin",), description="roles that may release the stop")
+    at_start: bool = Field(False, description="start stopped, until the stop is released")
 
 
 class AuditSettings(Table):
     """Audit log: one JSON object per line, read by `rwt audit`."""
 
-    file: Annotated[
-        Path | None,
-        Field(
-            description="file of security events, for example `audit.jsonl`; allowed requests are written to"
-            " `audit.traffic.jsonl` beside it; not set: no file"
-        ),
-    ] = None
-    stdout: Annotated[
-        bool, Field(description="also write the lines to standard output, for example for journald")
-    ] = False
-    file_bytes: Annotated[Bytes, Field(description="size in bytes at which a new file is started")] = 10 * MIB
-    file_days: Annotated[
-        float,
-        Field(ge=0, le=36_500, description="age in days at which a new file is started; 0: by size only"),
-    ] = 0.0
-    files: Annotated[
-        Count,
-        Field(
-            le=1000,
-            description="files to keep of each kind; the newest has no number, older ones are deleted",
-        ),
-    ] = 5
-    queue_bytes: Annotated[
-        Bytes, Field(description="bytes queued for the disk; beyond it, lines are dropped and counted")
-    ] = MIB
+    file: Path | None = Field(
+        None,
+        description="file of security events, for example `audit.jsonl`; allowed requests are written to"
+        " `audit.traffic.jsonl` beside it; not set: no file",
+    )
+    stdout: bool = Field(
+        False, description="also write the lines to standard output, for example for journald"
+    )
+    file_bytes: Bytes = Field(10 * MIB, description="size in bytes at which a new file is started")
+    file_days: float = Field(
+        0.0, ge=0, le=36_500, description="age in days at which a new file is started; 0: by size only"
+    )
+    files: Annotated[Count, Field(le=1000)] = Field(
+        5, description="files to keep of each kind; the newest has no number, older ones are deleted"
+    )
+    queue_bytes: Bytes = Field(
+        MIB, description="bytes queued for the disk; beyond it, lines are dropped and counted"
+    )
 
     @property
     def is_on(self) -> bool:
@@ -335,10 +309,9 @@ class AuditSettings(Table):
 class GateSettings(Table):
     """Rules that requests of clients must pass. The gate is software, not a safety function."""
 
-    mode: Annotated[
-        Literal["enforce", "observe"],
-        Field(description="`observe` only logs what would be rejected"),
-    ] = "enforce"
+    mode: Literal["enforce", "observe"] = Field(
+        "enforce", description="`observe` only logs what would be rejected"
+    )
     rules: Mapping[str, GateRule] = Field(
         default_factory=dict, description="what clients have to keep to, each rule under a name of its own"
     )
@@ -401,85 +374,72 @@ _CONNECTION: Final = Limits()
 class ClientLimits(Table):
     """Limits of one client: open resources, messages received and sent."""
 
-    connections_per_address: Annotated[
-        CountOrNone,
-        Field(
-            description="open connections per remote address, plain HTTP and TLS handshakes included; 0: no"
-            " limit"
-        ),
-    ] = _CONNECTION.connections_per_address
-    subscriptions: Annotated[Count, Field(description="subscriptions per client")] = 1000
-    advertisements: Annotated[
-        Count, Field(description="topics, services and actions, together, that one client advertises")
-    ] = 1000
-    calls: Annotated[Count, Field(description="pending calls and goals per client")] = 10_000
-    kept_bytes: Annotated[
-        Bytes,
-        Field(
-            description="bytes kept for one client: pending requests, and samples of its latched topics,"
-            " even after it disconnects; four times as many for all clients of one address"
-        ),
-    ] = 64 * MIB
-    parameter_bytes: Annotated[
-        Bytes,
-        Field(
-            description="bytes of parameters set by one client, until others set or delete them; twice as"
-            " many for all clients of one address"
-        ),
-    ] = 2 * MIB
-    work_per_second: Annotated[
-        WorkRate,
-        Field(
-            description="CPU seconds per second that one client, or all clients of one remote address, may"
-            " use on average, for messages with their consequences, pages and images. Beyond"
-            " it, messages wait behind those of others, and pages are rejected; 0: no limit"
-        ),
-    ] = 0.5
-    work_burst: Annotated[
-        SecondsOrNone, Field(description="CPU seconds that a client may use at once before the rate applies")
-    ] = 0.5
-    messages_per_second: Annotated[
-        CountOrNone,
-        Field(description="messages per second that one client may send on average; 0: no limit"),
-    ] = 0
-    messages_burst: Annotated[
-        Count, Field(description="messages that one client may send at once before the rate applies")
-    ] = 20_000
-    max_depth: Annotated[
-        int,
-        Field(ge=4, le=500, description="nesting depth of one message, including the message itself"),
-    ] = WIRE_LIMITS.max_depth
-    structure_bytes: Annotated[
-        Bytes,
-        Field(
-            description="structure of one message: in CBOR and BSON, its bytes without long strings and"
-            " typed arrays; in JSON, its brackets, unless the payload has every field of its"
-            " type in the order of ROS"
-        ),
-    ] = WIRE_LIMITS.structure_bytes
-    fragmented_messages: Annotated[Count, Field(description="incomplete fragmented messages per client")] = (
-        WIRE_LIMITS.fragmented_messages
+    connections_per_address: CountOrNone = Field(
+        _CONNECTION.connections_per_address,
+        description="open connections per remote address, plain HTTP and TLS handshakes included; 0: no"
+        " limit",
     )
-    fragment_characters: Annotated[
-        Count, Field(description="characters of all fragments of one client together")
-    ] = WIRE_LIMITS.fragment_characters
-    fragment_seconds: Annotated[
-        Seconds, Field(description="seconds after the last fragment until an incomplete message is dropped")
-    ] = WIRE_LIMITS.fragment_seconds
-    outgoing_message_bytes: Annotated[
-        Bytes,
-        Field(
-            description="largest message to a client; the call of a larger reply fails, a larger sample is"
-            " dropped"
-        ),
-    ] = _CONNECTION.outgoing_bytes
-    data_bytes: Annotated[
-        Bytes,
-        Field(
-            description="bytes of samples queued for one client's connection, and as many for its"
-            " throttles; beyond it, the oldest sample of the topic is dropped"
-        ),
-    ] = _CONNECTION.data_bytes
+    subscriptions: Count = Field(1000, description="subscriptions per client")
+    advertisements: Count = Field(
+        1000, description="topics, services and actions, together, that one client advertises"
+    )
+    calls: Count = Field(10_000, description="pending calls and goals per client")
+    kept_bytes: Bytes = Field(
+        64 * MIB,
+        description="bytes kept for one client: pending requests, and samples of its latched topics, even"
+        " after it disconnects; four times as many for all clients of one address",
+    )
+    parameter_bytes: Bytes = Field(
+        2 * MIB,
+        description="bytes of parameters set by one client, until others set or delete them; twice as many"
+        " for all clients of one address",
+    )
+    work_per_second: WorkRate = Field(
+        0.5,
+        description="CPU seconds per second that one client, or all clients of one remote address, may use"
+        " on average, for messages with their consequences, pages and images. Beyond it, messages wait"
+        " behind those of others, and pages are rejected; 0: no limit",
+    )
+    work_burst: SecondsOrNone = Field(
+        0.5, description="CPU seconds that a client may use at once before the rate applies"
+    )
+    messages_per_second: CountOrNone = Field(
+        0, description="messages per second that one client may send on average; 0: no limit"
+    )
+    messages_burst: Count = Field(
+        20_000, description="messages that one client may send at once before the rate applies"
+    )
+    max_depth: int = Field(
+        WIRE_LIMITS.max_depth,
+        ge=4,
+        le=500,
+        description="nesting depth of one message, including the message itself",
+    )
+    structure_bytes: Bytes = Field(
+        WIRE_LIMITS.structure_bytes,
+        description="structure of one message: in CBOR and BSON, its bytes without long strings and typed"
+        " arrays; in JSON, its brackets, unless the payload has every field of its type in the order of ROS",
+    )
+    fragmented_messages: Count = Field(
+        WIRE_LIMITS.fragmented_messages, description="incomplete fragmented messages per client"
+    )
+    fragment_characters: Count = Field(
+        WIRE_LIMITS.fragment_characters, description="characters of all fragments of one client together"
+    )
+    fragment_seconds: Seconds = Field(
+        WIRE_LIMITS.fragment_seconds,
+        description="seconds after the last fragment until an incomplete message is dropped",
+    )
+    outgoing_message_bytes: Bytes = Field(
+        _CONNECTION.outgoing_bytes,
+        description="largest message to a client; the call of a larger reply fails, a larger sample is"
+        " dropped",
+    )
+    data_bytes: Bytes = Field(
+        _CONNECTION.data_bytes,
+        description="bytes of samples queued for one client's connection, and as many for its throttles;"
+        " beyond it, the oldest sample of the topic is dropped",
+    )
 
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")
@@ -504,15 +464,13 @@ HashedToken = Annotated[SecretStr, _written_as(_SHA256, "64 hex digits")]
 class TokenSettings(Table):
     """Bearer token, in plain text or as SHA-256, and its role."""
 
-    token: Annotated[
-        PlainToken | None,
-        Field(description="the token: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
-    ] = None
-    sha256: Annotated[
-        HashedToken | None,
-        Field(description="SHA-256 of the token, 64 hex digits, instead of `token`"),
-    ] = None
-    role: Annotated[str, Field(description="role of clients with this token")]
+    token: PlainToken | None = Field(
+        None, description="the token: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"
+    )
+    sha256: HashedToken | None = Field(
+        None, description="SHA-256 of the token, 64 hex digits, instead of `token`"
+    )
+    role: str = Field(description="role of clients with this token")
 
     @model_validator(mode="after")
     def _exactly_one(self) -> TokenSettings:
@@ -532,31 +490,23 @@ class TokenSettings(Table):
 class AuthSettings(Table):
     """Authentication. Without tokens and without a secret, every client gets `default_role`."""
 
-    default_role: Annotated[
-        str | None,
-        Field(
-            description="role of clients without credentials; not set: `admin` if neither tokens nor a"
-            " secret are configured, otherwise such clients are rejected"
-        ),
-    ] = None
-    rosauth_secret_file: Annotated[
-        Path | None,
-        Field(description="file whose first line is rosauth's secret of 16 characters"),
-    ] = None
-    rosauth_role: Annotated[
-        str | None,
-        Field(
-            description="role of rosauth clients whose `level` names no role; not set: `admin` if no roles"
-            " are configured, otherwise they are rejected"
-        ),
-    ] = None
-    allowed_time_delta: Annotated[
-        Seconds,
-        Field(
-            description="seconds by which the time of an `auth` message may differ from the server's clock"
-        ),
-    ] = 5.0
-    seconds: Annotated[Seconds, Field(description="seconds within which a client must authenticate")] = 10.0
+    default_role: str | None = Field(
+        None,
+        description="role of clients without credentials; not set: `admin` if neither tokens nor a secret"
+        " are configured, otherwise such clients are rejected",
+    )
+    rosauth_secret_file: Path | None = Field(
+        None, description="file whose first line is rosauth's secret of 16 characters"
+    )
+    rosauth_role: str | None = Field(
+        None,
+        description="role of rosauth clients whose `level` names no role; not set: `admin` if no roles are"
+        " configured, otherwise they are rejected",
+    )
+    allowed_time_delta: Seconds = Field(
+        5.0, description="seconds by which the time of an `auth` message may differ from the server's clock"
+    )
+    seconds: Seconds = Field(10.0, description="seconds within which a client must authenticate")
     tokens: Mapping[str, TokenSettings] = Field(
         default_factory=dict, description="bearer tokens, each under a name of its own"
     )
@@ -582,74 +532,59 @@ class AuthSettings(Table):
 class RoleSettings(Table):
     """Permissions of a role: globs of resolved names, in which `*` also matches `/`. All else is rejected."""
 
-    read_only: Annotated[
-        bool, Field(description="subscribe to every topic and read every parameter, nothing else")
-    ] = False
-    publish: Annotated[Globs, Field(description="topics to publish on")] = ()
-    subscribe: Annotated[Globs, Field(description="topics to subscribe to")] = ()
-    call: Annotated[Globs, Field(description="services to call; those of rosapi are always allowed")] = ()
-    provide: Annotated[Globs, Field(description="services and actions to advertise")] = ()
-    displace: Annotated[
-        Globs,
-        Field(
-            description="names of `provide` that may replace the robot's own, which return when the client"
-            " disconnects"
-        ),
-    ] = ()
-    goals: Annotated[
-        Globs,
-        Field(description="actions to send goals to, including through their services and topics of ROS 2"),
-    ] = ()
-    get_param: Annotated[
-        Globs, Field(description="parameters to read: `/node:name` on ROS 2, `/name` on ROS 1")
-    ] = ()
-    set_param: Annotated[Globs, Field(description="parameters to write and delete")] = ()
+    read_only: bool = Field(
+        False, description="subscribe to every topic and read every parameter, nothing else"
+    )
+    publish: Globs = Field((), description="topics to publish on")
+    subscribe: Globs = Field((), description="topics to subscribe to")
+    call: Globs = Field((), description="services to call; those of rosapi are always allowed")
+    provide: Globs = Field((), description="services and actions to advertise")
+    displace: Globs = Field(
+        (),
+        description="names of `provide` that may replace the robot's own, which return when the client"
+        " disconnects",
+    )
+    goals: Globs = Field(
+        (), description="actions to send goals to, including through their services and topics of ROS 2"
+    )
+    get_param: Globs = Field((), description="parameters to read: `/node:name` on ROS 2, `/name` on ROS 1")
+    set_param: Globs = Field((), description="parameters to write and delete")
 
 
 class OriginSettings(Table):
     """Web pages that may connect, and accepted host names. Requests without an origin are not checked."""
 
-    allow: Annotated[
-        OriginGlobs,
-        Field(
-            description="further origins that may connect, for example `https://ui.example.com` or"
-            ' `https://*.example.com`; `"null"`: pages from files, and with them sandboxed'
-            ' frames of every site; `"*"`: every page'
-        ),
-    ] = ()
-    hosts: Annotated[
-        HostGlobs,
-        Field(
-            description="accepted host names of this server, for example `robot.example.com`, beside those"
-            " of this machine. Not set: no others on a loopback address, all elsewhere"
-        ),
-    ] = ()
+    allow: OriginGlobs = Field(
+        (),
+        description="further origins that may connect, for example `https://ui.example.com` or"
+        ' `https://*.example.com`; `"null"`: pages from files, and with them sandboxed frames of every'
+        ' site; `"*"`: every page',
+    )
+    hosts: HostGlobs = Field(
+        (),
+        description="accepted host names of this server, for example `robot.example.com`, beside those of"
+        " this machine. Not set: no others on a loopback address, all elsewhere",
+    )
 
 
 class TlsSettings(Table):
     """Certificate of all encrypted listeners, such as `wss://`."""
 
-    certfile: Annotated[Path | None, Field(description="PEM file with the certificate and its chain")] = None
-    keyfile: Annotated[Path | None, Field(description="PEM file with the private key")] = None
-    auto: Annotated[
-        bool,
-        Field(
-            description="create a certificate with a local authority, which devices install once; needs the"
-            " extra `tls`"
-        ),
-    ] = False
-    folder: Annotated[
-        Path | None,
-        Field(description="folder of that authority; default: `rwt/tls` in the user's state folder"),
-    ] = None
-    names: Annotated[
-        tuple[HostName, ...],
-        Field(
-            max_length=64,
-            description="further names and addresses in the certificate, beside the private ones of this"
-            " machine",
-        ),
-    ] = ()
+    certfile: Path | None = Field(None, description="PEM file with the certificate and its chain")
+    keyfile: Path | None = Field(None, description="PEM file with the private key")
+    auto: bool = Field(
+        False,
+        description="create a certificate with a local authority, which devices install once; needs the"
+        " extra `tls`",
+    )
+    folder: Path | None = Field(
+        None, description="folder of that authority; default: `rwt/tls` in the user's state folder"
+    )
+    names: tuple[HostName, ...] = Field(
+        (),
+        max_length=64,
+        description="further names and addresses in the certificate, beside the private ones of this machine",
+    )
 
     @model_validator(mode="after")
     def _both(self) -> TlsSettings:
