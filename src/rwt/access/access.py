@@ -56,6 +56,14 @@ def device_of(user_agent: str) -> str:
     return ", ".join(filter(None, found))
 
 
+class _OpenResponse(NamedTuple):
+    """Response that stays open, such as a stream or a peer; it ends if new settings forbid it."""
+
+    info: PeerInfo
+    topics: tuple[str, ...]
+    end: Callable[[str], None]
+
+
 class Access:
     """Access control of one server.
 
@@ -94,7 +102,7 @@ class Access:
         self.audit = Audit()
         self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
-        self._open_responses = OpenResponses(self.admission)
+        self._open_responses: dict[object, _OpenResponse] = {}
         self._reserved: set[str] = set()
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
@@ -126,7 +134,9 @@ class Access:
         elif settings.gate.rules or settings.gate.audit.is_on:
             raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
         replace()
-        self._open_responses.review()
+        for key, response in tuple(self._open_responses.items()):
+            if (reason := self._reason_to_end(response)) and self._open_responses.pop(key, None) is not None:
+                response.end(reason)
 
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""
@@ -208,48 +218,28 @@ class Access:
         if role is None:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
-        return GraphView(
-            self._graph, role, self._quotas_of(info.address).work, partial(self._open_responses.add, info)
-        )
+        work = self._quotas_of(info.address).work
+        return GraphView(self._graph, role, work, partial(self._while_allowed, info))
 
-
-class _OpenResponse(NamedTuple):
-    info: PeerInfo
-    topics: tuple[str, ...]
-    end: Callable[[str], None]
-
-
-class OpenResponses:
-    """Responses to requests that stay open, such as streams and peers; they end if new settings forbid them.
-    """
-
-    def __init__(self, admission: Admission) -> None:
-        self._admission = admission
-        self._open: dict[object, _OpenResponse] = {}
-
-    def add(self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+    def _while_allowed(
+        self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]
+    ) -> Callable[[], None]:
         """Register an open response, as :meth:`rwt_transports.http.routes.Reader.while_allowed` does."""
         response = _OpenResponse(info, tuple(topics), end)
-        if reason := self._reason(response):
+        if reason := self._reason_to_end(response):
             raise Refused(403, reason)
         key = object()
-        self._open[key] = response
+        self._open_responses[key] = response
 
         def ended() -> None:
-            self._open.pop(key, None)
+            self._open_responses.pop(key, None)
 
         return ended
 
-    def review(self) -> None:
-        """End the responses that the settings no longer allow."""
-        for key, response in tuple(self._open.items()):
-            if (reason := self._reason(response)) and self._open.pop(key, None) is not None:
-                response.end(reason)
-
-    def _reason(self, response: _OpenResponse) -> str:
+    def _reason_to_end(self, response: _OpenResponse) -> str:
         """Return why a response has to end; empty if it may stay open."""
         try:
-            role = self._admission.role_of(response.info)
+            role = self.admission.role_of(response.info)
         except Refused as refused:
             return refused.reason
         if role is None:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.access.audit import LineRate
-from rwt.access.credentials import ROSAUTH, Tokens, presented_token, rosauth_of
+from rwt.access.credentials import ROSAUTH, presented_token, role_of_token, rosauth_of
 from rwt.access.errors import NotAuthenticated
 from rwt.access.origins import NO_SITE, Origins
 from rwt.access.roles import roles
@@ -83,7 +83,9 @@ class Admission:
             rosauth.take_used_macs(self.rosauth)
         self.roles = known
         self.rosauth = rosauth
-        self._tokens = Tokens(auth.tokens, known)
+        self._tokens = [
+            (token.digest, known[token.role].given_by(name)) for name, token in auth.tokens.items()
+        ]
         name = auth.role_without_credentials
         self.default_role: Role | None = known[name] if name else None
         self._origins = Origins(settings.origins.allow)
@@ -161,7 +163,7 @@ class Admission:
             raise self._refused(info, 401, str(error)) from None
         if token is None:
             return None
-        role = self._tokens.role_of(token)
+        role = role_of_token(token, self._tokens)
         if role is None:
             raise self._refused(info, 401, "this bearer token is not known here (auth.tokens)")
         return role

@@ -193,18 +193,14 @@ def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Pa
     kept = view.role.answers.get(service)
     if kept is not None and kept[0] is response:
         return kept[1]
-    shown = _made_without(view, lists, service, response)
-    if service in _LISTINGS:
-        view.role.answers[service] = (response, shown)
-    return shown
-
-
-def _made_without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
     value = response.value()
     for part in lists:
         prefix = f"{namespace_of(service)}:" if part.of_node else ""
         value = _without_hidden(view, part.kind, prefix, value, part.fields)
-    return Payload.from_value(response.type, value)
+    shown = Payload.from_value(response.type, value)
+    if service in _LISTINGS:
+        view.role.answers[service] = (response, shown)
+    return shown
 
 
 def _providers(

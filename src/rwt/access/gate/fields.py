@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from operator import attrgetter, is_
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -95,10 +96,6 @@ class Clamped:
     def after(self) -> Mapping[str, float]:
         """Return the numbers after the last change, by path."""
         return {change.where: change.after for change in self._named}
-
-
-class _TooManyValues(Exception):
-    """A list has too many values to be described."""
 
 
 class NoSuchField(Exception):
@@ -194,7 +191,7 @@ class FieldChecks:
             if limit.one_of:
                 leaf = _one_of(limit, key)
             else:
-                neutrals = {} if limit.rate is None or neutral is None else _numbers_at(parts, neutral)
+                neutrals = {} if limit.rate is None or neutral is None else dict(_values_at(parts, neutral))
                 leaf = _Range(limit, key, motion, neutrals)
             checks.append(_at(parts, leaf))
         self._checks = tuple(checks)
@@ -282,21 +279,12 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
     """Return the values of the fields of a message that have limits; of a list, the range and the number."""
     found: list[str] = []
     for path, limit in limits.items():
-        values: list[Any] = []
-
-        def note(
-            value: Any, where: str, now: float, changes: list[Change], values: list[Any] = values
-        ) -> object:
-            if len(values) >= _MAX_DESCRIBED:
-                raise _TooManyValues
-            values.append(value)
-            return value
-
         try:
-            _at(_resolve(payload.type, path, limit, ""), note)(payload.value(), "", 0.0, [])
+            parts = _resolve(payload.type, path, limit, "")
         except NoSuchField:
             continue  # Of another rule, for another kind of act.
-        except _TooManyValues:
+        values = [value for _, value in islice(_values_at(parts, payload.value()), _MAX_DESCRIBED + 1)]
+        if len(values) > _MAX_DESCRIBED:
             found.append(f"{path} has more than {_MAX_DESCRIBED} values")
             continue
         if len(values) == 1:
@@ -464,16 +452,15 @@ def _range(low: float, high: float) -> str:
     return f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
 
 
-def _numbers_at(parts: Sequence[tuple[str, str]], message: msgspec.Struct) -> Mapping[str, float]:
-    """Return the numbers of a message at a path, each under its path with indices."""
-    found: dict[str, float] = {}
-
-    def note(value: Any, where: str, now: float, changes: list[Change]) -> object:
-        found[where] = float(value)
-        return value
-
-    _at(parts, note)(message, "", 0.0, [])
-    return found
+def _values_at(parts: Sequence[tuple[str, str]], value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of a message at a path, each with its path with indices."""
+    (text, attributes), *rest = parts
+    found = attrgetter(attributes.removeprefix("."))(value) if attributes else value
+    if not rest:
+        yield where + text, found
+        return
+    for index, item in enumerate(found):
+        yield from _values_at(rest, item, f"{where}{text}[{index}]")
 
 
 def _parts_of(type: MessageType, prefix: str = "") -> Iterator[tuple[attrgetter[Any], field_types.FieldType]]:

@@ -176,7 +176,7 @@ class ConnectedClients:
         self._distro = registry.distro
         self._clients: dict[int, dict[str, object]] = {}
         self._due = False
-        self._publish_count()
+        _publish(self._count, {"data": 0})
         self._publish_list()
 
     def joined(self, number: int, address: str) -> None:
@@ -191,13 +191,10 @@ class ConnectedClients:
         self._changed()
 
     def _changed(self) -> None:
-        self._publish_count()
+        _publish(self._count, {"data": len(self._clients)})
         if not self._due:
             self._due = True
             self._clock.call_later(0.0, self._publish_list)
-
-    def _publish_count(self) -> None:
-        _publish(self._count, {"data": len(self._clients)})
 
     def _publish_list(self) -> None:
         self._due = False
