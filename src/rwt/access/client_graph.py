@@ -351,11 +351,7 @@ class ClientGraph(GraphView):
         return absolute
 
     def _admit(self, verb: str, name: str) -> str:
-        """Return the absolute form of a name if the table of decisions and the role allow a verb on it.
-
-        Raises:
-            NotAllowed: they do not.
-        """
+        """Return the absolute form of a name. Raises NotAllowed unless decisions and role allow the verb."""
         act = self._decisions.get(verb)
         if act is None:
             raise NotAllowed(f"{verb} is not declared for this gateway (rwt.access.decisions)")

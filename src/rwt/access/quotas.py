@@ -54,20 +54,12 @@ class Quota:
         self.held = 0
 
     def take(self, amount: int = 1) -> Charge:
-        """Count an amount until the charge ends.
-
-        Raises:
-            QuotaExceeded: the client holds as much as it may.
-        """
+        """Count an amount until the charge ends. Raises QuotaExceeded."""
         self.add(amount)
         return Charge(self, amount)
 
     def exchange(self, old: object, amount: int) -> Charge:
-        """Count an amount in place of an older charge of this quota.
-
-        Raises:
-            QuotaExceeded: the client holds as much as it may; the older charge stays.
-        """
+        """Count an amount in place of an older charge, which stays if it raises QuotaExceeded."""
         if not isinstance(old, Charge) or old.quota is not self:
             return self.take(amount)
         self.add(amount - old.amount)
@@ -75,11 +67,7 @@ class Quota:
         return Charge(self, amount)
 
     def add(self, amount: int) -> None:
-        """Count an amount until :meth:`give_back`.
-
-        Raises:
-            QuotaExceeded: the client holds as much as it may.
-        """
+        """Count an amount until :meth:`give_back`. Raises QuotaExceeded if it is more than is left."""
         if self.held + amount > self._most:
             raise QuotaExceeded(
                 f"this client has {self.held} {self._noun}, "

@@ -110,11 +110,7 @@ class Role:
         return allowed
 
     def require(self, act: Act, name: str) -> None:
-        """Check that the role allows `act` on `name`, an absolute name.
-
-        Raises:
-            NotAllowed: it does not; the text names the setting that would allow it.
-        """
+        """Raise NotAllowed unless the role allows `act` on an absolute name; the text names the setting."""
         if not self.unrestricted and not self.allows(act, name):
             behind = _BEHIND_ACTION.fullmatch(name) if act == "call" else None
             setting = "goals" if behind and behind["service"] else act

@@ -398,7 +398,6 @@ class _RelayEnd(ABC):
             turns.wait(self._go_on)
 
     def _go_on(self) -> None:
-        """Read on, in another turn."""
         self._is_late = False
         self._turn_began = self.hub.turns.monotonic()
         self.resume()

@@ -176,11 +176,7 @@ class Approvals:
         return tuple(self._pending.values())
 
     def subject(self, client: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> Subject:
-        """Return the subject of an approval.
-
-        Raises:
-            GateRefused: the message is too large to be approved.
-        """
+        """Return the subject of an approval. Raises GateRefused if the message is too large."""
         role = client.rights
         digest = digest_of(payload, rule)
         return Subject(client, act, name, rule.key, role.name, role.credential, digest)
@@ -217,11 +213,7 @@ class Approvals:
         return [each for *_, each in sorted(sorted(ranked)[:most], key=itemgetter(1))]
 
     def ask(self, subject: Subject, rule: Rule, payload: Payload) -> Approval:
-        """Request approval.
-
-        Raises:
-            GateRefused: the maximum number of pending requests is reached.
-        """
+        """Request approval. Raises GateRefused if too many requests are pending."""
         client, act, name = subject[:3]
         slot = client.owner, rule.key
         if self._counts[slot] >= MAX_OF_CREDENTIAL:
@@ -249,11 +241,7 @@ class Approvals:
         return approval
 
     def _make_room(self, owner: str, rule: Rule) -> None:
-        """Deny the newest request of the credential with the most.
-
-        Raises:
-            GateRefused: `owner` would have as many.
-        """
+        """Deny the newest request of the credential with the most. Raises GateRefused if that is `owner`."""
         counts = Counter(each.slot[0] for each in self._pending.values())
         name, count = counts.most_common(1)[0]
         if counts[owner] + 1 >= count:

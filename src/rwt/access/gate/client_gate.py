@@ -93,11 +93,7 @@ class GoalPublisher(WrappedPublisher):
         self._action = action
 
     def publish(self, payload: Payload) -> None:
-        """Publish a goal if it passes the rules for the action, and those for the topic.
-
-        Raises:
-            GateRefused: a rule rejects it.
-        """
+        """Publish a goal if it passes the rules for the action and the topic. Raises GateRefused."""
         try:
             _require_plain_goal(self._gate, self._actor, self._action, payload)
         except GateRefused as refused:
@@ -311,19 +307,11 @@ class ClientGate:
                     )
 
     def check_type(self, topic: str, type: MessageType) -> None:
-        """Check the type with which the client publishes on a topic or subscribes to it.
-
-        Raises:
-            GateRefused: as for :meth:`rwt.access.gate.gate.Gate.require_type`.
-        """
+        """Check the type that the client gives a topic, as :meth:`rwt.access.gate.gate.Gate.require_type`."""
         self._gate.require_type(self.actor, topic, type)
 
     def reserve_offer(self, name: str) -> None:
-        """Check that a service or action of a client does not use a name of the gate.
-
-        Raises:
-            NotAllowed: it does.
-        """
+        """Raise NotAllowed for a service or action of a client with a name of the gate."""
         if self._gate.rules.all and name.startswith(f"{GATE_NODE}/"):
             raise NotAllowed(f"{name} is the gate's own")
 
@@ -449,11 +437,7 @@ class ClientGate:
     # Goals
 
     def check_goal(self, action: str, type: ActionType, goal: Payload) -> tuple[Payload, Needed]:
-        """Check a goal; return the goal as it may be sent, and the acts that require approval.
-
-        Raises:
-            GateRefused: a rule rejects the goal.
-        """
+        """Return a goal as it may be sent, and the acts that require approval. Raises GateRefused."""
         try:
             return self._gate.check(self.actor, [("goal", action)], type.goal, goal)
         except GateRefused as refused:
@@ -493,7 +477,6 @@ class ClientGate:
         go: Callable[[], None],
         refuse: Callable[[str], None],
     ) -> None:
-        """Request one approval after the other."""
         gate = self._gate
         (act, name, rule), *others = needed
 

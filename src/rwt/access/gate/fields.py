@@ -243,11 +243,7 @@ class FieldChecks:
             raise GateRefused(str(error), f"{self._key}.fields") from None
 
     def _require_few(self, payload: Payload) -> None:
-        """Check that a message is not too large to be checked at once, before it is decoded if possible.
-
-        Raises:
-            GateRefused: it is.
-        """
+        """Raise GateRefused for a message that is too large to be checked at once, if possible undecoded."""
         most, key = self._max_items, f"{self._key}.largest_items"
         if not payload.is_decoded:
             size, most_bytes = payload.kept_size, BYTES_OF_ITEM * most
@@ -301,11 +297,7 @@ def _described(value: object) -> str:
 
 
 def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[tuple[str, str]]:
-    """Return the parts of a path between the `[]`, as ROS and as Python spells them.
-
-    Raises:
-        NoSuchField: it has not, or the limit does not fit.
-    """
+    """Return the parts of a path between the `[]`, as ROS and as Python spells them. Raises NoSuchField."""
     attributes: list[str] = []
     kind: field_types.FieldType = field_types.Message(type)
     for part in path.split("."):
@@ -356,8 +348,6 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
 
 
 def _each(inner: _Check) -> _Check:
-    """Compile a check of every item of a list."""
-
     def check(items: Any, where: str, now: float, changes: list[Change]) -> object:
         taken = [inner(item, f"{where}[{index}]", now, changes) for index, item in enumerate(items)]
         return items if all(map(is_, taken, items)) else taken
@@ -374,7 +364,6 @@ def _replaced(message: msgspec.Struct, names: Sequence[str], new: object) -> msg
 
 
 def _one_of(limit: FieldLimit, key: str) -> _Check:
-    """Compile a check of strings."""
     allowed = frozenset(limit.one_of)
     expected = " or ".join(map(repr, limit.one_of))
 

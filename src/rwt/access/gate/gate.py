@@ -229,11 +229,7 @@ class Gate:
         self.on_leases()
 
     def _require_reloadable(self, settings: GateSettings) -> None:
-        """Check a change that does not depend on the graph.
-
-        Raises:
-            SettingsError: it requires a restart, or would end the emergency stop somewhere.
-        """
+        """Raise SettingsError for a change that requires a restart, or would end an emergency stop."""
         if settings.audit != self.settings.audit:
             raise SettingsError("`gate.audit`: cannot change while the server runs: restart it")
         if bool(settings.rules) != bool(self.settings.rules):
@@ -304,11 +300,7 @@ class Gate:
                 yield topic
 
     def guarded(self, name: str, type: MessageType) -> GuardedTopic:
-        """Return the guarded topic of a name for which there are rules.
-
-        Raises:
-            GateRefused: the topic is in use with another type.
-        """
+        """Return the guarded topic of a name. Raises GateRefused if it is in use with another type."""
         topic = self._topics.get(name)
         if topic is not None:
             if topic.type is type or topic.type.name == type.name:
@@ -325,11 +317,7 @@ class Gate:
         return topic
 
     def join_topic(self, actor: Actor, name: str, type: MessageType) -> GuardedTopic:
-        """Return the guarded topic of a name on which a client publishes from now on.
-
-        Raises:
-            GateRefused: as for :meth:`guarded`.
-        """
+        """Like :meth:`guarded`, for a client that publishes on the topic from now on."""
         topic = self.guarded(name, type)
         topic.users.add(actor)
         actor.topics.add(topic)
@@ -458,11 +446,7 @@ class Gate:
             raise refused
 
     def require_released(self, rule: Rule) -> None:
-        """Check that the emergency stop does not forbid what a rule is for.
-
-        Raises:
-            GateRefused: it is pressed, and the rule names it.
-        """
+        """Raise GateRefused while the emergency stop is pressed, if a rule is for it."""
         if self.stopped_by and rule.settings.emergency:
             raise GateRefused(
                 f"the emergency stop is on: stopped by {self.stopped_by}", f"{rule.key}.emergency"

@@ -180,11 +180,7 @@ class GuardedTopic:
         )
 
     def _prepare_stop(self) -> None:
-        """Make the stop message in advance, and find out if it is stamped.
-
-        Raises:
-            NoSuchField: it does not fit the type.
-        """
+        """Make the stop message in advance, or raise NoSuchField if it does not fit the type."""
         if self._stop is None:
             return
         try:
@@ -270,7 +266,6 @@ class GuardedTopic:
         )
 
     def _check(self, client: Actor, rules: _RoleRules, payload: Payload, now: float) -> Payload:
-        """Return a message as it may be published."""
         if self.fault:
             raise GateRefused(f"the rules of {self.name} cannot be applied: {self.fault}")
         if rules.emergency is not None and (self._paused_at or self._gate.stopped_by):
@@ -300,11 +295,7 @@ class GuardedTopic:
         return payload
 
     def _approved(self, client: Actor, rules: _RoleRules, payload: Payload) -> Payload:
-        """Use up the approvals of a message, and return it as it was approved.
-
-        Raises:
-            GateRefused: it is not approved.
-        """
+        """Use up the approvals of a message and return it as approved, or raise GateRefused."""
         payload = without_repeats(payload)
         try:
             for rule in rules.approvals:
@@ -316,11 +307,7 @@ class GuardedTopic:
         return payload
 
     def _require_fresh(self, client: Actor, lease: Lease, payload: Payload, now: float) -> None:
-        """Check that a command did not wait in a stalled connection; the robot stops if one did.
-
-        Raises:
-            GateRefused: it did, or the client has not begun anew since.
-        """
+        """Raise GateRefused for a command that waited in a stalled connection; the robot stops then."""
         if self._freshness is None or self._neutral is None:
             return
         command = payload.value() if not self._has_lists or _is_small(payload) else None
@@ -332,11 +319,7 @@ class GuardedTopic:
             raise GateRefused(why, f"{self.lease_rule}.lease")
 
     def _require_moving(self, client: Actor, rule: Rule, payload: Payload, now: float) -> None:
-        """Check that the emergency stop is released, and that the client is not paused.
-
-        Raises:
-            GateRefused: it is pressed, or the client kept publishing across the release.
-        """
+        """Raise GateRefused while the emergency stop is pressed, and until a paused client may go on."""
         if self._gate.stopped_by:
             self._pause(client, now)
             self._gate.require_released(rule)

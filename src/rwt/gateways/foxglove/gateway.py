@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.gateways.foxglove.assets import Pages
     from rwt.gateways.foxglove.playback import PlaybackState
-    from rwt.gateways.foxglove.wire.server_messages import Capability
     from rwt_graph.api import Graph
     from rwt_graph.clock import Playback
     from rwt_participant.timers import Timer
@@ -128,8 +127,8 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             None if playback is None else (playback.start_ns, playback.end_ns),
         )
 
-    def _capabilities(self, role: Role) -> list[Capability]:
-        has: dict[Capability, bool] = {
+    def _capabilities(self, role: Role) -> list[str]:
+        has = {
             "clientPublish": bool(role.globs["publish"]),
             "parameters": bool(role.globs["get_param"]) and self._graph.service(GET) is not None,
             "parametersSubscribe": bool(role.globs["get_param"]),
