@@ -15,7 +15,7 @@ from bench.paper.arm_robot import DRIVES, LINKS, MINUTE, ROOT
 from bench.paper.counting import CountingClient
 from bench.paper.report import Report
 from rwt import Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Tf2WebRepublisher
 from rwt_graph import MemoryGraph, Node, SimulatedClock, TopicPublisher
 from rwt_tf2 import IDENTITY, Buffer, StampedTransform, Transform, write_transform

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from rwt import Server, Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt_client import Backoff, Robot, connect
 from rwt_client.connection import ConnectKeywords

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from rwt import Settings
 from rwt.access.access import Access
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt_graph import MemoryGraph, Node

@@ -16,7 +16,7 @@ from functools import partial
 import pytest
 
 from rwt import Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.settings.models import LimitSettings
 from rwt_graph import MemoryGraph
 from rwt_protocol.frames import Frame

@@ -20,7 +20,7 @@ from typing import Final
 
 from rwt.access.access import Access
 from rwt.access.gate.approvals import MAX_OF_CREDENTIAL, MAX_PENDING
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes.rosapi import DISCLOSURES, Rosapi
 from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node, SimulatedClock

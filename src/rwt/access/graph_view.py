@@ -127,10 +127,6 @@ class GraphView(GraphListings):
         """Return the nodes with visible topics, services or actions, sorted by name."""
         return tuple(node for node in self._graph.nodes() if self._shows(node))
 
-    def sees_parameter(self, name: str) -> bool:
-        """Return True if a parameter is visible; `name` is `/node:name`, or `/name` in the global tree."""
-        return self.role.sees_parameter(canonical(name))
-
     def sees_node(self, name: str) -> bool:
         """Return True if a node is visible."""
         version = self._graph.version

@@ -9,7 +9,7 @@ from typing import Any
 from rwt import Settings
 from rwt.access.access import Access
 from rwt.access.gate.gate import Gate
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_graph.api import Sample

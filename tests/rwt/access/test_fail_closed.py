@@ -26,7 +26,7 @@ from rwt.access.settings import GateRule
 from rwt.composition.pages import routes
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.nodes.video import WebVideoServer
@@ -114,7 +114,6 @@ LOOK_UPS = {
     "service",
     "action",
     "may_subscribe",
-    "sees_parameter",
     "sees_node",
     "sees_service",
     "lease_seconds",

@@ -35,7 +35,7 @@ from rwt.gateways.base import Gateway
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
 from rwt.gateways.http.settings import HttpSettings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.gateways.visitors import peer_of
 from rwt.nodes.rosapi import Rosapi
 from rwt_transports.http.routes import HttpRequest

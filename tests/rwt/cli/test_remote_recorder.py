@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from rwt import Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.recording import (
     Encoding,

@@ -10,7 +10,7 @@ import anyio.lowlevel
 import pytest
 
 from rwt import Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.rosapi.parameter_services import MOST_DEFAULT, MOST_VALUES
 from rwt_graph import MemoryGraph, Node

@@ -61,6 +61,9 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     * Parameters: ``_feed``.
 
     Args:
+        graph: the robot.
+        access: access rules of the server.
+        settings: settings of the operator.
         call_timeout: seconds that a service call may take; None: no timeout.
         linger: seconds that a publisher outlives its last user among the clients.
         pages: answers requests for files of packages; None without files.

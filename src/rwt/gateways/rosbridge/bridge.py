@@ -70,6 +70,8 @@ class Bridge(ConnectionGateway[Peer]):
         orphans: running goals of clients that have left, with the addresses of those.
 
     Args:
+        graph: the robot.
+        settings: settings of the operator.
         access: access rules of the server; by default the bridge creates its own, without disclosures.
         loading: loads numpy in a thread; None loads it on first use.
 

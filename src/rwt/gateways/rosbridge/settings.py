@@ -11,7 +11,7 @@ from rwt_protocol.limits import MAX_MESSAGE_BYTES
 
 
 class BridgeSettings(AccessSettings):
-    """All settings of a :class:`rwt.gateways.rosbridge.bridge.Bridge`."""
+    """All settings of a :class:`rwt.gateways.rosbridge.Bridge`."""
 
     profile: Literal["compat", "ros1", "ros2-2024", "2.0.0"] = Field(
         "compat", description="protocol version; `compat` accepts every client"

@@ -21,7 +21,7 @@ from rwt.access.credentials import Rosauth, mac_of, presented_token
 from rwt.access.errors import NotAuthenticated
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.ops import Auth

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rwt import Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from tests.rwt.gateways.rosbridge.recording_client import Client

@@ -17,7 +17,7 @@ from websockets.typing import Origin, Subprotocol
 
 from rwt import Server, Settings
 from rwt.access.origins import Origins, is_loopback_listener
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import (

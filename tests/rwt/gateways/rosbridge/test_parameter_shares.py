@@ -11,7 +11,7 @@ import pytest
 
 from rwt import Settings
 from rwt.access.access import Access
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes.rosapi import DISCLOSURES, Rosapi
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph

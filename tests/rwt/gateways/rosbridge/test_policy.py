@@ -14,7 +14,7 @@ from rwt.access.access import Access
 from rwt.access.errors import NotAllowed
 from rwt.access.roles import ACTS, Role
 from rwt.access.settings import RoleSettings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt_graph import MemoryGraph, Node

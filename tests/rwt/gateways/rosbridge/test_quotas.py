@@ -8,7 +8,7 @@ import pytest
 
 from rwt import Settings
 from rwt.access.quotas import RateLimit
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
 from tests.rwt.gateways.rosbridge.recording_client import Client, Message

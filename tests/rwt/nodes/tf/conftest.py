@@ -10,7 +10,7 @@ import anyio.lowlevel
 import pytest
 
 from rwt import Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt.nodes.tf import Tf2WebRepublisher
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_tf2 import StampedTransform, Transform, write_transform
