@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.errors import QuotaExceeded
@@ -100,19 +101,12 @@ class Quota:
             self._outlived.held += self.held
 
 
+@dataclass(slots=True, eq=False)
 class Charge:
-    """Amount that counts towards a quota until it ends.
+    """Amount that counts towards a quota until it ends."""
 
-    Attributes:
-        quota: None after its end.
-        amount: that it counts.
-    """
-
-    __slots__ = ("amount", "quota")
-
-    def __init__(self, quota: Quota, amount: int) -> None:
-        self.quota: Quota | None = quota
-        self.amount = amount
+    quota: Quota | None  # None after its end.
+    amount: int
 
     def end(self) -> None:
         """Count no more."""
@@ -127,6 +121,7 @@ WorkKind = Literal["messages", "pages", "pictures"]
 WORK_KINDS: Final[tuple[WorkKind, ...]] = get_args(WorkKind)
 
 
+@dataclass(slots=True, eq=False)
 class WorkTotals:
     """Work of all clients of a server.
 
@@ -136,12 +131,9 @@ class WorkTotals:
         refused: requests for pages that were refused, beyond the rate.
     """
 
-    __slots__ = ("refused", "seconds", "waits")
-
-    def __init__(self) -> None:
-        self.seconds: dict[WorkKind, float] = dict.fromkeys(WORK_KINDS, 0.0)
-        self.waits = 0
-        self.refused = 0
+    seconds: dict[WorkKind, float] = field(default_factory=lambda: dict.fromkeys(WORK_KINDS, 0.0))
+    waits: int = 0
+    refused: int = 0
 
 
 class Work:

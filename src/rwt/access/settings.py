@@ -163,10 +163,10 @@ class LeaseSettings(Table):
 class StopMessageSettings(Table):
     """Message published by the gate to stop the robot."""
 
-    message: Annotated[
-        Mapping[str, object],
-        Field(description="field values; omitted fields have their defaults (zero for a velocity)"),
-    ] = Field(default_factory=dict)
+    message: Mapping[str, object] = Field(
+        default_factory=dict,
+        description="field values; omitted fields have their defaults (zero for a velocity)",
+    )
     repeat_seconds: RepeatSeconds = Field(
         1.0, description="seconds for which the message is repeated; choose more than the robot's own timeout"
     )

@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable
 from contextvars import ContextVar
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
@@ -138,17 +139,15 @@ CALLER: Final[ContextVar[Actor | None]] = ContextVar("caller of the gate", defau
 """Client on whose behalf a service of the gate runs; None: a program of the robot itself."""
 
 
+@dataclass(slots=True, eq=False)
 class _Repeated:
     """Repetitions of one event since its last line."""
 
-    __slots__ = ("count", "line", "lines", "since", "source")
-
-    def __init__(self, line: dict[str, object], source: Source, since: float) -> None:
-        self.line = line
-        self.source = source
-        self.since = since
-        self.lines = 1
-        self.count = 0
+    line: dict[str, object]
+    source: Source
+    since: float
+    lines: int = 1
+    count: int = 0
 
 
 class Recorder:
