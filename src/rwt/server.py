@@ -23,7 +23,7 @@ from rwt.access.audit import bounded_log
 from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
-from rwt.composition.certificates import CertificateRenewal, authority_page
+from rwt.composition.certificates import authority_page, renewal
 from rwt.composition.extensions import load_encodings
 from rwt.composition.gateways import make_gateway
 from rwt.composition.graphs import check_graph, make_graph
@@ -42,7 +42,15 @@ from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
 from rwt.gateways.visitors import counted
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
-from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
+from rwt.observability.supervision import (
+    ALIVE,
+    READY,
+    STOPPING,
+    Periodic,
+    heartbeat_seconds,
+    tell,
+    tell_reloading,
+)
 from rwt.settings.sources import LoadedSettings, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt.tls.machine import outward_address
@@ -442,7 +450,7 @@ class Server:
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:
             http = (*http, authority_page(settings.tls))
-            stack.callback(CertificateRenewal(graph.clock, tls, settings.tls).close)
+            stack.callback(renewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
             start_recording(
                 graph, self._record, self._record_options, nodes, introspection=self._introspection
@@ -459,8 +467,9 @@ class Server:
         extensions: list[HttpExtension[GraphView]] = [*http, *of_gateways]
         metrics = ServerMetrics(bridge, extensions, gateways)
         stack.callback(metrics.close)
-        if self._worker is None:
-            stack.callback(Heartbeat(graph.clock).close)
+        if self._worker is None and (seconds := heartbeat_seconds()) is not None:
+            tell(ALIVE)
+            stack.callback(Periodic(graph.clock, seconds, partial(tell, ALIVE)).close)
         stack.enter_context(bounded_log())
         reload_roles = [each.reload_roles for each in (bridge, *gateways)]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from contextvars import copy_context
+from functools import partial
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
 from rwt.access.client_graph import WrappedPublisher
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
 from rwt.access.gate.gate import GATE_NODE
-from rwt.access.gate.node import LEASES, SERVICES, TOPICS, stop_response
+from rwt.access.gate.node import LEASES, SERVICES, TOPICS, answer_of, press
 from rwt.access.gate.record import CALLER
 from rwt.access.graph_view import STOP
 from rwt.access.roles import absolute_globs
@@ -356,7 +357,7 @@ class ClientGate:
 
     def stop(self, request: Payload, type: ServiceType) -> Payload:
         """Press the emergency stop by a call, and return the response."""
-        return stop_response(self._gate, self.actor, request, type)
+        return answer_of(type, partial(press, self._gate), self.actor, request)
 
     # Calls
 

@@ -60,6 +60,10 @@ SERVICES: Final = {
 """Services of the gate with their types. They require no `call` permission: the gate's settings decide."""
 
 
+Handler = Callable[["Actor | None", Any], dict[str, object]]
+"""Returns the fields of a response, given the client that calls and the request."""
+
+
 class GateNode:
     """Node of the gate: serves :data:`SERVICES` and publishes :data:`TOPICS`."""
 
@@ -80,12 +84,12 @@ class GateNode:
                 (APPROVALS, "rwt_gate_msgs/Approvals"),
             )
         }
-        handlers: dict[str, Callable[[Actor | None, Any], dict[str, object]]] = {
+        handlers: dict[str, Handler] = {
             "/gate/take_lease": partial(self._change_lease, gate.take_lease),
             "/gate/release_lease": partial(self._change_lease, gate.release_lease),
             "/gate/request_lease": partial(self._change_lease, self._ask_holder),
             "/gate/pass_lease": self._pass_lease,
-            STOP: partial(_press, gate),
+            STOP: partial(press, gate),
             "/gate/release_stop": self._release_stop,
             "/gate/approve": self._approve,
         }
@@ -251,15 +255,6 @@ class GateNode:
         return {"success": True, "message": what}
 
 
-def stop_response(gate: Gate, actor: Actor, request: Payload, type: ServiceType) -> Payload:
-    """Press the emergency stop for a client, and return the response of the service."""
-    try:
-        answer = _press(gate, actor, request.value())
-    except GateRefused as refused:
-        answer = {"success": False, "message": str(refused)}
-    return Payload.from_value(type.response, answer)
-
-
 def _described(key: str, client: Actor | None) -> dict[str, object]:
     """Return the fields that name a client, by connection and so that people recognise it."""
     if client is None:
@@ -267,7 +262,8 @@ def _described(key: str, client: Actor | None) -> dict[str, object]:
     return {key: client.name, "role": client.role, "user": client.credential, "device": client.device}
 
 
-def _press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:
+def press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:
+    """Press the emergency stop, and return the fields of the response."""
     undelivered = gate.stop(actor, request.reason)
     if undelivered:
         text = f"clients' commands are rejected until the release, but these were not stopped: {undelivered}"
@@ -281,19 +277,20 @@ def _client(actor: Actor | None) -> Actor:
     return actor
 
 
-def _answering(
-    type: ServiceType, handler: Callable[[Actor | None, Any], dict[str, object]]
-) -> Callable[[ServiceCall], None]:
-    """Return a callback that answers calls by a handler; a rejection by the gate is an answer, too."""
+def answer_of(type: ServiceType, handler: Handler, actor: Actor | None, request: Payload) -> Payload:
+    """Return the response of a handler; a rejection by the gate is an answer, too."""
+    try:
+        answer = handler(actor, request.value())
+    except GateRefused as refused:
+        answer = {"success": False, "message": str(refused)}
+    return Payload.from_value(type.response, answer)
 
+
+def _answering(type: ServiceType, handler: Handler) -> Callable[[ServiceCall], None]:
     def on_call(call: ServiceCall) -> None:
         actor = CALLER.get()
         # An approved act is performed for the client that requested it, not for the one that approves.
         CALLER.set(None)
-        try:
-            answer = handler(actor, call.request.value())
-        except GateRefused as refused:
-            answer = {"success": False, "message": str(refused)}
-        call.reply(Payload.from_value(type.response, answer))
+        call.reply(answer_of(type, handler, actor, call.request))
 
     return on_call
