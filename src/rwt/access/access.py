@@ -68,7 +68,6 @@ class Access:
     """Access control of one server.
 
     Attributes:
-        admission: admission of connections.
         audit: log of what clients do.
         limits: limits of what one client may have open, send, and be sent.
         gate: gate of the server; None without rules and audit file.

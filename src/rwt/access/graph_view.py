@@ -30,11 +30,7 @@ class GraphView(GraphListings):
     Hidden names are treated as if they did not exist.
 
     Attributes:
-        role: role that decides.
         work: account of the work that the server does for the holder of the view.
-        distro: ROS distribution of the graph.
-        registry: interfaces that the graph knows.
-        clock: clock of the graph.
 
     Args:
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.

@@ -216,9 +216,6 @@ class AddressQuotas:
     """Quotas of one address: leftovers of earlier clients, and the work of all.
 
     Both count towards the quotas of the next clients.
-
-    Attributes:
-        clients: that are connected from there.
     """
 
     def __init__(self, work: Work) -> None:

@@ -62,8 +62,6 @@ class Counters:
         refusals: rejections by op; unknown ops count as `unknown`.
         clients: number of clients since the start.
         present: number of present clients without a connection (HTTP).
-        calls: service calls.
-        goals: goals sent to actions.
         missed_deadlines: deadlines of publishers and of subscriptions.
         received: messages of clients that have left, and requests.
         received_bytes: bytes read from them, and of the bodies of requests.

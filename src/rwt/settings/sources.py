@@ -40,7 +40,6 @@ class Given:
     """Value of a setting, with its source.
 
     Attributes:
-        key: key of the setting.
         value: value; text if the source only has text.
         source: description of the source: file, variable or option.
     """

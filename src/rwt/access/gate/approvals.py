@@ -40,8 +40,6 @@ class Subject(NamedTuple):
     """Subject of an approval. Another message, role or credential of the same client is another subject.
 
     Attributes:
-        client: client that acts.
-        act: act to be approved.
         name: name of the topic, service, action or parameters.
         rule: key of the rule that requires approval.
         role: name of the client's role.
@@ -88,8 +86,6 @@ class Approval(PendingCall):
     Attributes:
         id: number of the request, as a string.
         client, act, name: those of the subject.
-        rule: rule that requires approval.
-        subject: subject of the approval.
         slot: credential and rule whose requests are limited together.
         content: digest and size of the message, the fields that rules name, and its JSON, truncated.
         asked_ns: ROS time of the request.

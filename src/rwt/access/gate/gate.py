@@ -88,13 +88,8 @@ class Gate:
     robot has the topic), ``_sweep`` (the same, in the order in which they are examined for removal).
 
     Attributes:
-        settings: settings of the gate.
         is_observing: True if the gate only records what it would reject.
-        rules: all rules.
-        clock: clock of the graph.
         participant: the gate's node in the graph.
-        recorder: record of what happens.
-        approvals: requests for approval.
         stop_path: stop messages of all topics.
         presses: number of times that the emergency stop was pressed.
         faults: topics that cannot be stopped, with the reason.

@@ -81,7 +81,6 @@ class Lease:
     of the time before are read next; so the lease cannot be taken for a moment.
 
     Attributes:
-        settings: settings of the lease.
         holder: client that holds the lease; None while it is free.
         since_ns: ROS time of the last change of the holder.
 

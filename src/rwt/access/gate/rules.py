@@ -72,7 +72,6 @@ class Rules:
     """All rules of a gate, in the order of the settings.
 
     Attributes:
-        all: the rules.
         has_emergency: True if the emergency stop is for any of them.
         has_parameters: True if any of them is about parameters.
     """

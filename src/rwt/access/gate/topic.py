@@ -60,7 +60,6 @@ class _RoleRules(NamedTuple):
         lease: the topic's lease, if a rule requires it.
         emergency: first rule that the emergency stop is for.
         approvals: rules that require approval.
-        rates: rules with a rate.
     """
 
     compiled: tuple[_CompiledRule, ...]
@@ -104,7 +103,6 @@ class GuardedTopic:
 
     Attributes:
         name: absolute name.
-        type: type of the messages.
         lease: lease of the topic; None if no rule requires one.
         fault: description of what is wrong with the rules; empty if they fit.
         users: clients that publish on the topic.

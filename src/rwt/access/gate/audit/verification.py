@@ -23,9 +23,7 @@ class Finding:
     """Place where an audit is not as it was written.
 
     Attributes:
-        file: file of the line.
         line: number of the line in the file, from 1.
-        text: description.
     """
 
     file: Path
@@ -40,7 +38,6 @@ class AuditReport:
     Attributes:
         faults: lines that were changed, inserted or removed.
         notes: observations that have an innocent explanation, such as rotation.
-        lines: number of lines.
         heads: last line of each file: its number in the chain, and its hash.
         has_line: True if one of the lines has the hash that was searched for.
     """
