@@ -25,7 +25,7 @@ import numpy as np
 from bench.network.lossy_link import ADDRESSES, Line, lossy_link
 from bench.paper.camera import mark
 from rwt import Server
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.browser.driver import find_browser, opened_browser

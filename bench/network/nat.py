@@ -29,8 +29,7 @@ from aioice import stun
 
 from rwt import Server
 from rwt.hub.hub import open_hub
-from rwt.settings.models import DialSettings, Settings
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import DialSettings, Settings, WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
 from tests.browser.driver import find_browser, opened_browser

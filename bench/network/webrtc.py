@@ -23,7 +23,7 @@ from websockets.asyncio.client import connect
 
 from bench.network.lossy_link import ADDRESSES, Line, lossy_link
 from rwt import Server
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_client import connect as connect_robot
 
 HZ: Final = 50

@@ -32,7 +32,7 @@ from bench.network.webrtc import BAD, PORT, percentile
 from bench.paper.camera import mark, read_mark
 from rwt import Server
 from rwt.media.encoders.video import VideoEncoder
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 
 HZ: Final = 20

@@ -22,7 +22,7 @@ from rwt.nodes.demo.world.lens import Lens
 from rwt.nodes.demo.world.map import house
 from rwt.nodes.demo.world.pose import Pose
 from rwt.nodes.demo.world.view import View
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 

@@ -23,7 +23,7 @@ from rwt.access.audit import bounded_log
 from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
-from rwt.composition.certificates import CertificateRenewal, authority_page
+from rwt.composition.certificates import authority_page, renewal
 from rwt.composition.extensions import load_encodings
 from rwt.composition.gateways import make_gateway
 from rwt.composition.graphs import check_graph, make_graph
@@ -42,9 +42,18 @@ from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
 from rwt.gateways.visitors import counted
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
-from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
+from rwt.observability.supervision import (
+    ALIVE,
+    READY,
+    STOPPING,
+    Periodic,
+    heartbeat_seconds,
+    tell,
+    tell_reloading,
+)
 from rwt.settings.sources import LoadedSettings, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
+from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
@@ -213,6 +222,7 @@ class Server:
         self._name = name
         self._loop = loop
         self._worker = worker
+        self._is_first = worker is None or worker.number == 1
         self._read_settings = reload or (lambda: self.settings)
         self._running: _Running | None = None
         self._thread: ExitStack | None = None
@@ -440,7 +450,7 @@ class Server:
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:
             http = (*http, authority_page(settings.tls))
-            stack.callback(CertificateRenewal(graph.clock, tls, settings.tls).close)
+            stack.callback(renewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
             start_recording(
                 graph, self._record, self._record_options, nodes, introspection=self._introspection
@@ -457,8 +467,9 @@ class Server:
         extensions: list[HttpExtension[GraphView]] = [*http, *of_gateways]
         metrics = ServerMetrics(bridge, extensions, gateways)
         stack.callback(metrics.close)
-        if self._worker is None:
-            stack.callback(Heartbeat(graph.clock).close)
+        if self._worker is None and (seconds := heartbeat_seconds()) is not None:
+            tell(ALIVE)
+            stack.callback(Periodic(graph.clock, seconds, partial(tell, ALIVE)).close)
         stack.enter_context(bounded_log())
         reload_roles = [each.reload_roles for each in (bridge, *gateways)]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
@@ -476,7 +487,7 @@ class Server:
                 reload_roles.append(media[0].reload_roles)
             metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
-        if self._worker is None or self._worker.number == 1:
+        if self._is_first:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
         if self._app is not None:
@@ -511,8 +522,7 @@ class Server:
         """Warn if other machines can reach a server without authentication."""
         role = access.admission.default_role
         open_at = [each.url for each in listeners if not is_loopback_listener(each.url)]
-        is_first = self._worker is None or self._worker.number == 1
-        if open_at and role is not None and role.unrestricted and is_first:
+        if open_at and role is not None and role.unrestricted and self._is_first:
             logger.warning(
                 "NO AUTHENTICATION: everybody who reaches %s may drive this robot. Set `auth.tokens`, or"
                 " `auth.default_role` to a role that may less, or listen on 127.0.0.1.",
@@ -523,8 +533,7 @@ class Server:
         """Warn if clients send tokens over networks without encryption, unless a proxy may encrypt them."""
         urls = [each.url for each in listeners if each.url.startswith("ws://")]
         open_at = [url for url in urls if not is_loopback_listener(url)]
-        is_first = self._worker is None or self._worker.number == 1
-        if open_at and self.settings.auth.tokens and not self.settings.proxies and is_first:
+        if open_at and self.settings.auth.tokens and not self.settings.proxies and self._is_first:
             logger.warning(
                 "UNENCRYPTED TOKENS: everybody on the network can read the tokens that clients send to %s."
                 " Use `--tls auto` or a certificate (tls.certfile), or a reverse proxy with TLS (proxies).",
@@ -695,11 +704,8 @@ def _from_other_machines(url: str) -> list[str]:
 
 def _own_addresses(family: socket.AddressFamily) -> list[str]:
     """Return the addresses of this machine, the one with a route to other networks first."""
-    found = []
-    with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
-        # Addresses for documentation (RFC 5737, RFC 3849): it sends nothing, and only looks for a route.
-        probe.connect(("192.0.2.1" if family is socket.AF_INET else "2001:db8::1", 9))
-        found.append(str(probe.getsockname()[0]))
+    first = outward_address(family)
+    found = [] if first is None else [str(first)]
     with suppress(OSError):
         found += [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, family)]
     return [each for each in dict.fromkeys(found) if not ipaddress.ip_address(each).is_loopback]

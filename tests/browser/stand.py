@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rwt import Server
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph import Graph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry

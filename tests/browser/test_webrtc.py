@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Page

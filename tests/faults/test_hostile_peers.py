@@ -12,7 +12,7 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.webrtc.signalling import PeerBounds
 from tests.rwt.media.webrtc.peers import OtherSide, other_side

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import FieldChecks, Motion, NoSuchField
 from rwt.access.gate.rules import Rule
-from rwt.access.settings.gate import GateRule
+from rwt.access.settings import GateRule
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload

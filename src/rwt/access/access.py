@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from rwt.access.disclosure import Disclosures
     from rwt.access.gate.client_gate import ClientGate
     from rwt.access.gate.gate import Gate
-    from rwt.access.settings import AccessSettings
-    from rwt.access.settings.gate import GateSettings
+    from rwt.access.settings import AccessSettings, GateSettings
     from rwt.delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo
@@ -57,11 +56,18 @@ def device_of(user_agent: str) -> str:
     return ", ".join(filter(None, found))
 
 
+class _OpenResponse(NamedTuple):
+    """Response that stays open, such as a stream or a peer; it ends if new settings forbid it."""
+
+    info: PeerInfo
+    topics: tuple[str, ...]
+    end: Callable[[str], None]
+
+
 class Access:
     """Access control of one server.
 
     Attributes:
-        admission: admission of connections.
         audit: log of what clients do.
         limits: limits of what one client may have open, send, and be sent.
         gate: gate of the server; None without rules and audit file.
@@ -69,8 +75,6 @@ class Access:
         work: totals of the work caused by all clients.
 
     Args:
-        graph: graph of the robot.
-        settings: settings of access control.
         disclosures: declarations of what services reveal, by the name of their type, besides those of
             parameters and loggers. Restricted roles cannot call an undeclared service that reveals the graph.
         now: returns the seconds since 1970.
@@ -97,20 +101,18 @@ class Access:
         self.audit = Audit()
         self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
-        self._open_responses = OpenResponses(self.admission)
+        self._open_responses: dict[object, _OpenResponse] = {}
         self._reserved: set[str] = set()
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
         if not settings.rules and not settings.audit.is_on:
             return None
         # Imported here: servers without a gate do not load it.
-        from rwt.access.gate.gate import BadRule, Gate
+        from rwt.access.gate.gate import Gate
         from rwt.access.gate.node import GateNode
 
         try:
             gate = Gate(graph, settings, self.audit)
-        except BadRule as wrong:
-            raise SettingsError(str(wrong)) from None
         except OSError as error:
             raise SettingsError(f"`gate.audit.file`: cannot be written: {error.strerror}") from error
         if settings.rules:
@@ -126,21 +128,14 @@ class Access:
             SettingsError: the settings are invalid, or require a restart; then nothing changes.
         """
         replace = self.admission.prepare(settings)
-        self._reload_gate(settings.gate)
+        if self.gate is not None:
+            self.gate.replace_rules(settings.gate)
+        elif settings.gate.rules or settings.gate.audit.is_on:
+            raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
         replace()
-        self._open_responses.review()
-
-    def _reload_gate(self, settings: GateSettings) -> None:
-        if self.gate is None:
-            if settings.rules or settings.audit.is_on:
-                raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
-            return
-        from rwt.access.gate.gate import BadRule
-
-        try:
-            self.gate.replace_rules(settings)
-        except BadRule as wrong:
-            raise SettingsError(str(wrong)) from None
+        for key, response in tuple(self._open_responses.items()):
+            if (reason := self._reason_to_end(response)) and self._open_responses.pop(key, None) is not None:
+                response.end(reason)
 
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""
@@ -153,8 +148,6 @@ class Access:
         """Return the graph as one client may see and use it.
 
         Args:
-            shared: resources that all clients of the gateway share.
-            role: role of the client.
             address: network address of the client; resources that earlier clients of the address left behind
                 count towards its quotas.
             name: name of the client at the gate, such as `rosbridge:3`, which begins with that of its gateway
@@ -164,7 +157,11 @@ class Access:
         of_address = self._quotas_of(address)
         work = self._work(self.limits.work_per_second, of_address.work)
         quotas = ClientQuotas(self.limits, of_address, work)
-        gate = None if self.gate is None else self._client_gate(self.gate, role, address, name, user_agent)
+        gate: ClientGate | None = None
+        if self.gate is not None:
+            from rwt.access.gate.client_gate import ClientGate
+
+            gate = ClientGate(self.gate, name, role, address, device_of(user_agent))
         return ClientGraph(
             shared,
             role,
@@ -183,7 +180,7 @@ class Access:
 
     def is_stop_due(self, role: Role) -> bool:
         """True if clients of a role can press the emergency stop now."""
-        return self.gate is not None and self.gate.is_stop_due and self.gate.may_stop(role.name)
+        return self.gate is not None and self.gate.is_stop_due(role.name)
 
     def reserve(self, topic: str) -> None:
         """Reserve a topic for the server: no client can publish on it, whatever its role.
@@ -192,12 +189,6 @@ class Access:
             topic: absolute name of the topic.
         """
         self._reserved.add(topic)
-
-    @staticmethod
-    def _client_gate(gate: Gate, role: Role, address: str, name: str, user_agent: str) -> ClientGate:
-        from rwt.access.gate.client_gate import ClientGate
-
-        return ClientGate(gate, name, role, address, device_of(user_agent))
 
     def _quotas_of(self, address: str) -> AddressQuotas:
         """Return the quotas shared by all clients of an address.
@@ -226,51 +217,28 @@ class Access:
         if role is None:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
-        return GraphView(
-            self._graph, role, self._quotas_of(info.address).work, partial(self._open_responses.add, info)
-        )
+        work = self._quotas_of(info.address).work
+        return GraphView(self._graph, role, work, partial(self._while_allowed, info))
 
-
-class _OpenResponse(NamedTuple):
-    info: PeerInfo
-    topics: tuple[str, ...]
-    end: Callable[[str], None]
-
-
-class OpenResponses:
-    """Responses to requests that stay open, such as streams and peers; they end if new settings forbid them.
-
-    Args:
-        admission: admission of the server.
-    """
-
-    def __init__(self, admission: Admission) -> None:
-        self._admission = admission
-        self._open: dict[object, _OpenResponse] = {}
-
-    def add(self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+    def _while_allowed(
+        self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]
+    ) -> Callable[[], None]:
         """Register an open response, as :meth:`rwt_transports.http.routes.Reader.while_allowed` does."""
         response = _OpenResponse(info, tuple(topics), end)
-        if reason := self._reason(response):
+        if reason := self._reason_to_end(response):
             raise Refused(403, reason)
         key = object()
-        self._open[key] = response
+        self._open_responses[key] = response
 
         def ended() -> None:
-            self._open.pop(key, None)
+            self._open_responses.pop(key, None)
 
         return ended
 
-    def review(self) -> None:
-        """End the responses that the settings no longer allow."""
-        for key, response in tuple(self._open.items()):
-            if (reason := self._reason(response)) and self._open.pop(key, None) is not None:
-                response.end(reason)
-
-    def _reason(self, response: _OpenResponse) -> str:
+    def _reason_to_end(self, response: _OpenResponse) -> str:
         """Return why a response has to end; empty if it may stay open."""
         try:
-            role = self._admission.role_of(response.info)
+            role = self.admission.role_of(response.info)
         except Refused as refused:
             return refused.reason
         if role is None:

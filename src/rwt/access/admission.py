@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.access.audit import LineRate
-from rwt.access.credentials import ROSAUTH, Tokens, presented_token, rosauth_of
+from rwt.access.credentials import ROSAUTH, presented_token, role_of_token, rosauth_of
 from rwt.access.errors import NotAuthenticated
 from rwt.access.origins import NO_SITE, Origins
 from rwt.access.roles import roles
@@ -37,10 +37,8 @@ class Admission:
         default_role: role of clients without credentials; None: credentials are required.
 
     Args:
-        settings: settings of access control.
         now: returns the seconds since 1970.
         monotonic: returns the seconds of a steady clock.
-        audit: log of refused connections.
 
     Raises:
         SettingsError: the rosauth secret cannot be read.
@@ -85,7 +83,9 @@ class Admission:
             rosauth.take_used_macs(self.rosauth)
         self.roles = known
         self.rosauth = rosauth
-        self._tokens = Tokens(auth.tokens, known)
+        self._tokens = [
+            (token.digest, known[token.role].given_by(name)) for name, token in auth.tokens.items()
+        ]
         name = auth.role_without_credentials
         self.default_role: Role | None = known[name] if name else None
         self._origins = Origins(settings.origins.allow)
@@ -94,7 +94,6 @@ class Admission:
         """Return the role of a connected client after :meth:`reload`.
 
         Args:
-            info: peer, as the transport knows it.
             by_auth: role granted by an `auth` op, if any.
 
         Raises:
@@ -113,7 +112,6 @@ class Admission:
         """Admit a connection.
 
         Args:
-            info: peer, as the transport knows it.
             loopback: True if its listener can only be reached from this machine.
 
         Returns:
@@ -131,15 +129,7 @@ class Admission:
         Raises:
             Refused: the token is unknown.
         """
-        return self._by_token(info) or self.default_role
-
-    def role_of_token(self, info: PeerInfo) -> Role | None:
-        """Return the role of an HTTP request by its token; None without a token, or if none is configured.
-
-        Raises:
-            Refused: the token is unknown.
-        """
-        return self._by_token(info)
+        return self.role_of_token(info) or self.default_role
 
     def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Return True if the web page named by the ``Origin`` header may connect."""
@@ -154,12 +144,17 @@ class Admission:
         raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here{hint} (origins.allow)")
 
     def _role(self, info: PeerInfo) -> Role | None:
-        role = self._by_token(info) or self.default_role
+        role = self.role_of_token(info) or self.default_role
         if role is None and self.rosauth is None:
             raise self._refused(info, 401, f"a bearer token is needed (auth.tokens): {_HOW}")
         return role
 
-    def _by_token(self, info: PeerInfo) -> Role | None:
+    def role_of_token(self, info: PeerInfo) -> Role | None:
+        """Return the role of an HTTP request by its token; None without a token, or if none is configured.
+
+        Raises:
+            Refused: the token is unknown.
+        """
         if not self._tokens:
             return None
         try:
@@ -168,16 +163,15 @@ class Admission:
             raise self._refused(info, 401, str(error)) from None
         if token is None:
             return None
-        role = self._tokens.role_of(token)
+        role = role_of_token(token, self._tokens)
         if role is None:
             raise self._refused(info, 401, "this bearer token is not known here (auth.tokens)")
         return role
 
     def log_refusal(self, info: PeerInfo, reason: str) -> None:
         """Log a refused connection; the rate limit is for all connections together."""
-        line = self._log_rate.admit(
-            f"turned {info.address or info.transport} away: {reason}", self._monotonic()
-        )
+        text = f"turned {info.address or info.transport} away: {reason}"
+        line = self._log_rate.admit(text, self._monotonic())
         if line is not None:
             self._audit.write(logging.WARNING, "%s", line)
 

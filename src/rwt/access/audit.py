@@ -89,7 +89,6 @@ class LineRate:
         """Return the line to write in place of `text`; None to drop it.
 
         Args:
-            text: text of the line.
             now: seconds of a steady clock.
         """
         if not self._rate.take(now):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar, Union
 from rwt.access.decisions import VERBS
 from rwt.access.disclosure import restrict, written_parameters, written_text
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
-from rwt.access.graph_view import GraphView, canonical
+from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
 from rwt_graph.names import resolve
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
@@ -24,13 +24,12 @@ from rwt_participant.goals import GoalStatus
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence, Set
 
-    from rwt.access.decisions import Decision
     from rwt.access.disclosure import Disclosures, OutcomeFilter
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.client_gate import ClientGate, GatedPublisher, GoalPublisher, Needed, StopPublisher
     from rwt.access.quotas import Charge, ClientQuotas, Quota
     from rwt.access.roles import Act, Role
-    from rwt.delivery.counters import Counters
+    from rwt.delivery.counters import Counters, TopicCounts
     from rwt.delivery.fanout import Fanout
     from rwt.delivery.shared_graph import SharedGraph
     from rwt.delivery.shared_publishers import Lacks, SharedPublisher
@@ -97,7 +96,7 @@ class _Call:
     def hold(self, size: int) -> Callable[[], None]:
         """Hold the charge until the returned function is called; the size is charged already."""
         if not self._held:
-            return _nothing
+            return lambda: None
         self._held += 1
         return self._release
 
@@ -121,16 +120,28 @@ class _Call:
         self._release()
 
 
-def _nothing() -> None:
-    """No-op release."""
+class WrappedPublisher:
+    """Publisher of a client in front of another one."""
+
+    __slots__ = ("_inner", "counts", "topic", "type")
+
+    def __init__(self, inner: ClientPublisher) -> None:
+        self._inner = inner
+        self.topic: str = inner.topic
+        self.type: MessageType = inner.type
+        self.counts: TopicCounts = inner.counts
 
 
-class GoalAccount:
-    """Account for goals sent as messages (ALB-01); implements :class:`rwt_graph.accounts.WorkAccount`."""
+class GoalMessages(WrappedPublisher):
+    """Publisher of an action's goal topic for one client; running goals are charged to the client (ALB-01).
+
+    Also the account of the program that runs the goals (:class:`rwt_graph.accounts.WorkAccount`).
+    """
 
     __slots__ = ("_quotas",)
 
-    def __init__(self, quotas: ClientQuotas) -> None:
+    def __init__(self, inner: ClientPublisher, quotas: ClientQuotas) -> None:
+        super().__init__(inner)
         self._quotas = quotas
 
     def hold(self, size: int) -> Callable[[], None]:
@@ -153,26 +164,13 @@ class GoalAccount:
             raise CallFailed(str(exceeded)) from None
         return release
 
-
-class GoalMessages:
-    """Publisher of an action's goal topic for one client; running goals are charged to the client."""
-
-    __slots__ = ("_account", "_inner", "counts", "topic", "type")
-
-    def __init__(self, inner: SharedPublisher | LatchedPublisher, account: GoalAccount) -> None:
-        self._inner = inner
-        self._account = account
-        self.topic = inner.topic
-        self.type = inner.type
-        self.counts = inner.counts
-
     def publish(self, payload: Payload) -> None:
         """Publish a goal.
 
         Raises:
             QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
-        asker = WORK_ACCOUNT.set(self._account)
+        asker = WORK_ACCOUNT.set(self)
         try:
             self._inner.publish(payload)
         finally:
@@ -199,17 +197,15 @@ class _ParameterAccount:
             raise ParameterRejected(str(exceeded)) from None
 
 
-class LatchedPublisher:
+class LatchedPublisher(WrappedPublisher):
     """Publisher of a latched topic for one client; each retained message is charged to its sender."""
 
-    __slots__ = ("_kept", "_shared", "counts", "topic", "type")
+    __slots__ = ("_kept", "_shared")
 
     def __init__(self, shared: SharedPublisher, kept: Quota) -> None:
+        super().__init__(shared)
         self._shared = shared
         self._kept = kept
-        self.topic = shared.topic
-        self.type = shared.type
-        self.counts = shared.counts
 
     def publish(self, payload: Payload) -> None:
         """Publish a message.
@@ -255,14 +251,11 @@ class ClientGraph(GraphView):
     * Parameters it has set: ``_parameters``.
 
     Args:
-        shared: resources that all clients of the gateway share.
-        role: role of the client.
-        quotas: quotas of the client.
         disclosures: declarations of what services reveal, by service type.
         setting_parameters: service types whose calls set parameters.
         gate: gate of the client; None if the server has no gate.
         reserved: topics that clients cannot publish on, see :meth:`rwt.access.access.Access.reserve`.
-        decisions: checks by verb; verbs without are rejected.
+        decisions: permission by verb; verbs without are rejected.
     """
 
     def __init__(
@@ -274,7 +267,7 @@ class ClientGraph(GraphView):
         setting_parameters: frozenset[str],
         gate: ClientGate | None = None,
         reserved: Set[str] = frozenset(),
-        decisions: Mapping[str, Decision] = VERBS,
+        decisions: Mapping[str, Act] = VERBS,
     ) -> None:
         super().__init__(shared.graph, role, quotas.work)
         self._reserved = reserved
@@ -309,8 +302,7 @@ class ClientGraph(GraphView):
     def tell_notices(self, on_notice: Callable[[str], None]) -> None:
         """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
         if self._gate is not None:
-            self._gate.swap_on_notice(on_notice)
-            self._gate.tell_approvals(on_notice)
+            self._gate.actor.on_notice = self._gate.actor.on_approval = on_notice
 
     def approval_of(self, pending: PendingCall | ClientGoal | None) -> Approval | None:
         """Return the request for approval that a call or goal waits for; None if it waits for none."""
@@ -323,16 +315,17 @@ class ClientGraph(GraphView):
         if self._gate is None:
             yield found
             return
-        before = self._gate.swap_on_notice(found.append)
+        actor = self._gate.actor
+        before, actor.on_notice = actor.on_notice, found.append
         try:
             yield found
         finally:
-            self._gate.swap_on_notice(before)
+            actor.on_notice = before
 
     @property
     def gate_name(self) -> str:
         """Name of this client in leases and requests for approval; empty without a gate."""
-        return "" if self._gate is None else self._gate.name
+        return "" if self._gate is None else self._gate.actor.name
 
     def lease_seconds(self, topic: str) -> float | None:
         """Return the seconds of silence after which this client loses the lease of a topic.
@@ -358,15 +351,11 @@ class ClientGraph(GraphView):
         return absolute
 
     def _admit(self, verb: str, name: str) -> str:
-        """Return the absolute form of a name if the table of decisions and the role allow a verb on it.
-
-        Raises:
-            NotAllowed: they do not.
-        """
-        decision = self._decisions.get(verb)
-        if decision is None:
+        """Return the absolute form of a name. Raises NotAllowed unless decisions and role allow the verb."""
+        act = self._decisions.get(verb)
+        if act is None:
             raise NotAllowed(f"{verb} is not declared for this gateway (rwt.access.decisions)")
-        return self.require(decision.act, name)
+        return self.require(act, name)
 
     def sees_service(self, name: str) -> bool:
         """Like :meth:`GraphView.sees_service`; the gate's own services are visible to every role."""
@@ -415,8 +404,6 @@ class ClientGraph(GraphView):
         """Advertise a topic and return its absolute name.
 
         Args:
-            topic: name of the topic.
-            type: name of its message type.
             mark: identifies the advertisement; the same mark replaces it.
             qos: policies for a new publisher; None for the graph's default.
             lacks: see :meth:`rwt.delivery.shared_publishers.SharedPublishers.acquire`.
@@ -475,7 +462,6 @@ class ClientGraph(GraphView):
         :meth:`take_role` and :meth:`unadvertise`.
 
         Args:
-            topic: name of the topic.
             type: name of its message type; None for the type that the graph knows.
             mark: mark for :meth:`unadvertise` (UNA-06); None: the topic is kept until the client leaves.
             qos, lacks: as for :meth:`advertise`.
@@ -494,7 +480,7 @@ class ClientGraph(GraphView):
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
         kept = LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
         is_goal = shared.type.name.endswith("ActionGoal")
-        publisher = GoalMessages(kept, GoalAccount(self._quotas)) if is_goal else kept
+        publisher = GoalMessages(kept, self._quotas) if is_goal else kept
         return publisher if self._gate is None else self._gate.publisher(publisher)
 
     def _acquire(
@@ -519,7 +505,6 @@ class ClientGraph(GraphView):
         """Return the fan-out of a topic; join it to receive samples.
 
         Args:
-            topic: name of the topic.
             type: name of its message type; None for the type that the graph knows.
             is_new: True for a new subscription, which counts until :meth:`unsubscribe`; False to change an
                 existing one.
@@ -582,7 +567,6 @@ class ClientGraph(GraphView):
         """Call a service; listings in the response are filtered by the client's role.
 
         Args:
-            service: name of the service.
             request: creates the request of the service's type.
             on_reply: called once with the outcome, unless the client leaves first.
             timeout: seconds; None: no timeout.
@@ -602,7 +586,7 @@ class ClientGraph(GraphView):
         info = self._graph.service(name)
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")
-        if gate is not None and is_gates and gate.is_stop_service(name):
+        if gate is not None and is_gates and name == STOP:
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
             on_reply(gate.stop(request(info.type), info.type))
@@ -704,9 +688,7 @@ class ClientGraph(GraphView):
         """Send a goal.
 
         Args:
-            action: name of the action.
             goal: creates the goal of the action's type.
-            events: callbacks of the goal's sender.
 
         Raises:
             NotAllowed: the role may not send goals to the action.

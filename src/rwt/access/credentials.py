@@ -6,7 +6,7 @@ import hashlib
 import heapq
 import hmac
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
@@ -16,7 +16,7 @@ from rwt.access.settings import SettingsError
 
 if TYPE_CHECKING:
     from rwt.access.roles import Role
-    from rwt.access.settings import AuthSettings, TokenSettings
+    from rwt.access.settings import AuthSettings
     from rwt_protocol import ops
     from rwt_transports.endpoint import PeerInfo
 
@@ -69,7 +69,6 @@ class Rosauth:
     """Verifier of `auth` ops by a shared secret.
 
     Args:
-        secret: secret of 16 characters.
         allowed_delta: maximum difference between ``t`` and now, in seconds.
         now: returns the seconds since 1970.
         role_for: returns the role of a level; None to reject it.
@@ -132,23 +131,14 @@ class Rosauth:
         heapq.heappush(self._expiry, (until, mac))
 
 
-class Tokens:
-    """Known bearer tokens, and the roles that they give."""
-
-    def __init__(self, tokens: Mapping[str, TokenSettings], roles: Mapping[str, Role]) -> None:
-        self._known = [(token.digest, roles[token.role].given_by(name)) for name, token in tokens.items()]
-
-    def __bool__(self) -> bool:
-        return bool(self._known)
-
-    def role_of(self, token: str) -> Role | None:
-        """Return the role of a token, in constant time; None if it is unknown."""
-        presented = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
-        found: Role | None = None
-        for known, role in self._known:
-            if hmac.compare_digest(known, presented):
-                found = role
-        return found
+def role_of_token(token: str, known: Iterable[tuple[bytes, Role]]) -> Role | None:
+    """Return the role of a bearer token, in constant time; None if its digest is not among the known."""
+    presented = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
+    found: Role | None = None
+    for digest, role in known:
+        if hmac.compare_digest(digest, presented):
+            found = role
+    return found
 
 
 def presented_token(info: PeerInfo) -> str | None:
@@ -192,8 +182,6 @@ def rosauth_of(
     """Return the verifier of `auth` ops; None if no secret is configured.
 
     Args:
-        settings: settings of authentication.
-        roles: every role, by name.
         configured: True if the settings define roles: then a level that names none is rejected by default.
         now: returns the seconds since 1970.
 

@@ -6,45 +6,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rwt.access.roles import Act
 
-Kind = Literal["topic", "service", "action"]
-"""Kind of resource. Parameters are set through services, which declare it (:mod:`rwt_graph.disclosure`)."""
-
-
-class Decision(NamedTuple):
-    """Checks of one verb.
-
-    Attributes:
-        kind: kind of resource that it is about.
-        act: permission that the role needs.
-    """
-
-    kind: Kind
-    act: Act
-
-
-VERBS: Final[Mapping[str, Decision]] = {
-    "advertise": Decision("topic", "publish"),
-    "publisher": Decision("topic", "publish"),
-    "subscribe": Decision("topic", "subscribe"),
-    "call_service": Decision("service", "call"),
-    "advertise_service": Decision("service", "provide"),
-    "send_goal": Decision("action", "goals"),
-    "cancel_goal": Decision("action", "goals"),
-    "advertise_action": Decision("action", "provide"),
+VERBS: Final[Mapping[str, Act]] = {
+    "advertise": "publish",
+    "publisher": "publish",
+    "subscribe": "subscribe",
+    "call_service": "call",
+    "advertise_service": "provide",
+    "send_goal": "goals",
+    "cancel_goal": "goals",
+    "advertise_action": "provide",
 }
-"""Checks by verb: name of a method of :class:`rwt.access.client_graph.ClientGraph`."""
+"""Permission that the role needs, by verb: name of a method of :class:`rwt.access.client_graph.ClientGraph`.
 
-_NOTHING: Final[Mapping[str, Decision]] = MappingProxyType({})
+Parameters are set through services, which declare it (:mod:`rwt_graph.disclosure`).
+"""
+
 _READS: Final = ("subscribe", "call_service")
 
 #: Decisions by gateway.
-_GATEWAYS: Final[dict[str, Mapping[str, Decision]]] = {}
+_GATEWAYS: Final[dict[str, Mapping[str, Act]]] = {}
 
 
 def declare(gateway: str, *verbs: str) -> None:
@@ -77,12 +62,10 @@ def gateways() -> tuple[str, ...]:
     return tuple(_GATEWAYS)
 
 
-def decisions_of(client: str) -> Mapping[str, Decision]:
-    """Return the decisions for a client: those of its gateway, none for one that is not declared.
+def decisions_of(client: str) -> Mapping[str, Act]:
+    """Return the verbs of a client: those of its gateway, none for one that is not declared.
 
     Args:
         client: name of the client, such as `http:3`; empty for a program in this process, for which all are.
     """
-    if not client:
-        return VERBS
-    return _GATEWAYS.get(client.partition(":")[0], _NOTHING)
+    return _GATEWAYS.get(client.partition(":")[0], {}) if client else VERBS

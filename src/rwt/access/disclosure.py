@@ -62,13 +62,6 @@ def restrict(
     A hidden name in a request is replaced by one that does not exist: the service itself then answers as for
     unknown names.
 
-    Args:
-        view: view of the client.
-        disclosures: declarations of all services.
-        service: absolute name of the service.
-        type: type of the service.
-        request: request of the client.
-
     Raises:
         NotAllowed: the role may not read or write a parameter in the request, or the service reveals the
             graph without a declaration.
@@ -144,7 +137,6 @@ def affected_parameters(tree: ParameterTree, name: str, text: str, most: int) ->
     no tree.
 
     Args:
-        tree: global tree of parameters.
         name: full name of the parameter.
         text: new value as JSON text; empty to delete it.
         most: maximum number of parameters.
@@ -201,18 +193,14 @@ def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Pa
     kept = view.role.answers.get(service)
     if kept is not None and kept[0] is response:
         return kept[1]
-    shown = _made_without(view, lists, service, response)
-    if service in _LISTINGS:
-        view.role.answers[service] = (response, shown)
-    return shown
-
-
-def _made_without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
     value = response.value()
     for part in lists:
         prefix = f"{namespace_of(service)}:" if part.of_node else ""
         value = _without_hidden(view, part.kind, prefix, value, part.fields)
-    return Payload.from_value(response.type, value)
+    shown = Payload.from_value(response.type, value)
+    if service in _LISTINGS:
+        view.role.answers[service] = (response, shown)
+    return shown
 
 
 def _providers(

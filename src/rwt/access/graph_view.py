@@ -30,16 +30,9 @@ class GraphView(GraphListings):
     Hidden names are treated as if they did not exist.
 
     Attributes:
-        role: role that decides.
         work: account of the work that the server does for the holder of the view.
-        distro: ROS distribution of the graph.
-        registry: interfaces that the graph knows.
-        clock: clock of the graph.
 
     Args:
-        graph: graph of the robot.
-        role: role that decides.
-        work: account of the work for the holder.
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
     """
 
@@ -129,10 +122,6 @@ class GraphView(GraphListings):
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return the nodes with visible topics, services or actions, sorted by name."""
         return tuple(node for node in self._graph.nodes() if self._shows(node))
-
-    def sees_parameter(self, name: str) -> bool:
-        """Return True if a parameter is visible; `name` is `/node:name`, or `/name` in the global tree."""
-        return self.role.sees_parameter(canonical(name))
 
     def sees_node(self, name: str) -> bool:
         """Return True if a node is visible."""

@@ -34,7 +34,6 @@ class Origins:
         Args:
             origin: ``Origin`` header (RFC 6454 section 7); from programs other than browsers, empty or
                 ``host:port`` without a scheme.
-            host: ``Host`` header.
             loopback: True if the listener can only be reached from this machine.
         """
         wanted = origin.lower()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.errors import QuotaExceeded
@@ -54,20 +55,12 @@ class Quota:
         self.held = 0
 
     def take(self, amount: int = 1) -> Charge:
-        """Count an amount until the charge ends.
-
-        Raises:
-            QuotaExceeded: the client holds as much as it may.
-        """
+        """Count an amount until the charge ends. Raises QuotaExceeded."""
         self.add(amount)
         return Charge(self, amount)
 
     def exchange(self, old: object, amount: int) -> Charge:
-        """Count an amount in place of an older charge of this quota.
-
-        Raises:
-            QuotaExceeded: the client holds as much as it may; the older charge stays.
-        """
+        """Count an amount in place of an older charge, which stays if it raises QuotaExceeded."""
         if not isinstance(old, Charge) or old.quota is not self:
             return self.take(amount)
         self.add(amount - old.amount)
@@ -75,11 +68,7 @@ class Quota:
         return Charge(self, amount)
 
     def add(self, amount: int) -> None:
-        """Count an amount until :meth:`give_back`.
-
-        Raises:
-            QuotaExceeded: the client holds as much as it may.
-        """
+        """Count an amount until :meth:`give_back`. Raises QuotaExceeded if it is more than is left."""
         if self.held + amount > self._most:
             raise QuotaExceeded(
                 f"this client has {self.held} {self._noun}, "
@@ -112,19 +101,12 @@ class Quota:
             self._outlived.held += self.held
 
 
+@dataclass(slots=True, eq=False)
 class Charge:
-    """Amount that counts towards a quota until it ends.
+    """Amount that counts towards a quota until it ends."""
 
-    Attributes:
-        quota: None after its end.
-        amount: that it counts.
-    """
-
-    __slots__ = ("amount", "quota")
-
-    def __init__(self, quota: Quota, amount: int) -> None:
-        self.quota: Quota | None = quota
-        self.amount = amount
+    quota: Quota | None  # None after its end.
+    amount: int
 
     def end(self) -> None:
         """Count no more."""
@@ -139,6 +121,7 @@ WorkKind = Literal["messages", "pages", "pictures"]
 WORK_KINDS: Final[tuple[WorkKind, ...]] = get_args(WorkKind)
 
 
+@dataclass(slots=True, eq=False)
 class WorkTotals:
     """Work of all clients of a server.
 
@@ -148,12 +131,9 @@ class WorkTotals:
         refused: requests for pages that were refused, beyond the rate.
     """
 
-    __slots__ = ("refused", "seconds", "waits")
-
-    def __init__(self) -> None:
-        self.seconds: dict[WorkKind, float] = dict.fromkeys(WORK_KINDS, 0.0)
-        self.waits = 0
-        self.refused = 0
+    seconds: dict[WorkKind, float] = field(default_factory=lambda: dict.fromkeys(WORK_KINDS, 0.0))
+    waits: int = 0
+    refused: int = 0
 
 
 class Work:
@@ -236,12 +216,6 @@ class AddressQuotas:
     """Quotas of one address: leftovers of earlier clients, and the work of all.
 
     Both count towards the quotas of the next clients.
-
-    Attributes:
-        clients: that are connected from there.
-
-    Args:
-        work: work of all clients of the address.
     """
 
     def __init__(self, work: Work) -> None:
@@ -298,28 +272,32 @@ class ClientQuotas:
 
 
 class RateLimit:
-    """Rate limit of events: a burst, and `rate` per second in the long run.
+    """Rate limit of events, or of amounts such as bytes: a burst, and `rate` per second in the long run.
 
     The token bucket is stored as the time at which it is full again.
     """
 
     __slots__ = ("_full", "_interval", "_tolerance")
 
-    def __init__(self, rate: int, burst: int) -> None:
+    def __init__(self, rate: float, burst: float) -> None:
         self._interval = 1 / rate
         # Half an event more, since sums of floats round.
         self._tolerance = (burst + 0.5) / rate
         self._full = float("-inf")
 
-    def take(self, now: float) -> bool:
-        """Return True if one more event is within the limit; `now` in seconds on a monotonic clock."""
+    def take(self, now: float, amount: int = 1) -> bool:
+        """Return True if that much more is within the limit; `now` in seconds on a monotonic clock."""
         full = self._full
-        full = (full if full > now else now) + self._interval
+        full = (full if full > now else now) + self._interval * amount
         if full - now > self._tolerance:
             return False
         self._full = full
         return True
 
-    def give_back(self) -> None:
-        """Count the last event no more."""
-        self._full -= self._interval
+    def give_back(self, amount: int = 1) -> None:
+        """Undo the last :meth:`take` of that amount."""
+        self._full -= self._interval * amount
+
+    def is_full(self, now: float) -> bool:
+        """Return True if the whole burst is available."""
+        return self._full <= now

@@ -61,10 +61,6 @@ class Role:
         unrestricted: True if the role may do everything.
         globs: permissions by act: globs of absolute names.
         answers: last response of each service that lists the graph, as given and as filtered for the role.
-
-    Args:
-        name: name in the settings.
-        settings: globs of the role.
     """
 
     __slots__ = (
@@ -114,11 +110,7 @@ class Role:
         return allowed
 
     def require(self, act: Act, name: str) -> None:
-        """Check that the role allows `act` on `name`, an absolute name.
-
-        Raises:
-            NotAllowed: it does not; the text names the setting that would allow it.
-        """
+        """Raise NotAllowed unless the role allows `act` on an absolute name; the text names the setting."""
         if not self.unrestricted and not self.allows(act, name):
             behind = _BEHIND_ACTION.fullmatch(name) if act == "call" else None
             setting = "goals" if behind and behind["service"] else act

@@ -6,6 +6,7 @@ import logging
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.settings import SettingsError
+from rwt.observability.supervision import Periodic
 from rwt.tls.tls import renew_server_tls
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from rwt.access.settings import TlsSettings
     from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 
@@ -23,25 +23,16 @@ _PERIOD: Final = 3600.0
 """Interval of checks in seconds; they also cover the machine's addresses, and changes of its clock."""
 
 
-class CertificateRenewal:
-    """Hourly check that replaces a certificate which expires or no longer names the machine."""
+def renewal(clock: Clock, context: SSLContext, settings: TlsSettings) -> Periodic:
+    """Check hourly, and replace a certificate which expires or no longer names the machine."""
 
-    def __init__(self, clock: Clock, context: SSLContext, settings: TlsSettings) -> None:
-        self._clock = clock
-        self._context = context
-        self._settings = settings
-        self._timer: Timer = clock.call_later(_PERIOD, self._look)
-
-    def _look(self) -> None:
+    def renew() -> None:
         try:
-            renew_server_tls(self._context, self._settings)
+            renew_server_tls(context, settings)
         except SettingsError as error:
             logger.error("the certificate stays as it was: %s", error)
-        self._timer = self._clock.call_later(_PERIOD, self._look)
 
-    def close(self) -> None:
-        """Stop checking."""
-        self._timer.cancel()
+    return Periodic(clock, _PERIOD, renew)
 
 
 def authority_page(settings: TlsSettings) -> HttpExtension:

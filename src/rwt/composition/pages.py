@@ -166,7 +166,7 @@ def guarded(
     their browser hides the response, and requests with effects are refused beforehand.
     """
 
-    presses = presses_stop or _presses_nothing
+    presses = presses_stop or (lambda request: False)
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         if audience is Audience.ANYBODY:
@@ -210,10 +210,6 @@ def guarded(
                 turns.note(seconds)
 
     return handler
-
-
-def _presses_nothing(request: HttpRequest) -> bool:
-    return False
 
 
 async def _answer_in_turn(

@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from ssl import SSLContext
 from typing import Final, NoReturn
 
 from rwt.access.quotas import Work, WorkTotals
@@ -39,17 +38,13 @@ async def serve_page(
     robot: str | None = None,
     *,
     layouts: Path | None = None,
-    hosts: Iterable[str] = (),
-    tls: SSLContext | None = None,
 ) -> AsyncIterator[Listener]:
     """Serve the page within the block.
 
     Args:
-        url: URL to listen on, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
+        url: URL to listen on, ``ws://HOST:PORT``.
         robot: rosbridge server that the page connects to; None: the page asks.
         layouts: folder of layouts.
-        hosts: accepted host names, see :class:`rwt_transports.http.routes.Hosts`.
-        tls: certificate and key for ``wss``.
 
     Raises:
         ServerError: the page is not built, or an argument cannot be used.
@@ -66,7 +61,7 @@ async def serve_page(
 
     for route in page.http.routes:
         routes.get(route.path, partial(_answer, route.page))
-    async with listen(url, _refuse, routes=routes, hosts=hosts, tls=tls) as listener:
+    async with listen(url, _refuse, routes=routes) as listener:
         yield listener
 
 

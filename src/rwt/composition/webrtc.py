@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.media.webrtc import AudioTopics, IncomingMedia
     from rwt.nodes.video import WebVideoServer
-    from rwt.settings.webrtc import WebRtcSettings
+    from rwt.settings.models import WebRtcSettings
     from rwt_graph.api import Graph
     from rwt_transports.http.addresses import AddressCount
     from rwt_transports.http.routes import Route

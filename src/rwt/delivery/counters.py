@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,17 +16,16 @@ UNKNOWN = "unknown"
 """Op counted for messages whose op is unknown."""
 
 
+@dataclass(slots=True, eq=False)
 class EncodingCounts:
     """Counters of a topic in one encoding: encoded samples, and frames and bytes handed to clients."""
 
-    __slots__ = ("bytes", "encodes", "messages")
-
-    def __init__(self) -> None:
-        self.encodes = 0
-        self.messages = 0
-        self.bytes = 0
+    encodes: int = 0
+    messages: int = 0
+    bytes: int = 0
 
 
+@dataclass(slots=True, eq=False)
 class TopicCounts:
     """Counters of a topic.
 
@@ -37,15 +37,12 @@ class TopicCounts:
         users: number of shared publishers and fan-outs that use the counters.
     """
 
-    __slots__ = ("dropped", "received", "received_bytes", "sent", "topic", "users")
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self.received = 0
-        self.received_bytes = 0
-        self.sent: dict[str, EncodingCounts] = {}
-        self.dropped: dict[DropReason, int] = {}
-        self.users = 0
+    topic: str
+    received: int = 0
+    received_bytes: int = 0
+    sent: dict[str, EncodingCounts] = field(default_factory=dict)
+    dropped: dict[DropReason, int] = field(default_factory=dict)
+    users: int = 0
 
     def encoding(self, name: str) -> EncodingCounts:
         """Return the counters of an encoding."""
@@ -56,6 +53,7 @@ class TopicCounts:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
 
+@dataclass(slots=True, eq=False)
 class Counters:
     """Counters of a gateway.
 
@@ -64,8 +62,6 @@ class Counters:
         refusals: rejections by op; unknown ops count as `unknown`.
         clients: number of clients since the start.
         present: number of present clients without a connection (HTTP).
-        calls: service calls.
-        goals: goals sent to actions.
         missed_deadlines: deadlines of publishers and of subscriptions.
         received: messages of clients that have left, and requests.
         received_bytes: bytes read from them, and of the bodies of requests.
@@ -73,19 +69,18 @@ class Counters:
         sent_bytes: bytes written to them, and of the bodies of answers.
     """
 
-    def __init__(self) -> None:
-        self.topics: dict[str, TopicCounts] = {}
-        self._unused: dict[str, None] = {}
-        self.refusals: dict[str, int] = {}
-        self.clients = 0
-        self.present = 0
-        self.calls = 0
-        self.goals = 0
-        self.missed_deadlines = 0
-        self.received = 0
-        self.received_bytes = 0
-        self.sent = 0
-        self.sent_bytes = 0
+    topics: dict[str, TopicCounts] = field(default_factory=dict)
+    refusals: dict[str, int] = field(default_factory=dict)
+    clients: int = 0
+    present: int = 0
+    calls: int = 0
+    goals: int = 0
+    missed_deadlines: int = 0
+    received: int = 0
+    received_bytes: int = 0
+    sent: int = 0
+    sent_bytes: int = 0
+    _unused: dict[str, None] = field(default_factory=dict, init=False)
 
     def use_topic(self, name: str) -> TopicCounts:
         """Return the counters of a topic, which last at least until :meth:`release_topic`."""

@@ -1,4 +1,4 @@
-"""Notices to a client about dropped samples and the reason: at most one per topic and second."""
+"""Notices to a client about dropped samples and missed deadlines: at most one per topic and second."""
 
 from __future__ import annotations
 
@@ -137,3 +137,42 @@ class NoticeFlow:
         """Close the flow."""
         if self._flow is not None:
             self._flow.close()
+
+
+SHORTEST: Final = 0.01
+"""Minimum deadline in seconds; shorter ones count as this."""
+_SAME_MOMENT: Final = 1e-6
+"""Tolerance of clock readings in seconds, because sums of floats round."""
+
+
+class DeadlineWatch:
+    """Watchdog that calls `on_missed` once for each period of `seconds` without a call of :meth:`met`."""
+
+    __slots__ = ("_clock", "_last", "_on_missed", "_seconds", "_timer")
+
+    def __init__(self, clock: Clock, seconds: float, on_missed: Callable[[], None]) -> None:
+        self._clock = clock
+        self._seconds = max(seconds, SHORTEST)
+        self._on_missed = on_missed
+        self._last = clock.monotonic()
+        self._timer: Timer | None = clock.call_later(self._seconds, self._look)
+
+    def met(self) -> None:
+        """Note a message."""
+        self._last = self._clock.monotonic()
+
+    def close(self) -> None:
+        """Stop watching."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _look(self) -> None:
+        now = self._clock.monotonic()
+        left = self._last + self._seconds - now
+        if left <= _SAME_MOMENT:
+            self._last = now
+            left = self._seconds
+            self._on_missed()
+        if self._timer is not None:
+            self._timer = self._clock.call_later(left, self._look)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol
 
-from rwt.delivery.deadline import DeadlineWatch
-from rwt.delivery.drop_notices import LOG_SECONDS
+from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
 from rwt_graph.api import Sample
 from rwt_graph.errors import GraphError, TypeConflict
 from rwt_participant.qos import Durability, History, QoS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from rwt_protocol.fragments import cut
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
 
 if TYPE_CHECKING:
-    from rwt.delivery.deadline import DeadlineWatch
+    from rwt.delivery.drop_notices import DeadlineWatch
     from rwt_graph.api import EndpointInfo, Sample
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
@@ -31,13 +32,11 @@ SendTo = Callable[[Callable[["Frame"], None]], None]
 """Passes the frame of a sample to a function: now, or once it is encoded."""
 
 
+@dataclass(slots=True, eq=False)
 class Room:
     """Bytes that the throttles of one client may still queue together."""
 
-    __slots__ = ("left",)
-
-    def __init__(self, size: int) -> None:
-        self.left = size
+    left: int
 
 
 class Throttle:

@@ -14,6 +14,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from rwt.access.audit import LineRate, is_written, one_line
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
 ALONE_BYTES: Final = 2 * 1024 * 1024
 """Larger messages of a connection wait for a turn of their own: receiving one has used a good part of this
 turn."""
+
+LARGE_BYTES: Final = 64 * 1024
+"""Maximum size of a message that waits for nothing but a turn, in bytes."""
 
 _SMALL_BYTES: Final = 4096
 """Maximum size of a message that is read in a turn that is full."""
@@ -215,15 +219,11 @@ class ControlLane:
         )
 
 
-def _always() -> bool:
-    return True
-
-
 class Arriving(NamedTuple):
     """Message that is read in steps while `may_go_on` returns True."""
 
     steps: Iterator[None]
-    may_go_on: Callable[[], bool] = _always
+    may_go_on: Callable[[], bool] = lambda: True
 
 
 #: Maximum size of a frame that presses the emergency stop ahead of queued frames, in bytes.
@@ -299,16 +299,46 @@ class ConnectedClient(ABC, Generic[T]):
         self._waiting: deque[T | UnreadFrame | Arriving] = deque()
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Process one frame, or queue it if the client has used its share of the turn."""
-        if self._must_defer(len(data)):
+        """Process one frame, or queue it if the client has used its share of the turn.
+
+        Without calls that could be saved, because it runs for each message.
+        """
+        received = self.sink.received
+        # More bytes have arrived since the last frame: this is another read, so another turn.
+        if received != self._received:
+            self._received = received
+            self._turn_began = self._worked
+            self._needs_turn = self._is_beyond
+        size = len(data)
+        if size > LARGE_BYTES and (
+            (size > ALONE_BYTES and self._flow_control is not None)
+            or self._is_held_up(UnreadFrame(data, binary))
+        ):
+            self._wait_unread(data, binary)
+            return
+        if (
+            self._is_held
+            or self._needs_turn
+            or self._turns.is_full
+            or self._worked - self._turn_began > CLIENT_SECONDS
+        ) and self._must_wait(size):
             if not self._stop_ahead(data, binary):
                 self._wait_unread(data, binary)
             return
         now = self._began = self._monotonic()
-        self._read(data, binary, now)
+        if self._rate is not None:
+            self._read(data, binary, now)
+        else:
+            self.messages += 1
+            if binary or not self._run_usual(data):
+                self._decode(data, binary, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > CLIENT_SECONDS:
             self._count_work()
+
+    def _run_usual(self, data: bytes) -> bool:
+        """Run a text frame in the usual form. Returns False, and does nothing, if it has to be decoded."""
+        return False
 
     def _stop_ahead(self, data: bytes, binary: bool) -> bool:
         """Press the emergency stop ahead of queued frames, if the frame requests it.
@@ -371,24 +401,6 @@ class ConnectedClient(ABC, Generic[T]):
         """Pause this client through `flow_control` while its messages wait."""
         self._flow_control = flow_control
 
-    def _must_defer(self, size: int) -> bool:
-        """Return True if a message of `size` bytes has to wait."""
-        received = self.sink.received
-        # More bytes have arrived since the last frame: this is another read, so another turn.
-        if received != self._received:
-            self._received = received
-            self._turn_began = self._worked
-            self._needs_turn = self._is_beyond
-        return (size > ALONE_BYTES and self._flow_control is not None) or (
-            (
-                self._is_held
-                or self._needs_turn
-                or self._turns.is_full
-                or self._worked - self._turn_began > CLIENT_SECONDS
-            )
-            and self._must_wait(size)
-        )
-
     def _must_wait(self, size: int) -> bool:
         worked = self._worked - self._turn_began
         if (
@@ -439,12 +451,11 @@ class ConnectedClient(ABC, Generic[T]):
 
     def _go_on(self) -> None:
         """Process queued work within the time of this turn."""
-        first = self._waiting[0] if self._waiting else None
-        if first is not None and (
-            not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first)
-        ):
-            self._turns.retry(self._ask_for_turn)
-            return
+        if self._waiting:
+            first = self._waiting[0]
+            if not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first):
+                self._turns.retry(self._ask_for_turn)
+                return
         # What is put off meanwhile is the rest of the message in progress, so it stays in front of the
         # others.
         waiting, self._waiting = self._waiting, deque()
@@ -511,7 +522,7 @@ class ConnectedClient(ABC, Generic[T]):
             self._flow_control = None  # Break the cycle: the connection refers to this client.
         self.graph.leave()
         self._gateway.left(self)
-        self._release_in_turns(self._all_releases())
+        self._release_in_turns(chain(self._releases(), self.graph.close_in_steps()))
         if left_out := self.replies.log_rate.left_out:
             reason += f" ({left_out} lines about it were left out)"
         self._gateway.access.audit.write(
@@ -522,10 +533,6 @@ class ConnectedClient(ABC, Generic[T]):
     @abstractmethod
     def _releases(self) -> Iterator[None]:
         """Release what the client holds besides its graph, one thing per step."""
-
-    def _all_releases(self) -> Iterator[None]:
-        yield from self._releases()
-        yield from self.graph.close_in_steps()
 
     def _release_in_turns(self, steps: Iterator[None]) -> None:
         """Run steps for this turn's share, and the rest in later turns."""

@@ -13,7 +13,7 @@ import json
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -22,13 +22,12 @@ from typing import ClassVar, Final, Literal
 
 import anyio
 
-from rwt.hub.waiting_bytes import ADDRESS_BYTES, WaitingBytes
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import (
     NO_PROXIES,
     HttpRequest,
@@ -36,9 +35,10 @@ from rwt_transports.http.routes import (
     MetricFamily,
     Proxies,
     Routes,
+    is_local,
     page_policy,
 )
-from rwt_transports.limits import Limits
+from rwt_transports.limits import MIB, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.pages import PageInbox
 from rwt_transports.relay.protocol import (
@@ -71,10 +71,63 @@ GRACE_SECONDS = 3.0
 """Time for which a robot without a connection stays listed: it may be about to open the next one."""
 PAGE_SECONDS: Final = 120.0
 """Default timeout of a robot's answer to a request for a page. Calls of services wait for at most 60 s."""
+ADDRESS_BYTES: Final = 64 * MIB
+"""Default limit of waiting bytes for the clients of one address."""
+TOTAL_FACTOR: Final = 4
+"""Limit for all addresses together, as a multiple of the limit of one."""
 MAX_IDLE = 16
 """Maximum number of idle connections per robot."""
 MAX_WAITING = 256
 """Maximum number of waiting clients per robot."""
+
+
+class WaitingBytes:
+    """Counter of waiting bytes; above the limit, it closes the connection with the most.
+
+    A connection is held back once 256 KiB of it wait. What counts is therefore large messages to a side that
+    does not read.
+
+    Args:
+        most: maximum number of waiting bytes for the clients of one address, in both directions. Local
+            addresses have no limit of their own; all addresses together may use four times as much.
+
+    Attributes:
+        total: waiting bytes of all connections.
+    """
+
+    def __init__(self, most: int = ADDRESS_BYTES) -> None:
+        self._most = most
+        self.total = 0
+        self._held: dict[_RelayEnd, int] = {}
+        self._of_address: Counter[str] = Counter()
+
+    def take(self, holder: _RelayEnd, size: int) -> None:
+        """Add `size` waiting bytes of a holder."""
+        network = network_of(holder.address)
+        self._held[holder] = self._held.get(holder, 0) + size
+        self._of_address[network] += size
+        self.total += size
+        if not is_local(network) and self._of_address[network] > self._most:
+            self._cut_largest(network)
+        elif self.total > TOTAL_FACTOR * self._most:
+            ((largest, _),) = self._of_address.most_common(1)
+            self._cut_largest(largest)
+
+    def give_back(self, holder: _RelayEnd) -> None:
+        """Clear the waiting bytes of a holder; idempotent."""
+        size = self._held.pop(holder, 0)
+        if size:
+            self.total -= size
+            network = network_of(holder.address)
+            self._of_address[network] -= size
+            if not self._of_address[network]:
+                del self._of_address[network]
+
+    def _cut_largest(self, network: str) -> None:
+        its = [holder for holder in self._held if network_of(holder.address) == network]
+        largest = max(its, key=self._held.__getitem__)
+        self.give_back(largest)
+        largest.cut(f"more than {self._most} bytes of clients of this address wait (--waiting-bytes)")
 
 
 @dataclass(slots=True)
@@ -111,7 +164,7 @@ class Hub:
             is accepted.
         grace: seconds for which a robot without a connection stays listed.
         addresses: counter of connections per address; a robot's own connections are not counted.
-        waiting_bytes: limit per client address, see :class:`~rwt.hub.waiting_bytes.WaitingBytes`.
+        waiting_bytes: limit per client address, see :class:`WaitingBytes`.
         page_seconds: timeout of the head of a robot's page.
         turns: turns in which messages are passed on, shared by all connections.
 
@@ -345,7 +398,6 @@ class _RelayEnd(ABC):
             turns.wait(self._go_on)
 
     def _go_on(self) -> None:
-        """Read on, in another turn."""
         self._is_late = False
         self._turn_began = self.hub.turns.monotonic()
         self.resume()

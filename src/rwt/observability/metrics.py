@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.observability.prometheus import PrometheusText
+from rwt.observability.supervision import Periodic
 from rwt_interfaces.steps import Steps, finished
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.prometheus import Kind
     from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
     from rwt_transports.endpoint import Traffic
     from rwt_transports.http.routes import HttpExtension, MetricFamily
     from rwt_transports.relay.dial import RelayStatus
@@ -301,7 +301,7 @@ class LoopLag:
         now = clock.monotonic()
         self._worked = deque([(now, self._seconds)], _LOOKS_OF_WORK)
         self._due = now + LAG_PERIOD
-        self._timer: Timer = clock.call_later(LAG_PERIOD, self._look)
+        self._looks = Periodic(clock, LAG_PERIOD, self._look)
 
     @property
     def _seconds(self) -> float:
@@ -316,7 +316,7 @@ class LoopLag:
 
     def close(self) -> None:
         """Stop measuring."""
-        self._timer.cancel()
+        self._looks.close()
 
     def _look(self) -> None:
         now = self._clock.monotonic()
@@ -325,4 +325,3 @@ class LoopLag:
         self.counts[sum(lag > bound for bound in LAG_BUCKETS)] += 1
         self._worked.append((now, self._seconds))
         self._due = now + LAG_PERIOD
-        self._timer = self._clock.call_later(LAG_PERIOD, self._look)

@@ -9,6 +9,8 @@ import time
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
 
@@ -45,21 +47,19 @@ def heartbeat_seconds() -> float | None:
     return int(microseconds) / 2e6 if is_meant and microseconds.isdecimal() and int(microseconds) else None
 
 
-class Heartbeat:
-    """Reports to the service manager that the event loop runs, so that a hanging server is restarted."""
+class Periodic:
+    """Call that is repeated after so many seconds of a clock, until :meth:`close`."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, seconds: float, call: Callable[[], object]) -> None:
         self._clock = clock
-        self._timer: Timer | None = None
-        self._period = heartbeat_seconds()
-        self._beat()
+        self._seconds = seconds
+        self._call = call
+        self._timer: Timer = clock.call_later(seconds, self._run)
 
-    def _beat(self) -> None:
-        if self._period is not None:
-            tell(ALIVE)
-            self._timer = self._clock.call_later(self._period, self._beat)
+    def _run(self) -> None:
+        self._call()
+        self._timer = self._clock.call_later(self._seconds, self._run)
 
     def close(self) -> None:
-        """Stop reporting."""
-        if self._timer is not None:
-            self._timer.cancel()
+        """Call no more."""
+        self._timer.cancel()

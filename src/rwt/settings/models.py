@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, SecretStr, ValidationError, model_validator
 
 from rwt.access.settings import (
     BUILT_IN_ROLES,
@@ -25,7 +25,6 @@ from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.rosbridge.settings import BridgeSettings
-from rwt.settings.webrtc import WebRtcSettings
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
 from rwt_transports.limits import Limits
@@ -79,160 +78,180 @@ _CONNECTION: Final = Limits()
 class LimitSettings(ClientLimits):
     """Limits per client and in total. A rejection names the setting."""
 
-    connections: Annotated[Count, Field(description="open connections per listener, plain HTTP included")] = (
-        _CONNECTION.connections
+    connections: Count = Field(
+        _CONNECTION.connections, description="open connections per listener, plain HTTP included"
     )
-    incoming_bytes: Annotated[
-        Bytes,
-        Field(
-            description="bytes of incomplete messages over all connections; beyond it, the client whose"
-            " message began first is disconnected. While complete messages of a quarter as many"
-            " bytes wait to be processed, large messages are neither received nor inflated"
-        ),
-    ] = 48 * MIB
-    handshake_seconds: Annotated[
-        Seconds, Field(description="seconds from connecting to the end of the HTTP request")
-    ] = _CONNECTION.handshake_seconds
-    idle_http_seconds: Annotated[
-        Seconds, Field(description="idle seconds between two requests on a kept-alive HTTP connection")
-    ] = _CONNECTION.idle_http_seconds
-    stalled_http_seconds: Annotated[
-        Seconds,
-        Field(
-            description="seconds without progress after which the reader of a page or stream is disconnected"
-        ),
-    ] = _CONNECTION.stalled_http_seconds
-    ping_seconds: Annotated[
-        SecondsOrNone, Field(description="seconds of silence after which a client is pinged; 0: never")
-    ] = _CONNECTION.ping_seconds
-    pong_seconds: Annotated[
-        Seconds, Field(description="further seconds of silence after which a client is disconnected")
-    ] = _CONNECTION.pong_seconds
-    idle_peer_seconds: Annotated[
-        Seconds, Field(description="seconds of silence after which a UDP client is forgotten")
-    ] = _CONNECTION.idle_peer_seconds
-    close_seconds: Annotated[Seconds, Field(description="seconds that closing a connection may take")] = (
-        _CONNECTION.close_seconds
+    incoming_bytes: Bytes = Field(
+        48 * MIB,
+        description="bytes of incomplete messages over all connections; beyond it, the client whose message"
+        " began first is disconnected. While complete messages of a quarter as many bytes wait to be"
+        " processed, large messages are neither received nor inflated",
     )
-    video_viewers: Annotated[
-        Count, Field(description="concurrent viewers of image streams and snapshots")
-    ] = 100
-    video_encoders: Annotated[
-        Count, Field(description="different image streams at a time; equal ones share an encoder")
-    ] = 16
-    video_pixels: Annotated[
-        Count,
-        Field(description="pixels per image, summed over all different video streams; VP9 counts twice"),
-    ] = 1_500_000
-    data_frames: Annotated[Count, Field(description="the same limit as a number of messages")] = (
-        _CONNECTION.data_frames
+    handshake_seconds: Seconds = Field(
+        _CONNECTION.handshake_seconds, description="seconds from connecting to the end of the HTTP request"
     )
-    control_bytes: Annotated[
-        Bytes,
-        Field(description="bytes of replies queued for one client; beyond it, the client is disconnected"),
-    ] = _CONNECTION.control_bytes
-    control_frames: Annotated[Count, Field(description="the same limit as a number of messages")] = (
-        _CONNECTION.control_frames
+    idle_http_seconds: Seconds = Field(
+        _CONNECTION.idle_http_seconds,
+        description="idle seconds between two requests on a kept-alive HTTP connection",
+    )
+    stalled_http_seconds: Seconds = Field(
+        _CONNECTION.stalled_http_seconds,
+        description="seconds without progress after which the reader of a page or stream is disconnected",
+    )
+    ping_seconds: SecondsOrNone = Field(
+        _CONNECTION.ping_seconds, description="seconds of silence after which a client is pinged; 0: never"
+    )
+    pong_seconds: Seconds = Field(
+        _CONNECTION.pong_seconds,
+        description="further seconds of silence after which a client is disconnected",
+    )
+    idle_peer_seconds: Seconds = Field(
+        _CONNECTION.idle_peer_seconds, description="seconds of silence after which a UDP client is forgotten"
+    )
+    close_seconds: Seconds = Field(
+        _CONNECTION.close_seconds, description="seconds that closing a connection may take"
+    )
+    video_viewers: Count = Field(100, description="concurrent viewers of image streams and snapshots")
+    video_encoders: Count = Field(
+        16, description="different image streams at a time; equal ones share an encoder"
+    )
+    video_pixels: Count = Field(
+        1_500_000, description="pixels per image, summed over all different video streams; VP9 counts twice"
+    )
+    data_frames: Count = Field(_CONNECTION.data_frames, description="the same limit as a number of messages")
+    control_bytes: Bytes = Field(
+        _CONNECTION.control_bytes,
+        description="bytes of replies queued for one client; beyond it, the client is disconnected",
+    )
+    control_frames: Count = Field(
+        _CONNECTION.control_frames, description="the same limit as a number of messages"
     )
 
 
 class DialSettings(Table):
     """Hubs that the robot connects to, so that clients outside of its network reach it."""
 
-    urls: Annotated[
-        tuple[str, ...], Field(description="hubs, as `wss://HUB/robots/NAME` with the robot's name")
-    ] = ()
-    token: Annotated[
-        PlainToken | None,
-        Field(description="token for the hubs: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
-    ] = None
-    cafile: Annotated[
-        Path | None,
-        Field(
-            description="PEM file with the authority of the hubs' certificates; not set: the system's"
-            " authorities"
-        ),
-    ] = None
+    urls: tuple[str, ...] = Field((), description="hubs, as `wss://HUB/robots/NAME` with the robot's name")
+    token: PlainToken | None = Field(
+        None, description="token for the hubs: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"
+    )
+    cafile: Path | None = Field(
+        None,
+        description="PEM file with the authority of the hubs' certificates; not set: the system's"
+        " authorities",
+    )
 
 
 class ZenohSettings(Table):
     """Connection to other processes over Zenoh. Used with `graph = "zenoh"`."""
 
-    listen: Annotated[
-        tuple[str, ...], Field(description="endpoints to listen on, such as `tcp/0.0.0.0:7447`")
-    ] = ()
-    connect: Annotated[
-        tuple[str, ...],
-        Field(description="endpoints of peers or routers; unreachable ones are retried"),
-    ] = ()
-    mode: Annotated[
-        Literal["peer", "client", "router"] | None,
-        Field(
-            description="`client` communicates only through the router it is connected to; not set: the"
-            " mode in `config`, or peer"
-        ),
-    ] = None
-    multicast: Annotated[
-        bool | None,
-        Field(description="discover peers on the local network; not set: as in `config`, or no"),
-    ] = None
-    config: Annotated[
-        Path | None,
-        Field(description="Zenoh's own configuration file (JSON5), for example for TLS and access control"),
-    ] = None
-    domain: Annotated[
-        int, Field(ge=0, le=2**32 - 1, description="ROS_DOMAIN_ID: graphs of different domains are separate")
-    ] = 0
+    listen: tuple[str, ...] = Field((), description="endpoints to listen on, such as `tcp/0.0.0.0:7447`")
+    connect: tuple[str, ...] = Field(
+        (), description="endpoints of peers or routers; unreachable ones are retried"
+    )
+    mode: Literal["peer", "client", "router"] | None = Field(
+        None,
+        description="`client` communicates only through the router it is connected to; not set: the mode in"
+        " `config`, or peer",
+    )
+    multicast: bool | None = Field(
+        None, description="discover peers on the local network; not set: as in `config`, or no"
+    )
+    config: Path | None = Field(
+        None, description="Zenoh's own configuration file (JSON5), for example for TLS and access control"
+    )
+    domain: int = Field(
+        0, ge=0, le=2**32 - 1, description="ROS_DOMAIN_ID: graphs of different domains are separate"
+    )
 
 
 class Ros2Settings(Table):
     """Connection to the installed ROS 2. Used with `graph = "ros2"`."""
 
-    use_sim_time: Annotated[bool, Field(description="take ROS time from the topic `/clock`")] = False
-    remap: Annotated[
-        tuple[str, ...],
-        Field(
-            description="remapping rules, such as `/cmd_vel:=/input/cmd_vel`, `__ns:=/robot1` for all nodes"
-            " of the server, or `rosapi:__node:=api`"
-        ),
-    ] = ()
+    use_sim_time: bool = Field(False, description="take ROS time from the topic `/clock`")
+    remap: tuple[str, ...] = Field(
+        (),
+        description="remapping rules, such as `/cmd_vel:=/input/cmd_vel`, `__ns:=/robot1` for all nodes of"
+        " the server, or `rosapi:__node:=api`",
+    )
 
 
 class RecorderSettings(Table):
     """Recordings that clients start and end, by `/recorder/start` and `/recorder/stop`. Needs the extra
     `mcap`."""
 
-    folder: Annotated[
-        Path | None,
-        Field(description="folder for recordings; not set: the services do not exist"),
-    ] = None
-    recording_bytes: Annotated[
-        Bytes, Field(description="largest recording in bytes before compression; it ends there")
-    ] = 1024 * MIB
-    folder_bytes: Annotated[
-        Bytes,
-        Field(description="largest size of all files in the folder; recordings end there, and none starts"),
-    ] = 8 * 1024 * MIB
+    folder: Path | None = Field(None, description="folder for recordings; not set: the services do not exist")
+    recording_bytes: Bytes = Field(
+        1024 * MIB, description="largest recording in bytes before compression; it ends there"
+    )
+    folder_bytes: Bytes = Field(
+        8 * 1024 * MIB,
+        description="largest size of all files in the folder; recordings end there, and none starts",
+    )
 
 
 class WebSettings(Table):
     """The dashboard, served at `/`."""
 
-    enabled: Annotated[
-        bool,
-        Field(description="serve the dashboard if it was built; otherwise `/` is a plain list"),
-    ] = True
-    layouts: Annotated[
-        Path | None,
-        Field(description="folder of layouts, `NAME.json`, which every visitor can open with `?layout=NAME`"),
-    ] = None
-    embed: Annotated[
-        tuple[str, ...],
-        Field(
-            description="origins of pages that may embed the dashboard in a frame, such as"
-            " `https://example.org`"
-        ),
-    ] = ()
+    enabled: bool = Field(
+        True, description="serve the dashboard if it was built; otherwise `/` is a plain list"
+    )
+    layouts: Path | None = Field(
+        None, description="folder of layouts, `NAME.json`, which every visitor can open with `?layout=NAME`"
+    )
+    embed: tuple[str, ...] = Field(
+        (),
+        description="origins of pages that may embed the dashboard in a frame, such as `https://example.org`",
+    )
+
+
+class WebRtcSettings(Table):
+    """WebRTC through the port of `ws://` and `wss://` listeners. Needs the extra `webrtc`, and asyncio."""
+
+    enabled: bool = Field(False, description="accept offers at `/webrtc`: rosbridge over data channels")
+    servers: tuple[str, ...] = Field(
+        (),
+        max_length=8,
+        description="STUN and TURN servers, such as `stun:stun.example.org` and"
+        " `turn:turn.example.org:3478?transport=udp`; none for peers in one network",
+    )
+    username: str = Field("", description="user name for the TURN servers")
+    credential: SecretStr | None = Field(
+        None, description="password for the TURN servers, sent to clients with each answer"
+    )
+    credential_command: tuple[str, ...] = Field(
+        (),
+        description="command that prints a temporary TURN credential as JSON: `username`, `password`, `ttl`"
+        " in seconds, and optionally `uris`",
+    )
+    credential_url: str | None = Field(
+        None, pattern=r"^https?://", description="URL that returns such a credential"
+    )
+    addresses: Literal["auto", "all", "relay"] = Field(
+        "auto",
+        description="addresses that peers are told and that are tried: `auto`, private ones only for"
+        " clients with private addresses; `all`, private ones for every client, such as one in the robot's"
+        " network that comes through a hub; `relay`, only those of a TURN server",
+    )
+    peers: Count = Field(32, description="open peer connections")
+    handshakes: Count = Field(
+        8, description="peer connections that are still connecting; offers wait up to 5 s for one"
+    )
+    channels: Count = Field(16, description="data channels per peer; each is a client")
+    candidates: Count = Field(64, description="candidate addresses per peer")
+    connect_seconds: Seconds = Field(
+        15.0, description="seconds from the offer until the connection must be established"
+    )
+
+    @model_validator(mode="after")
+    def _one_credential(self) -> WebRtcSettings:
+        if sum(map(bool, (self.credential, self.credential_command, self.credential_url))) > 1:
+            raise ValueError(
+                "expected at most one of `credential`, `credential_command` and `credential_url`"
+            )
+        if self.addresses == "relay" and not self.servers and not self.credential_command:
+            raise ValueError('`addresses = "relay"` needs a TURN server in `servers`')
+        return self
 
 
 class Settings(BridgeSettings):
@@ -253,29 +272,23 @@ class Settings(BridgeSettings):
                 key, text = explain(error)
                 raise SettingsError(text, key) from None
 
-    listen: Annotated[
-        tuple[str, ...],
-        Field(description="URLs to serve on; port 0 selects a free one; may be empty if `dial.urls` is set"),
-    ] = ("ws://127.0.0.1:9090",)
-    distro: Annotated[
-        Literal["jazzy", "noetic"],
-        Field(description="ROS distribution that determines names, times, parameters and actions"),
-    ] = "jazzy"
-    interfaces: Annotated[
-        tuple[Path, ...], Field(description="folders of `.msg`, `.srv` and `.action` files")
-    ] = ()
-    packages: Annotated[
-        tuple[Path, ...],
-        Field(description="folders of ROS packages whose meshes are served under `/packages/`"),
-    ] = ()
-    package_links: Annotated[
-        bool,
-        Field(
-            description="serve files outside of the folders of `packages` that links in them lead to, after"
-            " `colcon build --symlink-install`; anyone who can write there can publish any mesh or image"
-        ),
-    ] = False
-    demo: Annotated[bool, Field(description="add the demo robot")] = False
+    listen: tuple[str, ...] = Field(
+        ("ws://127.0.0.1:9090",),
+        description="URLs to serve on; port 0 selects a free one; may be empty if `dial.urls` is set",
+    )
+    distro: Literal["jazzy", "noetic"] = Field(
+        "jazzy", description="ROS distribution that determines names, times, parameters and actions"
+    )
+    interfaces: tuple[Path, ...] = Field((), description="folders of `.msg`, `.srv` and `.action` files")
+    packages: tuple[Path, ...] = Field(
+        (), description="folders of ROS packages whose meshes are served under `/packages/`"
+    )
+    package_links: bool = Field(
+        False,
+        description="serve files outside of the folders of `packages` that links in them lead to, after"
+        " `colcon build --symlink-install`; anyone who can write there can publish any mesh or image",
+    )
+    demo: bool = Field(False, description="add the demo robot")
     nodes: Annotated[
         tuple[str, ...],
         _named("rwt.nodes", NODES, _NODES_EXPECTED),
@@ -299,13 +312,11 @@ class Settings(BridgeSettings):
             " beside the built-in ones"
         ),
     ] = ()
-    deflate: Annotated[
-        Literal["off", "shared", "context"],
-        Field(
-            description="permessage-deflate for WebSocket clients that offer it: `shared` (no context"
-            " takeover) or with `context`"
-        ),
-    ] = "off"
+    deflate: Literal["off", "shared", "context"] = Field(
+        "off",
+        description="permessage-deflate for WebSocket clients that offer it: `shared` (no context takeover)"
+        " or with `context`",
+    )
     proxies: Annotated[
         tuple[str, ...],
         AfterValidator(_check_proxies),
@@ -314,7 +325,7 @@ class Settings(BridgeSettings):
             " are used"
         ),
     ] = ()
-    access_log: Annotated[bool, Field(description="log each HTTP request")] = False
+    access_log: bool = Field(False, description="log each HTTP request")
     limits: LimitSettings = LimitSettings()
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
@@ -337,13 +348,11 @@ class Settings(BridgeSettings):
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
     ros2: Ros2Settings = Ros2Settings()
-    workers: Annotated[
-        Count,
-        Field(
-            description="processes that serve the same ports and share one graph over Zenoh; more than one"
-            " needs Linux and the extra `zenoh`"
-        ),
-    ] = 1
+    workers: Count = Field(
+        1,
+        description="processes that serve the same ports and share one graph over Zenoh; more than one"
+        " needs Linux and the extra `zenoh`",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -353,46 +362,24 @@ class Settings(BridgeSettings):
         return given
 
     @model_validator(mode="after")
-    def _graph_fits_distro(self) -> Settings:
+    def _fits_together(self) -> Settings:
         if self.graph.partition(":")[0] in ROS1_GRAPHS and self.distro != "noetic":
             raise ValueError(f'`distro`: {self.distro!r} cannot join ROS 1: expected "noetic"')
-        return self
-
-    @model_validator(mode="after")
-    def _agents_have_a_role(self) -> Settings:
         role, known = self.mcp.default_role, (*BUILT_IN_ROLES, *self.roles)
         if role not in known:
             raise ValueError(f"`mcp.default_role`: there is no role {role!r}; known are {', '.join(known)}")
-        return self
-
-    @model_validator(mode="after")
-    def _reachable(self) -> Settings:
         if not self.listen and not self.dial.urls:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
-        return self
-
-    @model_validator(mode="after")
-    def _one_recorder(self) -> Settings:
-        if self.workers > 1 and self.recorder.folder is not None:
-            raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
-        return self
-
-    @model_validator(mode="after")
-    def _joined_over_zenoh(self) -> Settings:
-        if self.workers > 1 and self.graph not in ("memory", "zenoh"):
-            raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
-        return self
-
-    @model_validator(mode="after")
-    def _one_output(self) -> Settings:
         if self.gate.audit.stdout and any(url.lower().startswith("stdio:") for url in self.listen):
             raise ValueError(
                 '`gate.audit.stdout`: standard output carries the protocol of `listen = ["stdio:"]`'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _one_gate(self) -> Settings:
-        if self.workers > 1 and (self.gate.rules or self.gate.audit.is_on):
+        if self.workers == 1:
+            return self
+        if self.recorder.folder is not None:
+            raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
+        if self.graph not in ("memory", "zenoh"):
+            raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
+        if self.gate.rules or self.gate.audit.is_on:
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self

@@ -40,7 +40,6 @@ class Given:
     """Value of a setting, with its source.
 
     Attributes:
-        key: key of the setting.
         value: value; text if the source only has text.
         source: description of the source: file, variable or option.
     """
@@ -121,7 +120,6 @@ def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Se
 
     Args:
         settings: None for the defaults.
-        changes: values by the names of settings at the top.
 
     Raises:
         SettingsError: a setting is unknown, or a value is invalid.

@@ -6,7 +6,7 @@ import contextlib
 import ipaddress
 import socket
 
-from rwt.access.settings.types import is_host_name
+from rwt.access.settings import is_host_name
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 
@@ -25,16 +25,17 @@ def machine_addresses() -> tuple[Address, ...]:
             address = ipaddress.ip_address(each.ip if isinstance(each.ip, str) else each.ip[0])
             if not (address.version == 6 and address.is_link_local):
                 found.append(address)
-    first = _outward_address()
+    first = outward_address(socket.AF_INET)
     return tuple(
         sorted(dict.fromkeys(found), key=lambda it: (it != first, it.is_loopback, it.version, int(it)))
     )
 
 
-def _outward_address() -> Address | None:
+def outward_address(family: socket.AddressFamily) -> Address | None:
     """Return the address that this machine would use towards another network. Sends nothing."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect(("192.0.2.1", 9))  # Address for documentation (RFC 5737), discard port.
+    with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
+        # Addresses for documentation (RFC 5737, RFC 3849), discard port: it only looks for a route.
+        probe.connect(("192.0.2.1" if family is socket.AF_INET else "2001:db8::1", 9))
         return ipaddress.ip_address(probe.getsockname()[0])
     return None
 

@@ -43,7 +43,6 @@ def own_certificate(settings: TlsSettings, now: datetime.datetime | None = None)
     """Return the certificate of `tls.auto`, creating one unless a valid one that names this machine exists.
 
     Args:
-        settings: folder and further names.
         now: time with time zone; default: the current time.
 
     Raises:

@@ -35,7 +35,6 @@ class WorkerContext:
     Attributes:
         number: number from 1; the first worker also runs what must exist only once.
         folder: folder of the workers' sockets, accessible only to this user.
-        metrics: metrics of all workers.
         announce: called once with the announcement, when clients can connect.
     """
 

@@ -9,8 +9,7 @@ import httpx
 
 from rwt import Server
 from rwt.hub.hub import open_hub
-from rwt.settings.models import DialSettings, Settings
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import DialSettings, Settings, WebRtcSettings
 from rwt_client import connect
 from tests.faults.peers.attacks import Damage, attack, chunk, send
 from tests.faults.peers.datagram_attacks import flood, ports_of

@@ -22,7 +22,7 @@ from rwt.access.access import Access
 from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import GateRefused, NotAllowed
 from rwt.access.graph_view import GraphView
-from rwt.access.settings.gate import GateRule
+from rwt.access.settings import GateRule
 from rwt.composition.pages import routes
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
@@ -114,7 +114,6 @@ LOOK_UPS = {
     "service",
     "action",
     "may_subscribe",
-    "sees_parameter",
     "sees_node",
     "sees_service",
     "lease_seconds",
@@ -172,7 +171,7 @@ async def test_a_gateway_has_the_verbs_of_its_row_and_no_others(
     shared = SharedGraph(graph, "/gateway", 0.0, _nothing)
     client = access.client(shared, access.admission.roles["guest"], "", f"{gateway}:1")
     is_declared = gateway != "undeclared" and verb in decisions.decisions_of(f"{gateway}:1")
-    text = rf"roles\.guest\.{decisions.VERBS[verb].act}" if is_declared else f"{verb} is not declared"
+    text = rf"roles\.guest\.{decisions.VERBS[verb]}" if is_declared else f"{verb} is not declared"
     with pytest.raises(NotAllowed, match=text):
         getattr(client, verb)(*VERBS[verb])
 

@@ -16,7 +16,7 @@ from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import MAX_OF_CREDENTIAL, MAX_PENDING, Approval
 from rwt.access.gate.fields import describe_fields
 from rwt.access.gate.record import CALLER, Actor
-from rwt.access.settings.gate import FieldLimit
+from rwt.access.settings import FieldLimit
 from rwt.nodes.rosapi import Rosapi
 from rwt_interfaces.payload import Payload
 from tests.rwt.access.gated_robot import GatedRobot, call, drive, settings_of

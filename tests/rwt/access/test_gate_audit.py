@@ -12,13 +12,11 @@ from typing import Any
 import pytest
 
 from rwt.access.audit import Audit
-from rwt.access.gate.audit.budget import AuditBudget
 from rwt.access.gate.audit.file import AuditFile, encode, hash_of, numbered, read_audit, traffic_file
 from rwt.access.gate.audit.verification import verify_audit
-from rwt.access.gate.record import DECISIONS, Actor, Recorder
+from rwt.access.gate.record import DECISIONS, Actor, AuditBudget, Recorder
 from rwt.access.roles import Role
-from rwt.access.settings import RoleSettings, SettingsError
-from rwt.access.settings.gate import AuditSettings
+from rwt.access.settings import AuditSettings, RoleSettings, SettingsError
 from rwt.nodes.rosapi import Rosapi
 from rwt_graph import SimulatedClock
 from rwt_transports.endpoint import PeerInfo

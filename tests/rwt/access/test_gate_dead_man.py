@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph.api import Sample
 from tests.processes import LONGEST
 from tests.rwt.access.network import Cable, why_no_cables

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import FieldChecks, Motion
 from rwt.access.gate.rules import Rule
-from rwt.access.settings.gate import FieldLimit, GateRule
+from rwt.access.settings import FieldLimit, GateRule
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload

@@ -15,11 +15,10 @@ from rwt.access.audit import Audit
 from rwt.access.gate.approvals import MAX_PENDING
 from rwt.access.gate.audit.file import read_audit
 from rwt.access.gate.audit.verification import verify_audit
+from rwt.access.gate.gate import MAX_LEASES
 from rwt.access.gate.record import DECISIONS, Actor, Recorder
-from rwt.access.gate.state import MAX_LEASES
 from rwt.access.roles import Role
-from rwt.access.settings import RoleSettings
-from rwt.access.settings.gate import AuditSettings
+from rwt.access.settings import AuditSettings, RoleSettings
 from rwt_graph import SimulatedClock
 from tests.rwt.access.gated_robot import DRIVE, TWIST, GatedRobot, call, drive
 from tests.rwt.gateways.rosbridge.recording_client import Client

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from rwt.access.gate.gate import MAX_LEASES
 from rwt.access.gate.node import MAX_LISTED, REQUEST_SECONDS
-from rwt.access.gate.state import MAX_LEASES
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
 from rwt_participant.qos import LATCHED

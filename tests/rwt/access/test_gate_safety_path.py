@@ -17,7 +17,7 @@ import pytest
 from rwt.access.errors import QuotaExceeded
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.stop_path import MAX_DRIVEN
-from rwt.access.settings.gate import GateSettings
+from rwt.access.settings import GateSettings
 from rwt.composition.pages import guarded
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway

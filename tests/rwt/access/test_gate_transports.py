@@ -22,10 +22,9 @@ from rwt import Server
 from rwt.access.access import Access
 from rwt.access.audit import Audit
 from rwt.access.gate.record import Recorder
-from rwt.access.settings.gate import AuditSettings, GateSettings
+from rwt.access.settings import AuditSettings, GateSettings
 from rwt.hub.hub import open_hub
-from rwt.settings.models import DialSettings, Settings
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import DialSettings, Settings, WebRtcSettings
 from rwt_client import connect
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_participant.errors import RobotError

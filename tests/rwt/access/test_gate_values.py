@@ -14,7 +14,7 @@ from rwt import Settings, SettingsError
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import FieldChecks
 from rwt.access.gate.rules import Rule
-from rwt.access.settings.gate import GateRule
+from rwt.access.settings import GateRule
 from rwt_interfaces.payload import Payload
 from tests.rwt.access.gated_robot import CLIENT, TWIST, GatedRobot, drive
 from tests.rwt.gateways.rosbridge.recording_client import Client

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.access.gate.audit.file import AuditFile, encode
-from rwt.access.settings.gate import AuditSettings
+from rwt.access.settings import AuditSettings
 from rwt.cli import main
 
 FORGED = (

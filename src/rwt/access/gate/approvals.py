@@ -40,8 +40,6 @@ class Subject(NamedTuple):
     """Subject of an approval. Another message, role or credential of the same client is another subject.
 
     Attributes:
-        client: client that acts.
-        act: act to be approved.
         name: name of the topic, service, action or parameters.
         rule: key of the rule that requires approval.
         role: name of the client's role.
@@ -87,14 +85,11 @@ class Approval(PendingCall):
 
     Attributes:
         id: number of the request, as a string.
-        client: client that requests approval.
-        act: act to be approved.
-        name: name of the topic, service, action or parameter.
-        rule: rule that requires approval.
-        subject: subject of the approval.
+        client, act, name: those of the subject.
         slot: credential and rule whose requests are limited together.
         content: digest and size of the message, the fields that rules name, and its JSON, truncated.
         asked_ns: ROS time of the request.
+        is_pending: True until it is approved, denied or withdrawn.
         go: performs the act once it is approved; None: the client has to send it again. Set by the requester.
         refuse: called with the reason if the request is denied; set by the requester.
         timer: denies the request after the timeout.
@@ -112,20 +107,16 @@ class Approval(PendingCall):
         self.content = content
         self.slot = ("", rule.key)
         self.asked_ns = 0
+        self.is_pending = True
         self.go: Callable[[], None] | None = None
         self.refuse: Callable[[str], None] | None = None
         self.timer: Timer | None = None
         self.until = 0.0
 
     @property
-    def is_pending(self) -> bool:
-        """True until it is approved, denied or withdrawn."""
-        return self._approvals.is_pending(self)
-
-    @property
     def seconds_left(self) -> float:
         """Seconds until the request is denied for lack of an answer, with one decimal place."""
-        return self._approvals.seconds_until(self.until)
+        return max(0.0, round(self.until - self._approvals.clock.monotonic(), 1))
 
     @property
     def approvers(self) -> tuple[str, ...]:
@@ -141,7 +132,8 @@ class Approval(PendingCall):
 
     def cancel(self) -> None:
         """Withdraw the request."""
-        self._approvals.withdraw(self)
+        if self.is_pending:
+            self._approvals.end(self)
 
 
 class Approvals:
@@ -151,46 +143,36 @@ class Approvals:
     Without, it is for a single act: it is performed at once, or, for a message, when the client sends the
     same message again.
 
-    Attributes:
-        describe: returns the fields of a message that rules name, with their values; set by the gate.
-
     Args:
-        clock: clock of the graph.
-        recorder: records requests and answers.
         on_change: called after a change of the pending requests.
+        describe: returns the fields of a message that rules name, with their values.
     """
 
-    def __init__(self, clock: Clock, recorder: Recorder, on_change: Callable[[], None]) -> None:
-        self._clock = clock
+    def __init__(
+        self,
+        clock: Clock,
+        recorder: Recorder,
+        on_change: Callable[[], None],
+        describe: Callable[[GatedAct, str, Payload], str],
+    ) -> None:
+        self.clock = clock
         self._recorder = recorder
         self._on_change = on_change
+        self._describe = describe
         self._count = 0
         self._pending: dict[str, Approval] = {}
         # Until when on the steady clock, and whether it is for a single act.
         self._granted: dict[Subject, tuple[float, bool]] = {}
         self._counts: Counter[tuple[str, str]] = Counter()
         self._asked: dict[tuple[object, ...], Approval] = {}  # Pending, by the subject without its digest.
-        self.describe: Callable[[GatedAct, str, Payload], str] = lambda act, name, payload: ""
 
     @property
     def pending(self) -> tuple[Approval, ...]:
         """Pending requests, oldest first."""
         return tuple(self._pending.values())
 
-    def is_pending(self, approval: Approval) -> bool:
-        """Return True until a request is answered or withdrawn."""
-        return self._pending.get(approval.id) is approval
-
-    def seconds_until(self, moment: float) -> float:
-        """Return the seconds until a moment of the steady clock, to one decimal place; 0 after it."""
-        return max(0.0, round(moment - self._clock.monotonic(), 1))
-
     def subject(self, client: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> Subject:
-        """Return the subject of an approval.
-
-        Raises:
-            GateRefused: the message is too large to be approved.
-        """
+        """Return the subject of an approval. Raises GateRefused if the message is too large."""
         role = client.rights
         digest = digest_of(payload, rule)
         return Subject(client, act, name, rule.key, role.name, role.credential, digest)
@@ -201,13 +183,13 @@ class Approvals:
         if granted is None:
             return False
         until, is_single = granted
-        if is_single or self._clock.monotonic() >= until:
+        if is_single or self.clock.monotonic() >= until:
             del self._granted[subject]
-        return self._clock.monotonic() < until
+        return self.clock.monotonic() < until
 
     def has_lasting(self, subject: Subject) -> bool:
         """Return True if any message of a subject's client on the same name is approved for a while."""
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         return any(
             known[:-1] == subject[:-1] and not is_single and now < until
             for known, (until, is_single) in self._granted.items()
@@ -227,11 +209,7 @@ class Approvals:
         return [each for *_, each in sorted(sorted(ranked)[:most], key=itemgetter(1))]
 
     def ask(self, subject: Subject, rule: Rule, payload: Payload) -> Approval:
-        """Request approval.
-
-        Raises:
-            GateRefused: the maximum number of pending requests is reached.
-        """
+        """Request approval. Raises GateRefused if too many requests are pending."""
         client, act, name = subject[:3]
         slot = client.owner, rule.key
         if self._counts[slot] >= MAX_OF_CREDENTIAL:
@@ -242,12 +220,12 @@ class Approvals:
             self._make_room(client.owner, rule)
         assert rule.settings.approval is not None  # Only rules with it require approval.
         self._count += 1
-        content = _shown(subject.digest, self.describe(act, name, payload), payload)
+        content = _shown(subject.digest, self._describe(act, name, payload), payload)
         approval = Approval(self, str(self._count), subject, rule, content)
-        approval.asked_ns = self._clock.time_ns()
+        approval.asked_ns = self.clock.time_ns()
         seconds = rule.settings.approval.seconds
-        approval.until = self._clock.monotonic() + seconds
-        approval.timer = self._clock.call_later(
+        approval.until = self.clock.monotonic() + seconds
+        approval.timer = self.clock.call_later(
             seconds, lambda: self._deny(approval, None, f"no answer within {seconds:g} s")
         )
         self._pending[approval.id] = self._asked[subject[:-1]] = approval
@@ -259,11 +237,7 @@ class Approvals:
         return approval
 
     def _make_room(self, owner: str, rule: Rule) -> None:
-        """Deny the newest request of the credential with the most.
-
-        Raises:
-            GateRefused: `owner` would have as many.
-        """
+        """Deny the newest request of the credential with the most. Raises GateRefused if that is `owner`."""
         counts = Counter(each.slot[0] for each in self._pending.values())
         name, count = counts.most_common(1)[0]
         if counts[owner] + 1 >= count:
@@ -275,7 +249,6 @@ class Approvals:
         """Approve or deny a request.
 
         Args:
-            id: id of the request.
             approve: True to approve, False to deny.
             by: client that answers; None: a program of the robot, or a person asked by a gateway.
             seconds: duration of the approval; 0: for this act only.
@@ -308,10 +281,10 @@ class Approvals:
         if not approve:
             self._deny(approval, by, "a person said no")
             return f"denied: {what}"
-        self._end(approval)
+        self.end(approval)
         self._recorder.note("approved", approval.act, approval.name, by, f"{id} of {approval.client}", key)
         self._forget_expired()
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         if seconds:
             self._granted[approval.subject] = (now + seconds, False)
         elif approval.go is None:
@@ -323,7 +296,7 @@ class Approvals:
         return f"approved: {what}"
 
     def _deny(self, approval: Approval, by: Actor | None, why: str) -> None:
-        self._end(approval)
+        self.end(approval)
         self._recorder.note(
             "denied",
             approval.act,
@@ -339,12 +312,9 @@ class Approvals:
         else:
             approval.client.tell_approval(f"{text}, id {approval.id}")
 
-    def withdraw(self, approval: Approval) -> None:
-        """Withdraw a request that is still pending."""
-        if self._pending.get(approval.id) is approval:
-            self._end(approval)
-
-    def _end(self, approval: Approval) -> None:
+    def end(self, approval: Approval) -> None:
+        """Remove a pending request."""
+        approval.is_pending = False
         del self._pending[approval.id]
         if self._asked.get(approval.subject[:-1]) is approval:
             del self._asked[approval.subject[:-1]]
@@ -370,7 +340,7 @@ class Approvals:
             yield
 
     def _forget_expired(self) -> None:
-        now = self._clock.monotonic()
+        now = self.clock.monotonic()
         self._granted = {key: held for key, held in self._granted.items() if held[0] > now}
 
 

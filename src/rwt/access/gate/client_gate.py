@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import re
 from contextvars import copy_context
+from functools import partial
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
+from rwt.access.client_graph import WrappedPublisher
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
-from rwt.access.gate.node import LEASES, SERVICES, TOPICS, stop_response
+from rwt.access.gate.gate import GATE_NODE
+from rwt.access.gate.node import LEASES, SERVICES, TOPICS, answer_of, press
 from rwt.access.gate.record import CALLER
-from rwt.access.gate.state import GATE_NODE
 from rwt.access.graph_view import STOP
 from rwt.access.roles import absolute_globs
 from rwt_graph.api import ClientGoal, PendingCall
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
-    from rwt.delivery.counters import Counters, TopicCounts
+    from rwt.delivery.counters import Counters
     from rwt_graph.api import OnReply
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -53,27 +55,15 @@ _MAX_SHOWN_BYTES: Final = 2000
 _MAX_RECORDED: Final = 1000
 
 
-class _CheckedPublisher:
-    """Publisher of a client in front of another one."""
-
-    __slots__ = ("_actor", "_gate", "_inner", "counts", "topic", "type")
-
-    def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher) -> None:
-        self._gate = gate
-        self._actor = actor
-        self._inner = inner
-        self.topic: str = inner.topic
-        self.type: MessageType = inner.type
-        self.counts: TopicCounts = inner.counts
-
-
-class GatedPublisher(_CheckedPublisher):
+class GatedPublisher(WrappedPublisher):
     """Publisher of a client on a topic with gate rules."""
 
-    __slots__ = ("_guarded",)
+    __slots__ = ("_actor", "_gate", "_guarded")
 
     def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher, guarded: GuardedTopic) -> None:
-        super().__init__(gate, actor, inner)
+        super().__init__(inner)
+        self._gate = gate
+        self._actor = actor
         self._guarded = guarded
 
     def publish(self, payload: Payload) -> None:
@@ -89,43 +79,31 @@ class GatedPublisher(_CheckedPublisher):
         guarded.publish(self._actor, payload, self._inner.publish)
 
 
-class GoalPublisher(_CheckedPublisher):
+class GoalPublisher(WrappedPublisher):
     """Publisher of a client on a topic whose messages are goals of an action, as in ROS 1.
 
-    Args:
-        gate: gate of the server.
-        actor: client that publishes.
-        inner: publisher of the topic, behind its own rules if there are any.
-        action: absolute name of the action.
+    Its inner publisher checks the rules of the topic, if there are any.
     """
 
-    __slots__ = ("_action",)
+    __slots__ = ("_action", "_actor", "_gate")
 
     def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher, action: str) -> None:
-        super().__init__(gate, actor, inner)
+        super().__init__(inner)
+        self._gate = gate
+        self._actor = actor
         self._action = action
 
     def publish(self, payload: Payload) -> None:
-        """Publish a goal if it passes the rules for the action, and those for the topic.
-
-        Raises:
-            GateRefused: a rule rejects it.
-        """
+        """Publish a goal if it passes the rules for the action and the topic. Raises GateRefused."""
         try:
             _require_plain_goal(self._gate, self._actor, self._action, payload)
         except GateRefused as refused:
-            _refuse(self._gate, self._actor, "goal", self._action, refused)
+            self._gate.refuse(self._actor, "goal", self._action, refused)
         self._inner.publish(payload)
 
 
 class StopPublisher:
-    """Publisher of a client on the topic that presses the emergency stop; it holds nothing in the graph.
-
-    Args:
-        gate: gate of the server.
-        actor: client that publishes.
-        counters: counters of the client's gateway.
-    """
+    """Publisher of a client on the topic that presses the emergency stop; it holds nothing in the graph."""
 
     __slots__ = ("_actor", "_gate", "counts", "topic", "type")
 
@@ -189,7 +167,6 @@ class WaitingGoal(_Waiting, ClientGoal):
 
     Args:
         id: goal id under which it is sent.
-        action: absolute name of the action.
         refused: called with the reason if the goal is not sent; not after :meth:`abandon`.
     """
 
@@ -256,45 +233,33 @@ class ClientGate:
 
     The client is an actor of the gate from the constructor until :meth:`close`.
 
+    Attributes:
+        actor: client as the gate knows it.
+
     Args:
-        gate: gate of the server.
         name: name of the client; empty: the gate assigns one.
-        role: role of the client.
         address: network address of the client.
+        device: program and system of the client, for people.
     """
 
-    __slots__ = ("_actor", "_gate", "_recorded")
+    __slots__ = ("_gate", "_recorded", "actor")
 
     def __init__(self, gate: Gate, name: str, role: Role, address: str, device: str) -> None:
         self._gate = gate
         self._recorded: set[str] = set()
-        self._actor = gate.join(name, role, address, device)
-
-    @property
-    def name(self) -> str:
-        """Name of the client at the gate."""
-        return self._actor.name
-
-    def tell_approvals(self, on_progress: Callable[[str], None]) -> None:
-        """Call `on_progress` when a command begins to wait for approval, and with the answer."""
-        self._actor.on_approval = on_progress
-
-    def swap_on_notice(self, on_notice: Callable[[str], None] | None) -> Callable[[str], None] | None:
-        """Set what is called with what the gate does to the client's commands; returns what was before."""
-        before, self._actor.on_notice = self._actor.on_notice, on_notice
-        return before
+        self.actor = gate.join(name, role, address, device)
 
     def take_role(self, role: Role) -> None:
         """Switch the client to another role."""
-        self._gate.take_role(self._actor, role)
+        self._gate.take_role(self.actor, role)
 
     def close(self) -> None:
         """Remove the client: release its leases, and withdraw its requests for approval."""
-        self._gate.leave(self._actor)
+        self._gate.leave(self.actor)
 
     def note_refusal(self, act: str, name: str, why: str) -> None:
         """Record an act that the client's role does not allow."""
-        self._gate.recorder.note("refused", act, name, self._actor, why)
+        self._gate.recorder.note("refused", act, name, self.actor, why)
 
     @staticmethod
     def approval_of(pending: PendingCall | ClientGoal | None) -> Approval | None:
@@ -320,11 +285,11 @@ class ClientGate:
             rule = self._gate.latch_rule(topic)
             if rule is not None:
                 text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
-                _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
+                self._gate.refuse(self.actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
-        if topic == STOP and not self._gate.may_stop(self._actor.role):
-            raise NotAllowed(f"role {self._actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
+        if topic == STOP and not self._gate.may_stop(self.actor.role):
+            raise NotAllowed(f"role {self.actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
 
     def check_subscriber(self, topic: str) -> None:
         """Check a subscription: the topic of leases names the holders of all leases.
@@ -332,36 +297,28 @@ class ClientGate:
         Raises:
             NotAllowed: the role may not see every topic that rules with a lease are about.
         """
-        if topic != LEASES or self._actor.rights.sees_every_topic:
+        if topic != LEASES or self.actor.rights.sees_every_topic:
             return
         for rule in self._gate.rules.all:
             for glob in absolute_globs(rule.settings.topics) if rule.settings.lease else ():
-                if not all(map(self._actor.rights.sees_topic, _names_like(glob))):
+                if not all(map(self.actor.rights.sees_topic, _names_like(glob))):
                     raise NotAllowed(
-                        f"role {self._actor.role!r} may not see {glob}, whose holder {LEASES} names"
-                        f" (roles.{self._actor.role}.subscribe)"
+                        f"role {self.actor.role!r} may not see {glob}, whose holder {LEASES} names"
+                        f" (roles.{self.actor.role}.subscribe)"
                     )
 
     def check_type(self, topic: str, type: MessageType) -> None:
-        """Check the type with which the client publishes on a topic or subscribes to it.
-
-        Raises:
-            GateRefused: as for :meth:`rwt.access.gate.gate.Gate.require_type`.
-        """
-        self._gate.require_type(self._actor, topic, type)
+        """Check the type that the client gives a topic, as :meth:`rwt.access.gate.gate.Gate.require_type`."""
+        self._gate.require_type(self.actor, topic, type)
 
     def reserve_offer(self, name: str) -> None:
-        """Check that a service or action of a client does not use a name of the gate.
-
-        Raises:
-            NotAllowed: it does.
-        """
+        """Raise NotAllowed for a service or action of a client with a name of the gate."""
         if self._gate.rules.all and name.startswith(f"{GATE_NODE}/"):
             raise NotAllowed(f"{name} is the gate's own")
 
     def publisher(self, inner: ClientPublisher) -> ClientPublisher:
         """Return a publisher that checks the rules; `inner` itself if there are none for the topic."""
-        gate, actor = self._gate, self._actor
+        gate, actor = self._gate, self.actor
         if gate.recorder.keeps_all and inner.topic not in self._recorded:
             if len(self._recorded) >= _MAX_RECORDED:
                 self._recorded.clear()
@@ -377,18 +334,18 @@ class ClientGate:
 
     def leave_topic(self, topic: str) -> None:
         """Note that the client no longer publishes on a topic."""
-        self._gate.leave_topic(self._actor, topic)
+        self._gate.leave_topic(self.actor, topic)
 
     def lease_seconds(self, topic: str) -> float | None:
         """Return the seconds of silence after which the client loses a lease; None without a lease."""
-        return self._gate.lease_seconds(self._actor.rights, topic)
+        return self._gate.lease_seconds(self.actor.rights, topic)
 
     # Emergency stop
 
     @property
     def is_stop_due(self) -> bool:
         """True if the client can press the emergency stop now."""
-        return self._gate.is_stop_due and self._gate.may_stop(self._actor.role)
+        return self._gate.is_stop_due(self.actor.role)
 
     def is_stop_topic(self, topic: str) -> bool:
         """Return True for the topic that presses the emergency stop."""
@@ -396,15 +353,11 @@ class ClientGate:
 
     def stop_publisher(self, counters: Counters) -> StopPublisher:
         """Return a publisher that presses the emergency stop."""
-        return StopPublisher(self._gate, self._actor, counters)
-
-    def is_stop_service(self, service: str) -> bool:
-        """Return True for the service that presses the emergency stop."""
-        return service == STOP
+        return StopPublisher(self._gate, self.actor, counters)
 
     def stop(self, request: Payload, type: ServiceType) -> Payload:
         """Press the emergency stop by a call, and return the response."""
-        return stop_response(self._gate, self._actor, request, type)
+        return answer_of(type, partial(press, self._gate), self.actor, request)
 
     # Calls
 
@@ -418,9 +371,6 @@ class ClientGate:
         """Check a service call; return the request as it may be sent, and the acts that require approval.
 
         Args:
-            service: absolute name of the service.
-            type: type of the service.
-            request: request of the client.
             written: parameters that the call sets.
             text: value of the parameter as JSON text, if the request has one.
 
@@ -436,10 +386,10 @@ class ClientGate:
             ]
             as_goal = _SEND_GOAL.fullmatch(service)
             if as_goal is not None:
-                _require_plain_goal(gate, self._actor, as_goal["action"], request)
-            return gate.check(self._actor, acts, type.request, request, text)
+                _require_plain_goal(gate, self.actor, as_goal["action"], request)
+            return gate.check(self.actor, acts, type.request, request, text)
         except GateRefused as refused:
-            _refuse(gate, self._actor, "call", service, refused)
+            gate.refuse(self.actor, "call", service, refused)
             return request, []
 
     def note_call(self, service: str, written: list[str], request: Payload) -> None:
@@ -448,7 +398,7 @@ class ClientGate:
         if not recorder.keeps_all:
             return
         if not written:
-            recorder.note("allowed", "call", service, self._actor)
+            recorder.note("allowed", "call", service, self.actor)
             return
         after = _shown(request)
 
@@ -456,7 +406,7 @@ class ClientGate:
             for name in written:
                 before = values.get(name)
                 recorder.note(
-                    "allowed", "set_param", name, self._actor, f"by {service}", before=before, after=after
+                    "allowed", "set_param", name, self.actor, f"by {service}", before=before, after=after
                 )
 
         self._gate.read_parameters(written, note)
@@ -468,8 +418,6 @@ class ClientGate:
 
         Args:
             needed: acts that require approval, from :meth:`check_call`.
-            request: request of the client.
-            send: sends the call.
             on_reply: called with the reason if the call is not sent.
         """
         waiting = PendingApproval()
@@ -484,21 +432,17 @@ class ClientGate:
     def as_caller(self, send: Callable[[], PendingCall]) -> PendingCall:
         """Call a service of the gate, which finds the client in :data:`CALLER`."""
         context = copy_context()
-        context.run(CALLER.set, self._actor)
+        context.run(CALLER.set, self.actor)
         return context.run(send)
 
     # Goals
 
     def check_goal(self, action: str, type: ActionType, goal: Payload) -> tuple[Payload, Needed]:
-        """Check a goal; return the goal as it may be sent, and the acts that require approval.
-
-        Raises:
-            GateRefused: a rule rejects the goal.
-        """
+        """Return a goal as it may be sent, and the acts that require approval. Raises GateRefused."""
         try:
-            return self._gate.check(self._actor, [("goal", action)], type.goal, goal)
+            return self._gate.check(self.actor, [("goal", action)], type.goal, goal)
         except GateRefused as refused:
-            _refuse(self._gate, self._actor, "goal", action, refused)
+            self._gate.refuse(self.actor, "goal", action, refused)
             return goal, []
 
     def send_goal(
@@ -512,15 +456,13 @@ class ClientGate:
         """Send a goal once all of its acts are approved.
 
         Args:
-            action: absolute name of the action.
             needed: acts that require approval, from :meth:`check_goal`.
-            goal: goal of the client.
             send: sends the goal under a goal id.
             refused: called with the reason if the goal is not sent.
         """
         gate, goal_id = self._gate, uuid4().hex
         if gate.recorder.keeps_all and not needed:
-            gate.recorder.note("allowed", "goal", action, self._actor)
+            gate.recorder.note("allowed", "goal", action, self.actor)
         if not needed:
             return send(goal_id, goal)
         kept = goal.detach()
@@ -536,7 +478,6 @@ class ClientGate:
         go: Callable[[], None],
         refuse: Callable[[str], None],
     ) -> None:
-        """Request one approval after the other."""
         gate = self._gate
         (act, name, rule), *others = needed
 
@@ -545,22 +486,22 @@ class ClientGate:
                 # Meanwhile the emergency stop may be pressed, and the client may have another role.
                 for *_, each in needed:
                     gate.require_released(each)
-                if (subject.role, subject.credential) != (self._actor.role, self._actor.credential):
+                if (subject.role, subject.credential) != (self.actor.role, self.actor.credential):
                     raise GateRefused(f"{act} {name}: the client has another role now")
                 if not others:
                     go()
             except (AccessError, RobotError) as refused:
-                gate.recorder.note("refused", act, name, self._actor, str(refused))
+                gate.recorder.note("refused", act, name, self.actor, str(refused))
                 refuse(str(refused))
                 return
             if others:
                 self._ask(others, payload, waiting, go, refuse)
 
         try:
-            subject = gate.approvals.subject(self._actor, act, name, rule, payload)
+            subject = gate.approvals.subject(self.actor, act, name, rule, payload)
             approval = gate.approvals.ask(subject, rule, payload)
         except GateRefused as refused:
-            gate.recorder.note("refused", act, name, self._actor, str(refused), refused.rule)
+            gate.recorder.note("refused", act, name, self.actor, str(refused), refused.rule)
             refuse(str(refused))
             return
         approval.go = next_one
@@ -596,12 +537,3 @@ def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload)
         if settings.fields or settings.approval or settings.largest_bytes:
             raise GateRefused(f"goals of {action} are only taken by `send_action_goal`", rule.key)
         gate.require_finite(rule, payload)
-
-
-def _refuse(gate: Gate, actor: Actor, act: GatedAct, name: str, refused: GateRefused) -> None:
-    """Record a rejection, and raise it unless the gate only observes."""
-    gate.recorder.note(
-        "would refuse" if gate.is_observing else "refused", act, name, actor, str(refused), refused.rule
-    )
-    if not gate.is_observing:
-        raise refused

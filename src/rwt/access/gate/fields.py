@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from operator import attrgetter, is_
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -18,7 +19,7 @@ from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt.access.gate.rules import Rule
-    from rwt.access.settings.gate import FieldLimit
+    from rwt.access.settings import FieldLimit
     from rwt_interfaces.structs import MessageType
 
 #: Longest interval, in seconds, that counts for a rate: a value must not jump after a pause.
@@ -97,10 +98,6 @@ class Clamped:
         return {change.where: change.after for change in self._named}
 
 
-class _TooManyValues(Exception):
-    """A list has too many values to be described."""
-
-
 class NoSuchField(Exception):
     """A rule limits a field that the type does not have, or whose type does not fit. The text names it."""
 
@@ -162,8 +159,6 @@ class FieldChecks:
     """Limits of one rule, compiled for messages of one type.
 
     Args:
-        rule: rule that states the limits.
-        type: type of the messages.
         motion: values last passed on to the topic; None for requests and goals, whose rates are not limited.
         neutral: stop message, away from which rates count; None: zeros.
         limits: limits in place of the rule's own.
@@ -196,7 +191,7 @@ class FieldChecks:
             if limit.one_of:
                 leaf = _one_of(limit, key)
             else:
-                neutrals = {} if limit.rate is None or neutral is None else _numbers_at(parts, neutral)
+                neutrals = {} if limit.rate is None or neutral is None else dict(_values_at(parts, neutral))
                 leaf = _Range(limit, key, motion, neutrals)
             checks.append(_at(parts, leaf))
         self._checks = tuple(checks)
@@ -210,7 +205,6 @@ class FieldChecks:
         """Check a message; return the one to pass on, and what was clamped; None if nothing was.
 
         Args:
-            payload: message of the type.
             now: seconds of a steady clock.
 
         Raises:
@@ -249,11 +243,7 @@ class FieldChecks:
             raise GateRefused(str(error), f"{self._key}.fields") from None
 
     def _require_few(self, payload: Payload) -> None:
-        """Check that a message is not too large to be checked at once, before it is decoded if possible.
-
-        Raises:
-            GateRefused: it is.
-        """
+        """Raise GateRefused for a message that is too large to be checked at once, if possible undecoded."""
         most, key = self._max_items, f"{self._key}.largest_items"
         if not payload.is_decoded:
             size, most_bytes = payload.kept_size, BYTES_OF_ITEM * most
@@ -285,21 +275,12 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
     """Return the values of the fields of a message that have limits; of a list, the range and the number."""
     found: list[str] = []
     for path, limit in limits.items():
-        values: list[Any] = []
-
-        def note(
-            value: Any, where: str, now: float, changes: list[Change], values: list[Any] = values
-        ) -> object:
-            if len(values) >= _MAX_DESCRIBED:
-                raise _TooManyValues
-            values.append(value)
-            return value
-
         try:
-            _at(_resolve(payload.type, path, limit, ""), note)(payload.value(), "", 0.0, [])
+            parts = _resolve(payload.type, path, limit, "")
         except NoSuchField:
             continue  # Of another rule, for another kind of act.
-        except _TooManyValues:
+        values = [value for _, value in islice(_values_at(parts, payload.value()), _MAX_DESCRIBED + 1)]
+        if len(values) > _MAX_DESCRIBED:
             found.append(f"{path} has more than {_MAX_DESCRIBED} values")
             continue
         if len(values) == 1:
@@ -316,11 +297,7 @@ def _described(value: object) -> str:
 
 
 def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[tuple[str, str]]:
-    """Return the parts of a path between the `[]`, as ROS and as Python spells them.
-
-    Raises:
-        NoSuchField: it has not, or the limit does not fit.
-    """
+    """Return the parts of a path between the `[]`, as ROS and as Python spells them. Raises NoSuchField."""
     attributes: list[str] = []
     kind: field_types.FieldType = field_types.Message(type)
     for part in path.split("."):
@@ -350,7 +327,6 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
 
     Args:
         parts: parts of the path, from :func:`_resolve`.
-        leaf: check of the fields.
     """
     (text, attributes), *rest = parts
     inner = leaf
@@ -372,8 +348,6 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
 
 
 def _each(inner: _Check) -> _Check:
-    """Compile a check of every item of a list."""
-
     def check(items: Any, where: str, now: float, changes: list[Change]) -> object:
         taken = [inner(item, f"{where}[{index}]", now, changes) for index, item in enumerate(items)]
         return items if all(map(is_, taken, items)) else taken
@@ -390,7 +364,6 @@ def _replaced(message: msgspec.Struct, names: Sequence[str], new: object) -> msg
 
 
 def _one_of(limit: FieldLimit, key: str) -> _Check:
-    """Compile a check of strings."""
     allowed = frozenset(limit.one_of)
     expected = " or ".join(map(repr, limit.one_of))
 
@@ -406,7 +379,6 @@ class _Range:
     """Check of numbers; an instance is a `_Check`.
 
     Args:
-        limit: the limit.
         key: key of the setting, for error texts.
         motion: values last passed on; None: rates are not limited.
         neutrals: numbers of the stop message, for limits on rates.
@@ -469,16 +441,15 @@ def _range(low: float, high: float) -> str:
     return f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
 
 
-def _numbers_at(parts: Sequence[tuple[str, str]], message: msgspec.Struct) -> Mapping[str, float]:
-    """Return the numbers of a message at a path, each under its path with indices."""
-    found: dict[str, float] = {}
-
-    def note(value: Any, where: str, now: float, changes: list[Change]) -> object:
-        found[where] = float(value)
-        return value
-
-    _at(parts, note)(message, "", 0.0, [])
-    return found
+def _values_at(parts: Sequence[tuple[str, str]], value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of a message at a path, each with its path with indices."""
+    (text, attributes), *rest = parts
+    found = attrgetter(attributes.removeprefix("."))(value) if attributes else value
+    if not rest:
+        yield where + text, found
+        return
+    for index, item in enumerate(found):
+        yield from _values_at(rest, item, f"{where}{text}[{index}]")
 
 
 def _parts_of(type: MessageType, prefix: str = "") -> Iterator[tuple[attrgetter[Any], field_types.FieldType]]:

@@ -121,10 +121,8 @@ class Freshness:
         """Return why a command must not move the robot; empty if it may.
 
         Args:
-            client: client that sent the command.
             command: value of the message; None for a large one, which is not decoded: its stamp is ignored.
             now: monotonic time.
-            clock: clock of the graph.
             is_stop: True for the stop message.
         """
         stream = self._streams.get(client)

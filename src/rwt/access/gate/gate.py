@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import re
-from collections import deque
+from collections import Counter, deque
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.access.disclosure import affected_parameters
 from rwt.access.errors import GateRefused
+from rwt.access.gate.approvals import Approvals
 from rwt.access.gate.fields import (
     BYTES_OF_ITEM,
     FieldChecks,
@@ -19,12 +20,14 @@ from rwt.access.gate.fields import (
     has_finite_numbers,
     without_repeats,
 )
-from rwt.access.gate.record import Actor, bounded
+from rwt.access.gate.lease import WakeWatch
+from rwt.access.gate.record import Actor, Recorder, bounded
 from rwt.access.gate.rules import Rules
-from rwt.access.gate.state import GATE_NODE, MAX_LEASES, GateState
+from rwt.access.gate.stop_path import StopPath
 from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic
 from rwt.access.graph_view import canonical
 from rwt.access.roles import absolute_globs, glob_pattern
+from rwt.access.settings import SettingsError
 from rwt_graph.parameters.values import decode
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
@@ -35,10 +38,13 @@ if TYPE_CHECKING:
 
     from rwt.access.audit import Audit
     from rwt.access.gate.approvals import Subject
+    from rwt.access.gate.fields import Clamped
+    from rwt.access.gate.lease import Lease
+    from rwt.access.gate.record import Decision
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.stop_path import Cancel
     from rwt.access.roles import Role
-    from rwt.access.settings.gate import GateRule, GateSettings
+    from rwt.access.settings import GateRule, GateSettings
     from rwt_graph.api import Graph, Publisher
     from rwt_interfaces.structs import MessageType
 
@@ -63,39 +69,66 @@ _READ_SECONDS: Final = 2.0
 _MAX_CANCELS: Final = 64
 
 
-class BadRule(Exception):
-    """A rule does not fit the graph. The text names the setting."""
+MAX_LEASES: Final = 64
+"""Maximum number of leases held by the clients of one credential, or of one address without credentials."""
+
+GATE_NODE: Final = "/gate"
+"""Node as which the gate publishes stop messages and its own state."""
 
 
-class Gate(GateState):
+class Gate:
     """Gate of one server: checks what clients do to the robot against the rules of the settings.
 
-    Attributes by purpose, besides those of :class:`rwt.access.gate.state.GateState`:
+    The emergency stop is released or pressed: ``stopped_by`` names who pressed it, and is empty while it is
+    released. In mode ``observe`` a press publishes the stop messages, and is released at once.
 
-    * Rules: ``rules``, ``_checks`` and ``_finite`` (compiled for a type of requests or goals).
-    * Actions of ROS 1: ``_cancels`` (publishers of their `cancel` topics, by topic).
-    * Clients: ``_actors`` (by name), ``_count`` (number so far).
-    * Topics: ``_topics`` (by name; from the first publisher on, or since the robot has the topic), ``_sweep``
-      (the same, in the order in which they are examined for removal).
+    Private attributes: ``_checks`` and ``_finite`` (rules compiled for a type of requests or goals),
+    ``_cancels`` (publishers of the `cancel` topics of ROS 1's actions, by topic), ``_actors`` (by name),
+    ``_count`` (number of clients so far), ``_topics`` (by name; from the first publisher on, or since the
+    robot has the topic), ``_sweep`` (the same, in the order in which they are examined for removal).
 
     Attributes:
-        rules: all rules.
+        is_observing: True if the gate only records what it would reject.
+        participant: the gate's node in the graph.
+        stop_path: stop messages of all topics.
+        presses: number of times that the emergency stop was pressed.
+        faults: topics that cannot be stopped, with the reason.
+        stopped_by: client or program that pressed the emergency stop; empty while it is released.
+        stopped_reason: reason for the last press or release, in the words of the client.
+        stopped_ns: ROS time of the last press or release.
+        last_by: client or program that pressed or released the stop last.
         stop_type: type of the topic that presses the emergency stop.
-
-    Args:
-        graph: graph of the robot.
-        settings: settings of the gate.
-        audit: log of the server.
+        held: leases with a holder, with the names of their topics.
+        leases_held: number of the same by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
+        wake_watch: ends them after a suspension of the machine.
+        on_leases, on_stop, on_approvals: called after a change; set by the gate's node.
 
     Raises:
-        BadRule: a rule does not fit a topic, service or action of the graph.
+        SettingsError: a rule does not fit a topic, service or action of the graph.
         OSError: the audit file cannot be opened.
     """
 
     def __init__(self, graph: Graph, settings: GateSettings, audit: Audit) -> None:
-        super().__init__(graph, settings, audit)
         self._graph = graph
+        self.settings = settings
+        self.is_observing = settings.mode == "observe"
         self.rules = Rules(settings.rules)
+        self.clock = graph.clock
+        self.recorder = Recorder(settings.audit, audit, graph.clock)
+        self.participant = graph.participant(GATE_NODE)
+        self.approvals = Approvals(graph.clock, self.recorder, lambda: self.on_approvals(), self._describe)
+        self.stop_path = StopPath(graph.clock, self._not_stopped)
+        self.presses = 0
+        self.faults: dict[str, str] = {}
+        self.stopped_by = ""
+        self.stopped_reason = ""
+        self.stopped_ns = graph.clock.time_ns()
+        self.last_by = ""
+        self.stop_type: MessageType = graph.registry.message("std_msgs/Empty")
+        self.held: dict[Lease, str] = {}
+        self.leases_held: Counter[str] = Counter()
+        self.wake_watch = WakeWatch(graph.clock, self._look)
+        self.on_leases = self.on_stop = self.on_approvals = _nothing
         self._actors: dict[str, Actor] = {}
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
@@ -103,8 +136,6 @@ class Gate(GateState):
         self._checks: dict[tuple[Rule, MessageType], FieldChecks | str] = {}
         self._finite: dict[tuple[Rule, MessageType], FieldChecks] = {}
         self._cancels: dict[str, Publisher] = {}
-        self.stop_type: MessageType = graph.registry.message("std_msgs/Empty")
-        self.approvals.describe = self._describe
         try:
             self._check_rules()
         except BaseException:
@@ -120,12 +151,12 @@ class Gate(GateState):
                 try:
                     rule.type = self._graph.registry.message(rule.settings.type)
                 except InterfaceError as error:
-                    raise BadRule(f"`{rule.key}.type`: {error}") from None
+                    raise SettingsError(f"`{rule.key}.type`: {error}") from None
                 for name in filter(_is_name, absolute_globs(rule.settings.topics)):
-                    self._require_fit(self.guarded(name, rule.type))
+                    _require_fit(self.guarded(name, rule.type))
         for topic in self._graph.topics():
             if topic.type is not None and self.rules.of("publish", topic.name):
-                self._require_fit(self.guarded(topic.name, topic.type))
+                _require_fit(self.guarded(topic.name, topic.type))
         types: list[tuple[GatedAct, str, MessageType]] = [
             *(("call", each.name, each.type.request) for each in self._graph.services()),
             *(("goal", each.name, each.type.goal) for each in self._graph.actions()),
@@ -134,12 +165,7 @@ class Gate(GateState):
             for rule in self.rules.of(act, name):
                 checks = self._checks_of(rule, type)
                 if isinstance(checks, str):
-                    raise BadRule(f"{checks} ({name})")
-
-    @staticmethod
-    def _require_fit(topic: GuardedTopic) -> None:
-        if topic.fault:
-            raise BadRule(topic.fault)
+                    raise SettingsError(f"{checks} ({name})")
 
     def replace_rules(self, settings: GateSettings) -> None:
         """Replace the rules, the mode, and the roles of the emergency stop while clients are connected.
@@ -149,8 +175,8 @@ class Gate(GateState):
         emergency stop stays pressed. Gateways have to request their publishers again.
 
         Raises:
-            BadRule: a rule does not fit the graph, the emergency stop would end somewhere, or the change
-                requires a restart. Nothing has changed.
+            SettingsError: a rule does not fit the graph, the emergency stop would end somewhere, or the
+                change requires a restart. Nothing has changed.
         """
         before = self.settings
         self._require_reloadable(settings)
@@ -163,12 +189,12 @@ class Gate(GateState):
             self._check_rules()
             for topic in topics.values():
                 if self.rules.of("publish", topic.name):
-                    self._require_fit(self.guarded(topic.name, topic.type))
-        except (BadRule, GateRefused) as wrong:
+                    _require_fit(self.guarded(topic.name, topic.type))
+        except (SettingsError, GateRefused) as wrong:
             for topic in self._topics.values():
                 topic.close()
             self.rules, self._topics, self._sweep, self._checks, self.faults = old
-            raise BadRule(str(wrong)) from None
+            raise SettingsError(str(wrong)) from None
         self.settings = settings
         self.is_observing = settings.mode == "observe"
         for topic in topics.values():
@@ -195,26 +221,22 @@ class Gate(GateState):
         keys = sorted({rule.key for rule in changed})
         text = f"rules replaced; changed are {', '.join(keys) or 'none'}"
         self.recorder.note("reload", "reload", "", None, text, before=before.mode, after=settings.mode)
-        self.leases_changed()
+        self.on_leases()
 
     def _require_reloadable(self, settings: GateSettings) -> None:
-        """Check a change that does not depend on the graph.
-
-        Raises:
-            BadRule: it requires a restart, or would end the emergency stop somewhere.
-        """
+        """Raise SettingsError for a change that requires a restart, or would end an emergency stop."""
         if settings.audit != self.settings.audit:
-            raise BadRule("`gate.audit`: cannot change while the server runs: restart it")
+            raise SettingsError("`gate.audit`: cannot change while the server runs: restart it")
         if bool(settings.rules) != bool(self.settings.rules):
-            raise BadRule("`gate.rules`: the first and the last rule require a restart of the server")
+            raise SettingsError("`gate.rules`: the first and the last rule require a restart of the server")
         if not self.stopped_by:
             return
         if settings.mode != self.settings.mode:
-            raise BadRule("`gate.mode`: the emergency stop is on: release it first")
+            raise SettingsError("`gate.mode`: the emergency stop is on: release it first")
         for name, rule in self.settings.rules.items():
             now = settings.rules.get(name)
             if rule.emergency and (now is None or not _stops_the_same(rule, now)):
-                raise BadRule(
+                raise SettingsError(
                     f"`gate.rules.{name}`: the change would end the emergency stop: release it first"
                 )
 
@@ -260,9 +282,10 @@ class Gate(GateState):
         """Guarded topics: those that clients have published on, and those of the robot with rules."""
         return tuple(self._topics.values())
 
-    def find_topic(self, name: str) -> GuardedTopic | None:
-        """Return the guarded topic of an absolute name; None if there is none."""
-        return self._topics.get(name)
+    def holder_of(self, name: str) -> Actor | None:
+        """Return the client that holds the lease of a topic, given by its absolute name."""
+        topic = self._topics.get(name)
+        return None if topic is None or topic.lease is None else topic.lease.holder
 
     def leased_topics(self) -> Iterator[GuardedTopic]:
         """Yield the topics with a lease, those with a holder first."""
@@ -272,11 +295,7 @@ class Gate(GateState):
                 yield topic
 
     def guarded(self, name: str, type: MessageType) -> GuardedTopic:
-        """Return the guarded topic of a name for which there are rules.
-
-        Raises:
-            GateRefused: the topic is in use with another type.
-        """
+        """Return the guarded topic of a name. Raises GateRefused if it is in use with another type."""
         topic = self._topics.get(name)
         if topic is not None:
             if topic.type is type or topic.type.name == type.name:
@@ -289,15 +308,11 @@ class Gate(GateState):
         topic = self._topics[name] = GuardedTopic(self, name, type, self.rules.of("publish", name))
         self._sweep.append(topic)
         if topic.lease is not None:
-            self.leases_changed()
+            self.on_leases()
         return topic
 
     def join_topic(self, actor: Actor, name: str, type: MessageType) -> GuardedTopic:
-        """Return the guarded topic of a name on which a client publishes from now on.
-
-        Raises:
-            GateRefused: as for :meth:`guarded`.
-        """
+        """Like :meth:`guarded`, for a client that publishes on the topic from now on."""
         topic = self.guarded(name, type)
         topic.users.add(actor)
         actor.topics.add(topic)
@@ -379,10 +394,7 @@ class Gate(GateState):
         """Check a client's request or goal.
 
         Args:
-            actor: client that sends it.
             acts: acts and names that it is for; the first is checked for its fields.
-            type: type of the payload.
-            payload: request or goal.
             text: value of a parameter as JSON text, if the request has one.
 
         Returns:
@@ -420,6 +432,56 @@ class Gate(GateState):
             key = f"{rule.key}.approval"
             self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
         return payload, []
+
+    def refuse(self, actor: Actor, act: GatedAct, name: str, refused: GateRefused) -> None:
+        """Record a rejection, and raise it unless the gate only observes."""
+        decision: Decision = "would refuse" if self.is_observing else "refused"
+        self.recorder.note(decision, act, name, actor, str(refused), refused.rule)
+        if not self.is_observing:
+            raise refused
+
+    def require_released(self, rule: Rule) -> None:
+        """Raise GateRefused while the emergency stop is pressed, if a rule is for it."""
+        if self.stopped_by and rule.settings.emergency:
+            raise GateRefused(
+                f"the emergency stop is on: stopped by {self.stopped_by}", f"{rule.key}.emergency"
+            )
+
+    def require_approval(
+        self, topic: str, rule: Rule, client: Actor, payload: Payload, *, is_stop: bool = False
+    ) -> None:
+        """Use up the approval for a message, or request one.
+
+        Args:
+            topic: absolute name of the topic.
+            payload: message as it will reach the robot.
+            is_stop: True for the stop message, which needs none while another message is approved.
+
+        Raises:
+            GateRefused: the message is not approved yet.
+        """
+        approvals = self.approvals
+        subject = approvals.subject(client, "publish", topic, rule, payload)
+        if approvals.take(subject) or (is_stop and approvals.has_lasting(subject)):
+            return
+        text = f"publishing on {topic} needs a person's yes"
+        if not self.is_observing:
+            request = approvals.find(subject)
+            if request is not None and request.subject != subject:
+                text += f", and another message waits for it under id {request.id}"
+            else:
+                request = request or approvals.ask(subject, rule, payload)
+                text += f", which was asked for under id {request.id}: send it again when it is there"
+        raise GateRefused(text, f"{rule.key}.approval")
+
+    def note_clamped(self, client: Actor, act: GatedAct, name: str, clamped: Clamped, key: str) -> None:
+        """Record what was clamped, and tell the client."""
+        text = str(clamped)
+        self.recorder.note(
+            "changed", act, name, client, text, key, before=clamped.before, after=clamped.after
+        )
+        if client.on_notice is not None and not self.is_observing:
+            client.on_notice(f"{act} {name}: {text} ({key})")
 
     def _describe(self, act: GatedAct, name: str, payload: Payload) -> str:
         """Return the fields of a message that rules for its name limit, with their values."""
@@ -492,7 +554,6 @@ class Gate(GateState):
         """Check that all numbers of a message are finite, whose fields the rule's limits are not for.
 
         Args:
-            rule: rule that requires it, or not.
             payload: message with the values of parameters, or with a goal in it.
             text: value of a parameter as JSON text.
 
@@ -617,6 +678,21 @@ class Gate(GateState):
             )
         topic.lease.pass_to(other)
 
+    def require_lease_room(self, client: Actor) -> None:
+        """Check that a client may hold one more lease: all leases may end at the same time.
+
+        Raises:
+            GateRefused: clients of its credential hold the maximum.
+        """
+        if self.leases_held[client.owner] >= MAX_LEASES:
+            raise GateRefused(f"clients of this credential hold {MAX_LEASES} leases, which is the limit")
+
+    def _look(self, was_suspended: bool) -> bool:
+        if was_suspended:
+            for lease in tuple(self.held):
+                lease.check_silence()
+        return bool(self.held)
+
     def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:
         holder = None if topic.lease is None else topic.lease.holder
         if holder is not actor:
@@ -656,10 +732,9 @@ class Gate(GateState):
         """Return True if clients of a role may press the emergency stop."""
         return glob_pattern(self.settings.emergency.stop_roles).fullmatch(role) is not None
 
-    @property
-    def is_stop_due(self) -> bool:
-        """True if the emergency stop can be pressed now: then a press comes before all other messages."""
-        return not self.stopped_by and self.rules.has_emergency
+    def is_stop_due(self, role: str) -> bool:
+        """Return True if clients of a role can press the emergency stop now, ahead of all other messages."""
+        return not self.stopped_by and self.rules.has_emergency and self.may_stop(role)
 
     def _latch(self, by: str, reason: str, actor: Actor | None = None) -> None:
         # From here on every command is rejected, each when it is checked.
@@ -673,8 +748,7 @@ class Gate(GateState):
         self.stop_path.in_turns(self._rest(self.presses))
         if self.is_observing:
             self.stopped_by = ""  # Nothing is rejected.
-        if self.on_stop is not None:
-            self.on_stop()
+        self.on_stop()
 
     def _rest(self, press: int) -> Iterator[None]:
         """Stop, a step each, what no client drove before a press; end the leases, and cancel all goals."""
@@ -732,8 +806,7 @@ class Gate(GateState):
         self.stopped_ns = self.clock.time_ns()
         text = f"released by {self.last_by}: {self.stopped_reason}"
         self.recorder.note("stop", "release", "", actor, text, before="stopped", after="released")
-        if self.on_stop is not None:
-            self.on_stop()
+        self.on_stop()
 
     def note_goal(self, action: str) -> None:
         """Note an action to which a client sends goals: the emergency stop cancels them first."""
@@ -755,6 +828,12 @@ class Gate(GateState):
         every = Payload.from_value(info.type, {})
         return lambda: iter((publisher.publish(every),))
 
+    def _not_stopped(self, name: str, error: Exception) -> None:
+        text = f"{type(error).__name__}: {error}"
+        if self.faults.get(name) != text:  # Recorded once: the stop message is repeated.
+            self.faults[name] = text
+            self.recorder.note("stop", "stop", name, None, f"not stopped: {text}")
+
     def _stops(self, act: GatedAct, name: str) -> bool:
         return any(rule.settings.emergency for rule in self.rules.of(act, name))
 
@@ -771,6 +850,10 @@ class Gate(GateState):
         self.recorder.close()
 
 
+def _nothing() -> None:
+    """No-op, until the gate's node sets its own."""
+
+
 def _stops_the_same(before: GateRule, now: GateRule) -> bool:
     """Return True if an emergency stop that a rule is for would not change with another version of it."""
     names = ("topics", "services", "actions", "parameters")
@@ -779,6 +862,11 @@ def _stops_the_same(before: GateRule, now: GateRule) -> bool:
         and (now.roles, now.stop, now.type) == (before.roles, before.stop, before.type)
         and all(set(getattr(before, each)) <= set(getattr(now, each)) for each in names)
     )
+
+
+def _require_fit(topic: GuardedTopic) -> None:
+    if topic.fault:
+        raise SettingsError(topic.fault)
 
 
 def _is_name(glob: str) -> bool:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.gate.record import Actor
-    from rwt.access.settings.gate import LeaseSettings
+    from rwt.access.settings import LeaseSettings
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
 
@@ -32,7 +32,6 @@ class WakeWatch:
     Timers do not run on while a machine is suspended, so a lease would last for its rest after the wake-up.
 
     Args:
-        clock: clock of the graph.
         look: called with True after the machine was suspended, otherwise with False; returns False if nothing
             is left to watch for.
     """
@@ -82,15 +81,12 @@ class Lease:
     of the time before are read next; so the lease cannot be taken for a moment.
 
     Attributes:
-        settings: settings of the lease.
         holder: client that holds the lease; None while it is free.
         since_ns: ROS time of the last change of the holder.
 
     Args:
         topic: absolute name of the topic.
         key: key of the setting, for error texts.
-        settings: settings of the lease.
-        clock: clock of the graph.
         on_change: called after each change of the holder, with a description of the change, the holder and
             the holder before.
         require_room: raises GateRefused if a client may hold no more leases.

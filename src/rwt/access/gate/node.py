@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
@@ -59,13 +60,12 @@ SERVICES: Final = {
 """Services of the gate with their types. They require no `call` permission: the gate's settings decide."""
 
 
-class GateNode:
-    """Node of the gate: serves :data:`SERVICES` and publishes :data:`TOPICS`.
+Handler = Callable[["Actor | None", Any], dict[str, object]]
+"""Returns the fields of a response, given the client that calls and the request."""
 
-    Args:
-        gate: gate of the server.
-        graph: graph of the robot.
-    """
+
+class GateNode:
+    """Node of the gate: serves :data:`SERVICES` and publishes :data:`TOPICS`."""
 
     def __init__(self, gate: Gate, graph: Graph) -> None:
         self._gate = gate
@@ -84,12 +84,12 @@ class GateNode:
                 (APPROVALS, "rwt_gate_msgs/Approvals"),
             )
         }
-        handlers: dict[str, Callable[[Actor | None, Any], dict[str, object]]] = {
-            "/gate/take_lease": self._take_lease,
-            "/gate/release_lease": self._release_lease,
-            "/gate/request_lease": self._request_lease,
+        handlers: dict[str, Handler] = {
+            "/gate/take_lease": partial(self._change_lease, gate.take_lease),
+            "/gate/release_lease": partial(self._change_lease, gate.release_lease),
+            "/gate/request_lease": partial(self._change_lease, self._ask_holder),
             "/gate/pass_lease": self._pass_lease,
-            STOP: self._stop,
+            STOP: partial(press, gate),
             "/gate/release_stop": self._release_stop,
             "/gate/approve": self._approve,
         }
@@ -177,15 +177,6 @@ class GateNode:
 
     # Services
 
-    def _take_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return self._change_lease(actor, request.topic, self._gate.take_lease)
-
-    def _release_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return self._change_lease(actor, request.topic, self._gate.release_lease)
-
-    def _request_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return self._change_lease(actor, request.topic, self._ask_holder)
-
     def _ask_holder(self, client: Actor, name: str) -> None:
         """Show the holder of a lease that a client asks for it, until it has it or :data:`REQUEST_SECONDS`.
 
@@ -226,16 +217,15 @@ class GateNode:
         ]
 
     def _change_lease(
-        self, actor: Actor | None, topic: str, change: Callable[[Actor, str], None]
+        self, change: Callable[[Actor, str], None], actor: Actor | None, request: Any
     ) -> dict[str, object]:
         """Change a lease, and return its holder, also if the change was rejected."""
-        client, refusal = _client(actor), ""
+        client, topic, refusal = _client(actor), request.topic, ""
         try:
             change(client, topic)
         except GateRefused as refused:
             refusal = str(refused)
-        found = self._gate.find_topic(canonical(topic))
-        held = None if found is None or found.lease is None else found.lease.holder
+        held = self._gate.holder_of(canonical(topic))
         # As for subscribers of the topic of leases: only roles that may see a topic see who holds it.
         sees = client.rights.sees_topic(canonical(topic))
         holder = held.name if sees and held is not None else ""
@@ -254,9 +244,6 @@ class GateNode:
         self._gate.pass_lease(_client(actor), request.topic, to)
         return {"success": True, "message": f"{to} holds it now"}
 
-    def _stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        return _press(self._gate, actor, request)
-
     def _release_stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
         self._gate.release(actor, request.reason)
         return {"success": True, "message": "released"}
@@ -268,15 +255,6 @@ class GateNode:
         return {"success": True, "message": what}
 
 
-def stop_response(gate: Gate, actor: Actor, request: Payload, type: ServiceType) -> Payload:
-    """Press the emergency stop for a client, and return the response of the service."""
-    try:
-        answer = _press(gate, actor, request.value())
-    except GateRefused as refused:
-        answer = {"success": False, "message": str(refused)}
-    return Payload.from_value(type.response, answer)
-
-
 def _described(key: str, client: Actor | None) -> dict[str, object]:
     """Return the fields that name a client, by connection and so that people recognise it."""
     if client is None:
@@ -284,7 +262,8 @@ def _described(key: str, client: Actor | None) -> dict[str, object]:
     return {key: client.name, "role": client.role, "user": client.credential, "device": client.device}
 
 
-def _press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:
+def press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:
+    """Press the emergency stop, and return the fields of the response."""
     undelivered = gate.stop(actor, request.reason)
     if undelivered:
         text = f"clients' commands are rejected until the release, but these were not stopped: {undelivered}"
@@ -298,19 +277,20 @@ def _client(actor: Actor | None) -> Actor:
     return actor
 
 
-def _answering(
-    type: ServiceType, handler: Callable[[Actor | None, Any], dict[str, object]]
-) -> Callable[[ServiceCall], None]:
-    """Return a callback that answers calls by a handler; a rejection by the gate is an answer, too."""
+def answer_of(type: ServiceType, handler: Handler, actor: Actor | None, request: Payload) -> Payload:
+    """Return the response of a handler; a rejection by the gate is an answer, too."""
+    try:
+        answer = handler(actor, request.value())
+    except GateRefused as refused:
+        answer = {"success": False, "message": str(refused)}
+    return Payload.from_value(type.response, answer)
 
+
+def _answering(type: ServiceType, handler: Handler) -> Callable[[ServiceCall], None]:
     def on_call(call: ServiceCall) -> None:
         actor = CALLER.get()
         # An approved act is performed for the client that requested it, not for the one that approves.
         CALLER.set(None)
-        try:
-            answer = handler(actor, call.request.value())
-        except GateRefused as refused:
-            answer = {"success": False, "message": str(refused)}
-        call.reply(Payload.from_value(type.response, answer))
+        call.reply(answer_of(type, handler, actor, call.request))
 
     return on_call

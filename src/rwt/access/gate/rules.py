@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import re
     from collections.abc import Mapping
 
-    from rwt.access.settings.gate import GateRule
+    from rwt.access.settings import GateRule
     from rwt_interfaces.structs import MessageType
 
 GatedAct = Literal["publish", "call", "goal", "set_param"]
@@ -72,7 +72,6 @@ class Rules:
     """All rules of a gate, in the order of the settings.
 
     Attributes:
-        all: the rules.
         has_emergency: True if the emergency stop is for any of them.
         has_parameters: True if any of them is about parameters.
     """

@@ -44,10 +44,6 @@ class StopPath:
     * Repetition: ``_repeated`` (topics whose stop message is repeated), ``_timer`` (None without any),
       ``_is_repeating`` (True until every topic has had its turn).
     * ``failed``: called with the name of what could not be stopped, and the error.
-
-    Args:
-        clock: clock of the graph.
-        failed: see above.
     """
 
     def __init__(self, clock: Clock, failed: Callable[[str, Exception], None]) -> None:
@@ -81,7 +77,6 @@ class StopPath:
         """Note an action to which a client sends goals.
 
         Args:
-            action: absolute name of the action.
             make_cancel: returns the function that cancels its goals; called once, before it is needed.
         """
         if action not in self._actions and len(self._actions) < MAX_DRIVEN:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     import msgspec
 
-    from rwt.access.gate.record import Actor, Decision
+    from rwt.access.gate.gate import Gate
+    from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import Rule
-    from rwt.access.gate.state import GateState
     from rwt_graph.api import Publisher
     from rwt_interfaces.structs import MessageType
 
@@ -60,7 +60,6 @@ class _RoleRules(NamedTuple):
         lease: the topic's lease, if a rule requires it.
         emergency: first rule that the emergency stop is for.
         approvals: rules that require approval.
-        rates: rules with a rate.
     """
 
     compiled: tuple[_CompiledRule, ...]
@@ -88,41 +87,32 @@ class GuardedTopic:
     A rule that does not fit the topic's type, such as one for an unknown field, is a fault: every message is
     rejected, and no stop message is published.
 
-    Attributes by purpose:
+    Private attributes:
 
     * Stalled connections: ``_freshness`` (of the commands; None without a lease), ``_has_lists`` (False: a
       message of any size is decoded before its limits are checked).
-    * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
-    * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
-      (identities of paused clients, with the time of the last rejected message: another connection or
-      advertisement of the same credential is paused, too).
+    * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use).
+    * Clients: ``_lease_owner`` (identity that the lease counts for), ``_paused_at`` (identities of paused
+      clients, with the time of the last rejected message: another connection or advertisement of the same
+      credential is paused, too).
     * Rates: ``_motion`` (values last passed on), ``_has_rates`` (True if a rule limits them).
     * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
       ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's
       stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a
       header).
-    * Emergency stops: ``is_emergency``, ``driven_in`` and ``stopped_in`` (numbers of the last press before a
-      client's message passed, and that stopped the topic).
 
     Attributes:
         name: absolute name.
-        type: type of the messages.
         lease: lease of the topic; None if no rule requires one.
         fault: description of what is wrong with the rules; empty if they fit.
         users: clients that publish on the topic.
         is_emergency: True if the emergency stop is for the topic.
-        driven_in: number of the last press of the emergency stop when a client last drove.
+        driven_in: number of the last press of the emergency stop before a client's message passed.
         stopped_in: number of the press that stopped the topic last.
         is_closed: True after :meth:`close`: the gate has another object for the topic, or none.
-
-    Args:
-        gate: state of the gate.
-        name: absolute name.
-        type: type of the messages.
-        rules: all rules about the topic.
     """
 
-    def __init__(self, gate: GateState, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
+    def __init__(self, gate: Gate, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
         self.name = name
         self.type = type
         self.fault = ""
@@ -188,11 +178,7 @@ class GuardedTopic:
         )
 
     def _prepare_stop(self) -> None:
-        """Make the stop message in advance, and find out if it is stamped.
-
-        Raises:
-            NoSuchField: it does not fit the type.
-        """
+        """Make the stop message in advance, or raise NoSuchField if it does not fit the type."""
         if self._stop is None:
             return
         try:
@@ -235,11 +221,6 @@ class GuardedTopic:
     def publish(self, client: Actor, payload: Payload, forward: Callable[[Payload], None]) -> None:
         """Check a client's message, and forward it if it passes every rule.
 
-        Args:
-            client: client that publishes.
-            payload: message of the topic's type.
-            forward: publishes the message.
-
         Raises:
             GateRefused: a rule rejects the message; the text names the rule.
         """
@@ -256,10 +237,7 @@ class GuardedTopic:
             passed = self._check(client, rules, payload, now)
         except GateRefused as refused:
             self._motion.refused()
-            decision: Decision = "would refuse" if gate.is_observing else "refused"
-            gate.recorder.note(decision, "publish", self.name, client, str(refused), refused.rule)
-            if not gate.is_observing:
-                raise
+            gate.refuse(client, "publish", self.name, refused)
             forward(payload)
             return
         if self._has_rates:
@@ -286,7 +264,6 @@ class GuardedTopic:
         )
 
     def _check(self, client: Actor, rules: _RoleRules, payload: Payload, now: float) -> Payload:
-        """Return a message as it may be published."""
         if self.fault:
             raise GateRefused(f"the rules of {self.name} cannot be applied: {self.fault}")
         if rules.emergency is not None and (self._paused_at or self._gate.stopped_by):
@@ -316,11 +293,7 @@ class GuardedTopic:
         return payload
 
     def _approved(self, client: Actor, rules: _RoleRules, payload: Payload) -> Payload:
-        """Use up the approvals of a message, and return it as it was approved.
-
-        Raises:
-            GateRefused: it is not approved.
-        """
+        """Use up the approvals of a message and return it as approved, or raise GateRefused."""
         payload = without_repeats(payload)
         try:
             for rule in rules.approvals:
@@ -332,11 +305,7 @@ class GuardedTopic:
         return payload
 
     def _require_fresh(self, client: Actor, lease: Lease, payload: Payload, now: float) -> None:
-        """Check that a command did not wait in a stalled connection; the robot stops if one did.
-
-        Raises:
-            GateRefused: it did, or the client has not begun anew since.
-        """
+        """Raise GateRefused for a command that waited in a stalled connection; the robot stops then."""
         if self._freshness is None or self._neutral is None:
             return
         command = payload.value() if not self._has_lists or _is_small(payload) else None
@@ -348,11 +317,7 @@ class GuardedTopic:
             raise GateRefused(why, f"{self.lease_rule}.lease")
 
     def _require_moving(self, client: Actor, rule: Rule, payload: Payload, now: float) -> None:
-        """Check that the emergency stop is released, and that the client is not paused.
-
-        Raises:
-            GateRefused: it is pressed, or the client kept publishing across the release.
-        """
+        """Raise GateRefused while the emergency stop is pressed, and until a paused client may go on."""
         if self._gate.stopped_by:
             self._pause(client, now)
             self._gate.require_released(rule)
@@ -407,7 +372,7 @@ class GuardedTopic:
             "lease", "publish", self.name, holder or before, change, self.lease_rule,
             before="" if before is None else before.name, after="" if holder is None else holder.name,
         )  # fmt: skip
-        gate.leases_changed()
+        gate.on_leases()
 
     @property
     def _has_just_stopped(self) -> bool:

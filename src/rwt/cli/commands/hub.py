@@ -17,8 +17,7 @@ from rwt.access.settings import SettingsError, TlsSettings
 from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import integer_within
-from rwt.hub.hub import open_hub
-from rwt.hub.waiting_bytes import ADDRESS_BYTES
+from rwt.hub.hub import ADDRESS_BYTES, open_hub
 from rwt.observability.prometheus import PrometheusText
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls

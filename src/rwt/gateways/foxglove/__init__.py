@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_protocol.extensions import exports
+
 if TYPE_CHECKING:
-    from rwt.gateways.foxglove.gateway import FoxgloveGateway
+    from rwt.gateways.foxglove.gateway import FoxgloveGateway as FoxgloveGateway
 
-__all__ = ["FoxgloveGateway"]
-
-
-def __getattr__(name: str) -> object:
-    """Import the gateway on first use: settings are also read without a server."""
-    if name != "FoxgloveGateway":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from rwt.gateways.foxglove.gateway import FoxgloveGateway
-
-    return FoxgloveGateway
+# Imported on first use: settings are also read without a server.
+__all__, __getattr__, __dir__ = exports(__name__, {"rwt.gateways.foxglove.gateway": "FoxgloveGateway"})

@@ -14,8 +14,7 @@ from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
 from rwt.gateways.base import ConnectionGateway
 from rwt.gateways.foxglove.catalogue import Catalogue, RoleListing
 from rwt.gateways.foxglove.client import FoxgloveClient
-from rwt.gateways.foxglove.parameter_feed import ParameterFeed
-from rwt.gateways.foxglove.parameters import GET
+from rwt.gateways.foxglove.parameters import GET, ParameterFeed
 from rwt.gateways.foxglove.playback import state_frame, state_of
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.foxglove.wire.payloads import encodings
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.gateways.foxglove.assets import Pages
     from rwt.gateways.foxglove.playback import PlaybackState
-    from rwt.gateways.foxglove.wire.server_messages import Capability
     from rwt_graph.api import Graph
     from rwt_graph.clock import Playback
     from rwt_participant.timers import Timer
@@ -132,8 +130,8 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             None if playback is None else (playback.start_ns, playback.end_ns),
         )
 
-    def _capabilities(self, role: Role) -> list[Capability]:
-        has: dict[Capability, bool] = {
+    def _capabilities(self, role: Role) -> list[str]:
+        has = {
             "clientPublish": bool(role.globs["publish"]),
             "parameters": bool(role.globs["get_param"]) and self._graph.service(GET) is not None,
             "parametersSubscribe": bool(role.globs["get_param"]),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from pydantic import Field
 
 from rwt.access.settings import MIB, Bytes, Count, Table
@@ -12,14 +10,11 @@ from rwt.access.settings import MIB, Bytes, Count, Table
 class FoxgloveSettings(Table):
     """Foxglove's WebSocket protocol, on the same port."""
 
-    asset_bytes: Annotated[
-        Bytes, Field(description="largest asset, such as a mesh, that a client may fetch")
-    ] = 64 * MIB
-    waiting_assets: Annotated[Count, Field(description="pending asset requests per client")] = 256
-    parameter_names: Annotated[
-        Count, Field(description="parameters that one client may request at once or watch")
-    ] = 1000
-    time_hz: Annotated[
-        float,
-        Field(gt=0, le=1000, description="rate in Hz at which simulated time is sent to clients"),
-    ] = 20.0
+    asset_bytes: Bytes = Field(64 * MIB, description="largest asset, such as a mesh, that a client may fetch")
+    waiting_assets: Count = Field(256, description="pending asset requests per client")
+    parameter_names: Count = Field(
+        1000, description="parameters that one client may request at once or watch"
+    )
+    time_hz: float = Field(
+        20.0, gt=0, le=1000, description="rate in Hz at which simulated time is sent to clients"
+    )

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_protocol.extensions import exports
+
 if TYPE_CHECKING:
-    from rwt.gateways.rosbridge.bridge import Bridge
+    from rwt.gateways.rosbridge.bridge import Bridge as Bridge
 
-__all__ = ["Bridge"]
-
-
-def __getattr__(name: str) -> object:
-    """Import the bridge on first use: settings are also read without a server."""
-    if name != "Bridge":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from rwt.gateways.rosbridge.bridge import Bridge
-
-    return Bridge
+# Imported on first use: settings are also read without a server.
+__all__, __getattr__, __dir__ = exports(__name__, {"rwt.gateways.rosbridge.bridge": "Bridge"})

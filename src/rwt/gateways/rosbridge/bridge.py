@@ -7,12 +7,11 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Final, Never, TypeVar
 
 from rwt.access.access import Access
-from rwt.access.errors import AccessError
+from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.access.settings import SettingsError
 from rwt.gateways.base import ConnectionGateway
 from rwt.gateways.rosbridge.ops import actions, services, topics
 from rwt.gateways.rosbridge.peer import Peer
-from rwt.gateways.rosbridge.pending_auth import PendingAuth
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
@@ -23,8 +22,10 @@ from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session
+from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
+    from rwt.access.admission import Admission
     from rwt.access.roles import Role
     from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
     from rwt.gateways.rosbridge.ops.offers import Offers
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph, Participant, Publisher
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
+    from rwt_participant.timers import Timer
     from rwt_protocol.dispatcher import Steps
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
@@ -178,7 +180,7 @@ class ConnectedClients:
         self._distro = registry.distro
         self._clients: dict[int, dict[str, object]] = {}
         self._due = False
-        self._publish_count()
+        _publish(self._count, {"data": 0})
         self._publish_list()
 
     def joined(self, number: int, address: str) -> None:
@@ -193,13 +195,10 @@ class ConnectedClients:
         self._changed()
 
     def _changed(self) -> None:
-        self._publish_count()
+        _publish(self._count, {"data": len(self._clients)})
         if not self._due:
             self._due = True
             self._clock.call_later(0.0, self._publish_list)
-
-    def _publish_count(self) -> None:
-        _publish(self._count, {"data": len(self._clients)})
 
     def _publish_list(self) -> None:
         self._due = False
@@ -208,3 +207,84 @@ class ConnectedClients:
 
 def _publish(publisher: Publisher, message: dict[str, object]) -> None:
     publisher.publish(Payload.from_value(publisher.type, message))
+
+
+#: Size limit of an `auth` op, in bytes. It bounds the memory of connections without credentials.
+_MAX_AUTH_BYTES: Final = 16 * 1024
+
+_NO_AUTH: Final = "this server wants `auth` as the first message"
+
+
+class PendingAuth:
+    """Endpoint of a connection until its first message, which must be a valid `auth` op.
+
+    Life cycle::
+
+        waiting ── valid `auth` ──────────────────> handed over to a peer
+           │
+           └── anything else, or `auth.seconds` ──> closed
+
+    Anything else is: another op, an op that the session itself would handle, a fragment, an invalid message.
+
+    Args:
+        timeout: seconds until the connection is closed.
+    """
+
+    def __init__(
+        self,
+        join: Callable[[Role], Endpoint],
+        sink: Sink,
+        info: PeerInfo,
+        session: Session,
+        admission: Admission,
+        clock: Clock,
+        timeout: float,
+    ) -> None:
+        self._join = join
+        self._sink = sink
+        self._info = info
+        self._session = session
+        self._admission = admission
+        self._monotonic = clock.monotonic
+        self._timer: Timer | None = clock.call_later(
+            timeout, self._too_late
+        )  # None once the outcome is known.
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Read the first message: one frame with the `auth` op and nothing else."""
+        if self._timer is None:
+            return
+        rosauth = self._admission.rosauth
+        if rosauth is not None and len(data) <= _MAX_AUTH_BYTES:
+            items = self._session.decode(data, binary, self._monotonic())
+            if len(items) == 1 and isinstance(items[0], ops.Auth):
+                try:
+                    role = rosauth.authenticate(items[0])
+                except NotAuthenticated as refused:
+                    self._turn_away(str(refused))
+                    return
+                self._decide()
+                self._sink.hand_over(self._join(role))
+                return
+        self._turn_away(_NO_AUTH)
+
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
+        """Called for a message over the size limit."""
+        self._turn_away(_NO_AUTH)
+
+    def closed(self, code: int, reason: str) -> None:
+        """Called when the connection has ended."""
+        self._decide()
+
+    def _turn_away(self, reason: str) -> None:
+        self._decide()
+        self._admission.log_refusal(self._info, reason)
+        self._sink.close(POLICY, reason)
+
+    def _too_late(self) -> None:
+        self._turn_away("no `auth` came in time (auth.seconds)")
+
+    def _decide(self) -> None:
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()

@@ -8,13 +8,11 @@ import threading
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
+from rwt.gateways.base import LARGE_BYTES
 from rwt_protocol.limits import has_more_brackets
 
 if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer
-
-LARGE_BYTES: Final = 64 * 1024
-"""Maximum size of a message that needs no numpy, in bytes."""
 
 _NUMBERS: Final = re.compile(rb"\xd8[\x41-\x57]")
 """CBOR tags of typed arrays except octets (RFC 8746)."""

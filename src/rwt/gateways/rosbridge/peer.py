@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.access.graph_view import STOP, canonical
 from rwt.delivery.counters import UNKNOWN
-from rwt.gateways.base import ALONE_BYTES, Arriving, ConnectedClient, UnreadFrame
-from rwt.gateways.rosbridge.numpy_loading import LARGE_BYTES
+from rwt.gateways.base import LARGE_BYTES, Arriving, ConnectedClient, UnreadFrame
 from rwt.gateways.rosbridge.ops.actions import PeerActions
 from rwt.gateways.rosbridge.ops.services import PeerServices
 from rwt.gateways.rosbridge.ops.topics import PeerTopics
@@ -88,47 +87,10 @@ class Peer(ConnectedClient[_Waiting]):
     def _tell_notice(self, text: str) -> None:
         self.replies.send(Status(level="warning", msg=f"gate: {text}"))
 
-    def receive(self, data: bytes, binary: bool) -> None:
-        """Read one frame, run its messages, and reply to those that are rejected.
-
-        Inlines :meth:`ConnectedClient.receive`, because it runs for each message.
-        """
-        received = self.sink.received
-        if received != self._received:
-            self._received = received
-            self._turn_began = self._worked
-            self._needs_turn = self._is_beyond
-        if len(data) > LARGE_BYTES and (
-            (len(data) > ALONE_BYTES and self._flow_control is not None)
-            or (self._loading is not None and self._loading.holds_up(data, binary))
-        ):
-            self._wait_unread(data, binary)
-            return
-        if (
-            self._is_held
-            or self._needs_turn
-            or self._turns.is_full
-            or self._worked - self._turn_began > CLIENT_SECONDS
-        ) and self._must_wait(len(data)):
-            if not self._stop_ahead(data, binary):
-                self._wait_unread(data, binary)
-            return
-        now = self._began = self._monotonic()
-        if self._rate is not None:
-            self._read(data, binary, now)
-        else:
-            self.messages += 1
-            if binary or not self._session.is_quick or not self._run_usual(data):
-                self._decode(data, binary, now)
-        self._worked += self._monotonic() - now
-        if self._worked - self._counted > CLIENT_SECONDS:
-            self._count_work()
-
     def _run_usual(self, data: bytes) -> bool:
-        """Run the usual `publish`, call or response in a text frame.
-
-        Returns False, and does nothing, if the frame has to be decoded.
-        """
+        """Run the usual `publish`, call or response."""
+        if not self._session.is_quick:
+            return False
         try:
             if data.startswith(PUBLISH_STARTS):
                 publish = split_publish(data)
@@ -195,15 +157,12 @@ class Peer(ConnectedClient[_Waiting]):
 
     def _end_what_waits(self, refusal: Refusal) -> None:
         """End the pending request whose response is malformed."""
-        ends = {
-            "service_response": self.services.answer_malformed,
-            "action_result": self.actions.result_malformed,
-        }
-        end = ends.get(refusal.op) if refusal.name else None
-        if end is not None:
-            # A response without a pending request is rejected in either case.
-            with suppress(ProtocolError, RobotError, AccessError):
-                end(refusal.name, refusal.id, refusal.reason)
+        # A response without a pending request is rejected in either case.
+        with suppress(ProtocolError, RobotError, AccessError):
+            if refusal.op == "service_response" and refusal.name:
+                self.services.answer_malformed(refusal.name, refusal.id, refusal.reason)
+            elif refusal.op == "action_result" and refusal.name:
+                self.actions.result_malformed(refusal.name, refusal.id, refusal.reason)
 
     def work(self, op: Op, steps: Steps) -> Op | None:
         """Run steps of a message now, and the rest in later turns. Return the report of its refusal."""

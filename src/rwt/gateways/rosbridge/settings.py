@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -13,20 +13,16 @@ from rwt_protocol.limits import MAX_MESSAGE_BYTES
 class BridgeSettings(AccessSettings):
     """All settings of a :class:`rwt.gateways.rosbridge.Bridge`."""
 
-    profile: Annotated[
-        Literal["compat", "ros1", "ros2-2024", "2.0.0"],
-        Field(description="protocol version; `compat` accepts every client"),
-    ] = "compat"
-    max_message_size: Annotated[Bytes, Field(description="largest message from a client, in bytes")] = (
-        MAX_MESSAGE_BYTES
+    profile: Literal["compat", "ros1", "ros2-2024", "2.0.0"] = Field(
+        "compat", description="protocol version; `compat` accepts every client"
     )
-    default_call_service_timeout: Annotated[
-        SecondsOrNone,
-        Field(description="timeout of service calls without one of their own, in seconds; 0: none"),
-    ] = CALL_SECONDS
-    unregister_timeout: Annotated[
-        SecondsOrNone, Field(description="seconds that a topic remains after its last rosbridge publisher")
-    ] = LINGER_SECONDS
-    bson_only_mode: Annotated[
-        bool, Field(description="BSON for every message in both directions; needs the extra `bson`")
-    ] = False
+    max_message_size: Bytes = Field(MAX_MESSAGE_BYTES, description="largest message from a client, in bytes")
+    default_call_service_timeout: SecondsOrNone = Field(
+        CALL_SECONDS, description="timeout of service calls without one of their own, in seconds; 0: none"
+    )
+    unregister_timeout: SecondsOrNone = Field(
+        LINGER_SECONDS, description="seconds that a topic remains after its last rosbridge publisher"
+    )
+    bson_only_mode: bool = Field(
+        False, description="BSON for every message in both directions; needs the extra `bson`"
+    )

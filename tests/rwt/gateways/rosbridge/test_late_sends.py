@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from rwt.delivery.deferred_sends import DeferredSends
+from rwt.delivery.fanout import DeferredSends
 from rwt.delivery.shared_graph import turns_of
 from rwt_graph.clock import SimulatedClock
 from rwt_protocol.dispatcher import Steps

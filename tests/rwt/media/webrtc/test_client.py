@@ -6,7 +6,7 @@ import pytest
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, SettingsError, TokenSettings
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_client import connect
 from rwt_client.errors import ClientError
 from rwt_transports import BadUrl

@@ -14,8 +14,7 @@ import pytest
 from aiortc import RTCDataChannel
 
 from rwt import Server
-from rwt.settings.models import Settings
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import Settings, WebRtcSettings
 from tests.rwt.media.webrtc.peers import OtherSide, other_side
 from tests.waiting import until
 

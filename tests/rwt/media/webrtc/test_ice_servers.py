@@ -16,7 +16,7 @@ import pytest
 from bench.network.nat import StunServer
 from rwt import Server
 from rwt.cli.commands.doctor import examine_ice_servers
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_transports.errors import ConnectError
 from rwt_transports.webrtc import ice_servers
 from rwt_transports.webrtc.ice_servers import BadIceServer, IceServer, probe, read_configuration

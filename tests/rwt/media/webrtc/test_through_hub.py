@@ -9,8 +9,7 @@ import pytest
 
 from rwt import Server
 from rwt.hub.hub import open_hub
-from rwt.settings.models import DialSettings, Settings
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import DialSettings, Settings, WebRtcSettings
 from rwt_client import connect
 from rwt_transports.http.routes import HttpRequest
 from rwt_transports.relay.protocol import decode_assignment, encode_request

@@ -35,7 +35,7 @@ from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.video import VideoEncoder
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_interfaces.payload import Payload
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender

@@ -17,7 +17,7 @@ from rwt.access.settings import AuthSettings, RoleSettings
 from rwt.media.webrtc import audio_topics
 from rwt.media.webrtc.audio import DATA, INFO, SAMPLE_FORMATS, AudioFormat, AudioUnreadable, read_info
 from rwt.media.webrtc.opus_encoder import OpusEncoder
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_interfaces import JAZZY
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry

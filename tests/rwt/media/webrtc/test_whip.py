@@ -19,7 +19,7 @@ from websockets.asyncio.client import connect
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
 from rwt.media.webrtc.whip import SENDERS_TOPIC
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from rwt_participant.qos import LATCHED
 from tests.rwt.media.webrtc.test_frame_size import vp8_header
 from tests.rwt.media.webrtc.test_whep import _post

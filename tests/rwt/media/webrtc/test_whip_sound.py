@@ -11,7 +11,7 @@ from av import AudioFrame
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
 from rwt.media.webrtc.audio import AudioBudget
-from rwt.settings.webrtc import WebRtcSettings
+from rwt.settings.models import WebRtcSettings
 from tests.rwt.media.webrtc.sounds import Singer, pitch, sound_peer
 from tests.rwt.media.webrtc.test_whip import Picture
 from tests.waiting import until

@@ -1,1 +1,1 @@
-"""Audit log of the gate: budget per client, file with a hash chain, and its verification."""
+"""Audit log of the gate: file with a hash chain, and its verification."""

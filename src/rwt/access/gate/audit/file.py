@@ -21,7 +21,7 @@ import msgspec
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    from rwt.access.settings.gate import AuditSettings
+    from rwt.access.settings import AuditSettings
 
 logger: Final = logging.getLogger("rwt.bridge")
 
@@ -55,7 +55,6 @@ class _ChainedFile:
 
     Args:
         path: newest file; the one before is ``NAME.1``, and so on.
-        settings: settings of the audit.
     """
 
     def __init__(self, path: Path, settings: AuditSettings) -> None:
@@ -285,13 +284,14 @@ def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
     Raises:
         OSError: the newest file cannot be read.
     """
-    traffic = traffic_file(path)
-    return heapq.merge(_lines_of(path), _lines_of(traffic) if traffic.exists() else (), key=_sequence_of)
+    streams = [_lines_of(each) for each in (path, traffic_file(path)) if each == path or each.exists()]
+    return heapq.merge(*streams, key=lambda line: number_in(line, "sequence"))
 
 
-def _sequence_of(line: Mapping[str, object]) -> int:
-    sequence = line.get("sequence")
-    return sequence if isinstance(sequence, int) else 0
+def number_in(line: Mapping[str, object], key: str) -> int:
+    """Return a number in a line; 0 if it is missing or something else."""
+    value = line.get(key)
+    return value if isinstance(value, int) else 0
 
 
 def _lines_of(path: Path) -> Iterator[Mapping[str, object]]:
@@ -332,5 +332,5 @@ def _last_head(path: Path) -> _Head | None:
         for line in reversed(lines):
             with suppress(msgspec.MsgspecError, KeyError, ValueError):
                 values = msgspec.json.decode(line, type=dict[str, object])
-                return _Head(int(str(values["line"])), _sequence_of(values), hash_of(lines[-1]))
+                return _Head(int(str(values["line"])), number_in(values, "sequence"), hash_of(lines[-1]))
     return None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from rwt.access.gate.audit.file import NO_LINE, files_of, hash_of, traffic_file
+from rwt.access.gate.audit.file import NO_LINE, files_of, hash_of, number_in, traffic_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,9 +23,7 @@ class Finding:
     """Place where an audit is not as it was written.
 
     Attributes:
-        file: file of the line.
         line: number of the line in the file, from 1.
-        text: description.
     """
 
     file: Path
@@ -40,7 +38,6 @@ class AuditReport:
     Attributes:
         faults: lines that were changed, inserted or removed.
         notes: observations that have an innocent explanation, such as rotation.
-        lines: number of lines.
         heads: last line of each file: its number in the chain, and its hash.
         has_line: True if one of the lines has the hash that was searched for.
     """
@@ -111,8 +108,8 @@ class _Stream:
         if values is not None:
             self._check_chain(place, values)
             self._check_restart(place, values)
-            self._number = _number(values, "line")
-            self.sequences.append(_number(values, "sequence"))
+            self._number = number_in(values, "line")
+            self.sequences.append(number_in(values, "sequence"))
         self._hash = hash_of(data)
         self._seen[self._hash] = place
         self._before = place
@@ -120,7 +117,7 @@ class _Stream:
         self._report.has_line |= self._hash == self._wanted_hash
 
     def _check_chain(self, place: Finding, values: Mapping[str, object]) -> None:
-        report, claimed, number = self._report, values.get("previous"), _number(values, "line")
+        report, claimed, number = self._report, values.get("previous"), number_in(values, "line")
         if self._before is None:
             if claimed != NO_LINE:
                 text = f"begins with line {number}: older lines were rotated away, or removed"
@@ -152,11 +149,6 @@ def _values_of(data: bytes) -> Mapping[str, object] | None:
         return msgspec.json.decode(data, type=dict[str, object])
     except msgspec.MsgspecError:
         return None  # A power failure cuts a line; the next one names its hash like that of any other.
-
-
-def _number(values: Mapping[str, object], key: str) -> int:
-    value = values.get(key)
-    return value if isinstance(value, int) else 0
 
 
 def _check_sequence(path: Path, streams: list[_Stream], report: AuditReport) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from rwt.access.roles import Role
-    from rwt.access.settings.gate import GateRule
+    from rwt.access.settings import GateRule
     from rwt.cli.commands.gate.trial import Outcome
     from rwt.settings import LoadedSettings
 

@@ -11,8 +11,7 @@ from rwt.access.access import Access
 from rwt.access.errors import AccessError, GateRefused
 from rwt.access.gate.rules import is_gated
 from rwt.access.graph_view import canonical
-from rwt.access.settings import SettingsError
-from rwt.access.settings.gate import AuditSettings
+from rwt.access.settings import AuditSettings, SettingsError
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.composition.graphs import make_registry
 from rwt.delivery.shared_graph import SharedGraph

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from struct import Struct as Layout
-from typing import Final, Literal
+from typing import Final
 
 import msgspec
 
@@ -21,18 +21,6 @@ PLAYBACK_STATE: Final = 5
 
 _BATCH: Final = 256 * 1024
 """Maximum bytes of one announcement; longer ones are split."""
-
-Capability = Literal[
-    "clientPublish",
-    "parameters",
-    "parametersSubscribe",
-    "time",
-    "services",
-    "connectionGraph",
-    "assets",
-    "playbackControl",
-]
-"""Optional capability of the protocol."""
 
 
 class Level(IntEnum):
@@ -80,7 +68,7 @@ def _listing(op: str, member: str, items: Sequence[bytes]) -> Frame:
 
 def server_info(
     name: str,
-    capabilities: Sequence[Capability],
+    capabilities: Sequence[str],
     encodings: Sequence[str],
     metadata: Mapping[str, str],
     session_id: str,

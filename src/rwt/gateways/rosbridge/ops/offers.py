@@ -34,7 +34,6 @@ class Provided(Generic[T]):
         self.pending: dict[str, T] = {}
 
     def _add(self, kind: str, request: T) -> str:
-        """Add a request under a new id."""
         self._count += 1
         id_ = f"{kind}:{self._name}:{self._count}"
         self.pending[id_] = request

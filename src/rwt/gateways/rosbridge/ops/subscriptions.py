@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from rwt.delivery.deadline import DeadlineWatch
-from rwt.delivery.drop_notices import DropNotices, NoticeFlow
+from rwt.delivery.drop_notices import DeadlineWatch, DropNotices, NoticeFlow
 from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.rosbridge.ops.qos import history_depth, qos_request
 from rwt_protocol.ops import Status

@@ -148,7 +148,6 @@ class PeerTopics:
             self._replies.send(Status(level="warning", msg=text, id=op.id))
 
     def _forget_publisher(self, topic: str) -> None:
-        """Remove the topic's publisher from the cache."""
         self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
         self._exact = {name: held for name, held in self._exact.items() if held.topic != topic}
 
