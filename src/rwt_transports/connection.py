@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 import anyio
 
 from rwt_protocol.extensions import imported_on_call
-from rwt_protocol.frames import Buffer
+from rwt_protocol.frames import Buffer, Framing
 from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
-    Framing,
     HangUp,
     HangUpAware,
     HoldableWire,

@@ -16,8 +16,7 @@ from collections.abc import Callable, Sequence
 from time import time_ns
 from typing import cast
 
-from rwt_protocol.frames import Buffer, Burst, Frame
-from rwt_transports.api import Framing
+from rwt_protocol.frames import Buffer, Burst, Frame, Framing
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
@@ -345,10 +344,8 @@ class Outbox:
     def _take_small(self) -> Buffer:
         ready = self.ready
         if len(ready) == 1:
-            piece, framing = ready[0], self._framing
-            data = (
-                piece.framed(self.whole, framing.joined, framing.apart) if isinstance(piece, Burst) else piece
-            )
+            piece = ready[0]
+            data = piece.framed(self._framing) if isinstance(piece, Burst) else piece
         else:
             data = b"".join(self._settle_bursts())
         ready.clear()
@@ -360,10 +357,9 @@ class Outbox:
         ready = self.ready
         if self.bursts:
             self.bursts = False
-            framing = self._framing
             for at, piece in enumerate(ready):
                 if isinstance(piece, Burst):
-                    ready[at] = piece.framed(self.whole, framing.joined, framing.apart)
+                    ready[at] = piece.framed(self._framing)
         return cast("list[Buffer]", ready)
 
     def take_pieces(self) -> tuple[Sequence[Buffer], bool]:

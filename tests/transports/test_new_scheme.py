@@ -7,9 +7,9 @@ import pytest
 from rwt import Server
 from rwt.cli import parser_for
 from rwt_client import connect
-from rwt_protocol.frames import Frame
+from rwt_protocol.frames import Frame, Framing
 from rwt_transports import BadUrl
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import SCHEMES, Scheme, parse_connect_url
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool

@@ -17,8 +17,8 @@ from functools import cache
 from itertools import count
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import Framing, TakeSteps, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import TakeSteps, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import INVALID_DATA, TOO_BIG
 from rwt_transports.websocket.extensions import DeflateTerms

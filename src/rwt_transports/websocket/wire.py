@@ -22,8 +22,8 @@ try:
 except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents, drop_message
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents, drop_message
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (
     INVALID_DATA,

@@ -16,8 +16,8 @@ from __future__ import annotations
 import logging
 import re
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import DATAGRAM_BYTES, Limits
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool

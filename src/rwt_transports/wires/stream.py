@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from rwt_transports.api import Framing, WireEvents, drop_message
+from rwt_protocol.frames import Framing
+from rwt_transports.api import WireEvents, drop_message
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 

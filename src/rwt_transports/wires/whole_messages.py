@@ -14,8 +14,8 @@ from collections.abc import Callable
 from struct import Struct
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
