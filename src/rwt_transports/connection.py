@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_transports")
 
 # Imported with the first client that agrees to compression.
-_deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websocket.deflate:deflate_server")
+_deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websocket.deflate:DeflateWire")
 
 TICK_SECONDS = 0.5
 

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import anyio
 
-from rwt_transports.asgi.messages import asgi_messages, close_bytes, close_of
+from rwt_transports.asgi.messages import AsgiWire, close_bytes, close_of
 from rwt_transports.asgi.types import Receive, Scope, Send
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.drivers.task_link import TaskLink
@@ -344,7 +344,7 @@ async def asgi_listener(
     chosen = Limits() if limits is None else limits
     state = ListenerState(
         accept,
-        asgi_messages,
+        AsgiWire,
         chosen,
         None,
         "ws",

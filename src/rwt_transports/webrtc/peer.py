@@ -26,7 +26,7 @@ from rwt_transports.webrtc.ice_servers import IceServer, configuration
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message, without_addresses
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.whole_messages import whole_messages
+from rwt_transports.wires.whole_messages import MessageWire
 
 if TYPE_CHECKING:
     from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport
@@ -234,7 +234,7 @@ class Peer:
         limits = self._terms.limits
         state = ListenerState(
             self._accept,
-            whole_messages,
+            MessageWire,
             replace(
                 limits,
                 ready_bytes=FRESH_READY_BYTES if link.is_fresh else READY_BYTES,

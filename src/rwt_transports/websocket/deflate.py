@@ -182,18 +182,12 @@ class DeflateWire(WebSocketWire):
     __slots__ = ("_compressed", "_inflater", "take_steps")
 
     def __init__(
-        self,
-        events: WireEvents,
-        terms: DeflateTerms,
-        *,
-        max_size: int,
-        strict_utf8: bool = False,
-        buffers: ReceiveBufferPool | None = None,
+        self, terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
     ) -> None:
-        super().__init__(events, max_size=max_size, strict_utf8=strict_utf8, buffers=buffers)
+        super().__init__(events, limits, buffers)
         self.take_steps: TakeSteps | None = None
         self._compressed = False  # the message under way is
-        self._inflater = _Inflater(terms.peer_keeps_context, max_size)
+        self._inflater = _Inflater(terms.peer_keeps_context, self._max_size)
         self.framing = (
             _framing_with_context(terms.window_bits)
             if terms.keeps_context
@@ -247,12 +241,3 @@ class DeflateWire(WebSocketWire):
             super()._deliver(message, binary)
         except ProtocolViolation as violation:
             self._fail(violation.code, str(violation))
-
-
-def deflate_server(
-    terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
-) -> DeflateWire:
-    """Return the wire of a client that agreed to `terms`."""
-    return DeflateWire(
-        events, terms, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
-    )
