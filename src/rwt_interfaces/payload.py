@@ -62,7 +62,6 @@ class Payload(msgspec.Struct, eq=False):
     ``_json_parts``, ``_message``, ``_spliced``, or a relayed form in ``_forms``.
 
     Attributes:
-        type: type of the message.
         is_long: True if other forms should be made in steps, by :meth:`prepare`.
     """
 

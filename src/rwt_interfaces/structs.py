@@ -40,13 +40,7 @@ def python_name(name: str) -> str:
 
 
 class MessageType:
-    """Message type.
-
-    Attributes:
-        name: two-part name, ``geometry_msgs/Twist``.
-        definition: fields and constants.
-        registry: registry of nested messages.
-    """
+    """Message type; `name` is two-part."""
 
     def __init__(self, definition: MessageDefinition, registry: Registry) -> None:
         self.name = definition.name

@@ -63,8 +63,6 @@ class GapFrame(Frame):
     """Message with a gap that each receiver's own bytes fill; :meth:`filled` returns what is sent.
 
     Args:
-        before: bytes before the gap.
-        gap: size of the gap in bytes.
         after: bytes behind the gap; large parts are shared by all receivers.
     """
 
@@ -129,9 +127,6 @@ class Burst:
     until it is large.
 
     Attributes:
-        frames: its frames; read-only.
-        is_sealed: True if it accepts no more frames.
-        size: bytes of its frames.
         members: queues that hold it; they learn its size when it is sealed.
     """
 

@@ -130,8 +130,6 @@ class Session:
         session has an exclusive encoding.
 
         Args:
-            data: the whole frame.
-            binary: True if it arrived as binary.
             now: seconds of any monotonic clock.
         """
         codec = self._codec or (codec_of(data) if binary else JSON)
@@ -158,7 +156,6 @@ class Session:
 
         Args:
             head: first bytes of its JSON text.
-            reason: error text.
 
         Returns:
             None if the head has no `id` or no `op` that arrives here, so that the sender cannot be answered.
@@ -184,13 +181,7 @@ class Session:
         size: int | None,
         id: str | int | None = None,  # as on the wire
     ) -> Sequence[Frame]:
-        """Cut a text frame longer than `size` characters into fragments (FRG-21).
-
-        Args:
-            frame: the whole message.
-            size: `fragment_size` of the client's request; None and 0: do not cut.
-            id: id of the message, used for its fragments; None: a new id (FRG-24).
-        """
+        """Cut a text frame longer than `size` characters into fragments (FRG-21)."""
         return cut(frame, size, str(id) if id is not None else "") if size else (frame,)
 
     def answer(self, op: Op) -> Frame | None:

@@ -340,7 +340,6 @@ class RemoteAddress:
         path: path of a Unix socket, or command of a program; the host is then empty.
         tls: encrypts the connection, and verifies the server; None for a plain connection.
         target: path and query of the HTTP request, for drivers that send one.
-        headers: headers of that request.
         limits: bounds of the connection, for drivers that enforce some of them.
         seconds: timeout of connecting.
         ice_servers: STUN and TURN servers, each like the W3C's ``RTCIceServer``, for drivers that use them;

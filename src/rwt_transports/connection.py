@@ -126,7 +126,6 @@ class ListenerState:
     _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> None:
-        """Add a new peer."""
         self.add((self.http or Connection)(self, link, address, port), link)
 
     def add(self, connection: PeerConnection, link: Link) -> None:
@@ -147,7 +146,6 @@ class ListenerState:
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
-        """Check the timeouts of every connection; `now` is monotonic, in seconds."""
         for connection in tuple(self.connections):
             try:
                 connection.tick(now)
@@ -157,7 +155,6 @@ class ListenerState:
                 connection.abort()
 
     def close(self, code: int, reason: str) -> None:
-        """Begin to close every connection, and accept no more."""
         self.closing = True
         for connection in tuple(self.connections):
             connection.close(code, reason)
@@ -197,7 +194,6 @@ class ListenerState:
             await self._empty.wait()
 
     def detach(self, connection: PeerConnection) -> None:
-        """Remove a connection that has ended."""
         self.connections.discard(connection)
         self.addresses.leave(connection.address)
         if not self.connections and self._empty is not None:
@@ -413,7 +409,6 @@ class Connection:
         self.outbox.push(data)
 
     def pong(self, data: bytes) -> None:
-        """Send the reply to a ping, unless the peer does not read."""
         self.outbox.push_if_read(data)
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
@@ -553,7 +548,6 @@ class _ConnectionSink(Outbox):
         self._ended_with = (ABNORMAL, "the connection was lost")
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close the connection after sending the control lane; queued data is not sent."""
         if self._connection is not None:
             self._connection.close(code, reason)
 

@@ -21,11 +21,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
 class Listener:
-    """Open listener.
-
-    Attributes:
-        url: URL with the actual port.
-    """
+    """Open listener; `url` has the actual port."""
 
     __slots__ = ("_state", "url")
 
@@ -35,7 +31,6 @@ class Listener:
 
     @property
     def connections(self) -> int:
-        """Number of connected peers, including plain HTTP."""
         return len(self._state.connections)
 
     async def ended(self) -> None:

@@ -186,10 +186,6 @@ class ListenUrl:
 def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     """Parse a URL to listen on.
 
-    Args:
-        url: for example ``ws://127.0.0.1:9090``.
-        tls: certificate and key for the schemes that encrypt.
-
     Raises:
         BadUrl: the URL is invalid; the text gives the fault and an example.
     """

@@ -22,11 +22,8 @@ class TypeSelection:
     """Types with all nested types.
 
     Attributes:
-        registry: source of the types.
         messages: messages in dependency order, including parts of services and actions, excluding times.
         times: time types that occur in them.
-        services: the services.
-        actions: the actions.
     """
 
     registry: Registry
@@ -92,11 +89,7 @@ class _Walk:
 
 
 class ClassNames:
-    """Class names of messages; the package is prepended if two packages share a name.
-
-    Args:
-        reserved: names that the generated file uses itself.
-    """
+    """Class names of messages; the package is prepended if two packages share a name."""
 
     def __init__(self, chosen: TypeSelection, reserved: Iterable[str]) -> None:
         names = [message.name for message in chosen.messages]

@@ -78,12 +78,7 @@ class Unsplittable(Exception):
 
 
 class _Span(NamedTuple):
-    """Place of one value in a text.
-
-    Attributes:
-        begin, end: offsets of its first byte, and behind its last.
-        members: members by name, of an object.
-    """
+    """Place of one value in a text, with the members of an object; `end` is behind its last byte."""
 
     begin: int
     end: int
@@ -131,11 +126,7 @@ class LargeJson:
         return (yield from self.is_exact_around()) and (yield from self.has_exact_arrays())
 
     def is_exact_around(self) -> Steps[bool]:
-        """Check that the text without its long arrays may be passed on untouched.
-
-        Raises:
-            Unsplittable: the rest of the text is large itself.
-        """
+        """Check the text without its long arrays; raises Unsplittable if that is large itself."""
         short = self._without_arrays()
         if (yield from has_many_values(short)):
             raise Unsplittable
@@ -227,8 +218,6 @@ class _Items:
 
     Attributes:
         are_octets: True for octets, which may be written as a list of numbers.
-        are_numbers: True if the items are numbers.
-        encode: encodes a list of items as JSON.
     """
 
     def __init__(self, array: field_types.Array | field_types.Octets) -> None:
@@ -590,11 +579,7 @@ def _end(data: bytes, begin: int, last: int) -> int:
 
 
 def _chunks(data: bytes, span: _Span, size: int, first: int = 0) -> Iterator[tuple[int, int]]:
-    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item.
-
-    Args:
-        first: size of the first chunk, if different.
-    """
+    """Yield the offsets of chunks of about `size` bytes, or a single item; the first of `first`, if given."""
     start, last = span.begin + 1, span.end - 1
     near = start + (first or size)
     while True:

@@ -40,12 +40,7 @@ LengthHead = Callable[[int, bool], bytes]
 
 
 class LongField:
-    """Field for long content: not in an array, of unbounded length, and not a wide string.
-
-    Attributes:
-        is_text: True for a string, False for octets.
-        fetch: returns its value in a message.
-    """
+    """Field for long content: not in an array, of unbounded length, and not a wide string."""
 
     __slots__ = ("_attributes", "fetch", "is_text")
 
@@ -156,11 +151,7 @@ class SplicedMessage:
 
     @classmethod
     def from_serialised(cls, type: MessageType, data: bytes | memoryview) -> SplicedMessage | msgspec.Struct:
-        """Decode a message; in two parts, without a copy of the long one, if it has long octets.
-
-        Raises:
-            InvalidMessage: the message does not fit.
-        """
+        """Decode a message; in two parts if it has long octets. Raises InvalidMessage."""
         message = type.deserialise_views(data)
         field = long_octets(type, message)
         if field is None:

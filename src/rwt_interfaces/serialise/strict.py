@@ -37,12 +37,7 @@ _UINT64_MAX = (1 << 64) - 1
 
 
 def strict_struct(message: MessageType, *, has_nulls: bool = True) -> type[msgspec.Struct]:
-    """Compile the Struct; nested ones come from their types.
-
-    Args:
-        message: the message type.
-        has_nulls: True if floats may be null.
-    """
+    """Compile the Struct; nested ones come from their types. With `has_nulls`, floats may be null."""
     name = message.name.partition("/")[2]
     if message.time is not None:
         return _strict_time(message.time)

@@ -21,10 +21,6 @@ def missing_fields(message: MessageType, value: object) -> tuple[str, ...]:
 
     Headers are excluded, because the server may complete them (PUB-05). A missing nested message is named
     once.
-
-    Args:
-        message: type of the value.
-        value: the message as plain objects.
     """
     return tuple(islice(_missing(message, value), _MAX_PATHS))
 

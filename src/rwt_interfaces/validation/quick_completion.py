@@ -65,10 +65,6 @@ class QuickCompletion:
     def __call__(self, raw: bytes | memoryview, now: Now) -> msgspec.Struct:
         """Return the message of a JSON text.
 
-        Args:
-            raw: the text.
-            now: ROS time in nanoseconds, for headers without a stamp.
-
         Raises:
             msgspec.MsgspecError, UnicodeDecodeError, RecursionError: the lenient decoder has to look at it.
         """
@@ -79,11 +75,7 @@ class QuickCompletion:
         return self._checked(self._decode(raw))
 
     def items(self, raw: bytes, now: Now) -> list[msgspec.Struct]:
-        """Return the messages of a JSON array, which must be short: what it lacks is not counted.
-
-        Raises:
-            msgspec.MsgspecError, UnicodeDecodeError, RecursionError: as when called.
-        """
+        """Return the messages of a JSON array, which must be short: what it lacks is not counted."""
         _moment.now = now
         return [self._checked(message) for message in self._decode_items(raw)]
 

@@ -28,12 +28,7 @@ Members = dict[str, object]
 
 @dataclass(frozen=True, slots=True)
 class DecodeFailure:
-    """Part of a frame that is not a message.
-
-    Attributes:
-        reason: error text for the sender.
-        members: members that were readable, to address the response.
-    """
+    """Part of a frame that is not a message, with the members that were readable, for the answer."""
 
     reason: str
     members: Members = field(default_factory=dict)

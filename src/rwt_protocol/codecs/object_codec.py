@@ -29,8 +29,6 @@ def members_within(
     """Same as :func:`members_of`, with a check of the depth for libraries that have none.
 
     Args:
-        found: the decoded message.
-        size: bytes of its frame.
         max_depth: maximum number of open objects and arrays, including the message.
         smallest_level: minimum bytes of a nested object.
     """

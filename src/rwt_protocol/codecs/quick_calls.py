@@ -13,12 +13,7 @@ from rwt_protocol.codecs.quick_publish import QUICK
 
 
 class UsualCall(msgspec.Struct, tag_field="op", tag="call_service", forbid_unknown_fields=True, frozen=True):
-    """Call without a timeout or other options.
-
-    Attributes:
-        args: an object, undecoded.
-        type: ignored, since the service has one (SRV-03).
-    """
+    """Call without a timeout or other options; `type` is ignored, since the service has one (SRV-03)."""
 
     service: str
     id: str | None = None
@@ -29,11 +24,7 @@ class UsualCall(msgspec.Struct, tag_field="op", tag="call_service", forbid_unkno
 class UsualResponse(
     msgspec.Struct, tag_field="op", tag="service_response", forbid_unknown_fields=True, frozen=True
 ):
-    """Response of a service that succeeded.
-
-    Attributes:
-        values: an object, undecoded.
-    """
+    """Response of a service that succeeded."""
 
     service: str
     id: str

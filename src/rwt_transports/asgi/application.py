@@ -116,13 +116,11 @@ class AsgiListener:
 
     @property
     def connections(self) -> int:
-        """Number of open WebSockets."""
         return len(self._state.connections)
 
     # -- HTTP ----------------------------------------------------------------------------------------------
 
     async def http(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
         request = self._request_of(scope)
         addresses = self._state.addresses
         addresses.enter(request.address)
@@ -186,7 +184,6 @@ class AsgiListener:
     # -- WebSocket -----------------------------------------------------------------------------------------
 
     async def websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one WebSocket until it ends."""
         if (await receive())["type"] != "websocket.connect":
             return
         request = self._request_of(scope)

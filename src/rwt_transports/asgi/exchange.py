@@ -67,7 +67,6 @@ class Exchange:
         self._read: MemoryObjectReceiveStream[bytes] | None = None
 
     async def run(self) -> None:
-        """Let the app answer."""
         try:
             await self._app(self._scope, self._receive, self._send)
         except Exception as error:

@@ -29,7 +29,6 @@ class AsgiWire(MessageWire):
     __slots__ = ()
 
     def feed(self, data: bytes) -> None:
-        """Process a header, or the message that it announced."""
         if self._over:
             return
         if self._wanted < 0:

@@ -71,12 +71,10 @@ class _StreamLink(TaskLink):
         self._finishing = False
 
     def hang_up(self) -> HangUp:
-        """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
         file = -1 if self._socket is None else self._socket.fileno()
         return HangUp.NO if file < 0 else hang_up_of(file)
 
     def delivery(self) -> Delivery:
-        """Return how much of what was sent has arrived."""
         return Delivery() if self._socket is None else delivery_of(self._socket)
 
     def finish(self) -> None:

@@ -75,9 +75,6 @@ class _LoopShare:
     Receiving and unmasking ten megabytes takes milliseconds. When many connections do so at once, those
     beyond the budget deliver their bytes in a later turn.
 
-    Args:
-        is_held_back: returns True while large messages must wait.
-
     Attributes:
         buffer: receive buffer for small messages.
         reading: turns in which large messages are received.
@@ -370,7 +367,6 @@ class _SocketLink(asyncio.BufferedProtocol):
                 return
 
     def _takes_more(self) -> bool:
-        """Return whether the socket accepts more bytes, which a write may have changed."""
         return self._writable
 
     def _gathered(self, pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
@@ -439,13 +435,11 @@ class _SocketLink(asyncio.BufferedProtocol):
             self._transport.resume_reading()
 
     def hang_up(self) -> HangUp:
-        """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
         return (
             hang_up_of(self._socket) if self._state in (_LinkState.OPEN, _LinkState.ENDING) else HangUp.GONE
         )
 
     def delivery(self) -> Delivery:
-        """Return how much of what was sent has arrived."""
         return delivery_of(self._transport.get_extra_info("socket"))
 
 

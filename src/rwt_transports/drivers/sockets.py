@@ -170,8 +170,6 @@ async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket
     """Return sockets bound to every address of `host` on one port; port 0 picks a free one.
 
     Args:
-        host: host name or address.
-        port: 0 to 65535.
         shared: join other processes that share the port; the system spreads connections over them.
 
     Raises:

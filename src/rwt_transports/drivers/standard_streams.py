@@ -39,7 +39,6 @@ class DescriptorStream(ByteStream):
         self._waits_to_write = _is_pipe(write_to)
 
     async def receive(self, max_bytes: int = 65536) -> bytes:
-        """Return the next bytes. Raises :exc:`anyio.EndOfStream` when the other side has closed."""
         await anyio.lowlevel.checkpoint()
         try:
             if self._waits_to_read:

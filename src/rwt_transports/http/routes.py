@@ -51,9 +51,7 @@ class HttpResponse:
     Attributes:
         body: whole body, or an iterator of chunks that are sent as they come; the iterator is closed when
             the peer disconnects.
-        status: HTTP status.
         content_type: value of the ``Content-Type`` header.
-        headers: further headers.
         cookies: ``Set-Cookie`` headers, which cannot be joined into one (RFC 6265 section 3).
         is_live: True if late chunks are worthless: the next one is requested when the one before has arrived.
     """
@@ -173,7 +171,6 @@ class HttpExtension(Generic[AnyReader]):
     """HTTP routes and metrics that a node or a gateway adds to the server. A node has it as its `http`.
 
     Attributes:
-        routes: pages.
         section: returns HTML for the index page, limited to what the reader may see.
         metrics: returns metrics for ``/metrics``.
     """
@@ -216,7 +213,6 @@ class Routes:
         self._handlers.setdefault(path, {})[method.upper()] = handler
 
     def get(self, path: str, handler: Handler) -> None:
-        """Serve ``GET`` and ``HEAD`` of `path`."""
         self.add(path, handler, "GET")
 
     @property
@@ -294,11 +290,7 @@ class Proxies:
         return found is not None and any(found in network for network in self._networks)
 
     def resolve(self, address: str, headers: dict[str, str]) -> tuple[str, str]:
-        """Return the address and the prefix of the client behind a request, and reduce `headers` to its own.
-
-        Args:
-            headers: names in lower case; changed in place.
-        """
+        """Return the address and the prefix of the client behind a request, and reduce `headers` in place."""
         given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}
         if address not in self:
             return address, ""

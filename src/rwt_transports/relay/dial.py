@@ -271,10 +271,8 @@ class _IdleConnection:
     """Endpoint of a connection to the hub, until its client's endpoint takes over.
 
     Attributes:
-        address: address of the client.
         has_client: True if a client was assigned to it, admitted or not.
         code: close code; 0 if a client's endpoint took over.
-        ending: close code and reason.
     """
 
     def __init__(

@@ -135,10 +135,6 @@ class Peer:
     async def take_description(self, description: Description, kind: str) -> None:
         """Apply the other side's description.
 
-        Args:
-            description: what was read of it.
-            kind: ``offer`` or ``answer``.
-
         Raises:
             BadDescription: it cannot be used.
         """
@@ -184,7 +180,6 @@ class Peer:
         """Add candidates of the other side.
 
         Args:
-            candidates: the candidates.
             size: bytes of the request with them.
 
         Raises:
@@ -250,14 +245,12 @@ class Peer:
         state.add(Connection(state, link, self._address, 0), link)
 
     def tick(self) -> None:
-        """Check the time-outs of its connections."""
         now = monotonic()
         for state in self._states:
             state.tick(now)
 
     @property
     def channels(self) -> int:
-        """Data channels that are open."""
         return sum(bool(state.connections) for state in self._states)
 
     @property
@@ -287,7 +280,6 @@ class Peer:
                 callback()
 
     def when_ended(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once, when it has ended."""
         self._when_ended.append(callback)
 
     async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:

@@ -65,10 +65,6 @@ class Description:
 def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Description:
     """Parse an offer or an answer.
 
-    Args:
-        body: the description in UTF-8.
-        most_candidates: maximum number of remote candidates.
-
     Raises:
         BadDescription: it cannot be used; says why.
     """

@@ -21,9 +21,6 @@ _SWITCHING = b"101"
 class ClientHandshake:
     """Opening handshake of a client.
 
-    Args:
-        headers: request headers beside those of the handshake.
-
     Attributes:
         request: request to send first.
     """

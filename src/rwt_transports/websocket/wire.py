@@ -352,7 +352,6 @@ class WebSocketWire:
         self._is_held = True
 
     def go_on(self) -> None:
-        """Read the bytes received meanwhile."""
         self._is_held = False
         self.feed(b"")
 

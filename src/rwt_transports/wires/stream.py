@@ -17,13 +17,7 @@ PART_BYTES = 64 * 1024
 
 
 class StreamWire(ABC):
-    """Buffer of received bytes, from which a subclass takes messages.
-
-    Args:
-        events: receiver of the wire's events, except messages.
-        limits: limits of the peer.
-        buffers: pool that counts the bytes of incomplete large messages.
-    """
+    """Buffer of received bytes, from which a subclass takes messages."""
 
     __slots__ = ("_buffer", "_buffers", "_events", "_max_size", "_over", "_part", "message")
 

@@ -67,8 +67,6 @@ class PacedSender(RTCRtpSender):
         """Convert the sender of a peer connection, before it starts.
 
         Args:
-            sender: sender of the track.
-            controller: determines the rate.
             on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
             on_keyframe: called if the receiver needs a key frame.
         """

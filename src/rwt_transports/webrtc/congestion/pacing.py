@@ -27,8 +27,6 @@ class Pacer:
         """Count a packet.
 
         Args:
-            size: bytes.
-            rate: bits per second on average.
             burst_rate: bits per second now; None for :data:`FACTOR` times the average.
         """
         bits = 8 * size
