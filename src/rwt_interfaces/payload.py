@@ -385,7 +385,8 @@ class Payload(msgspec.Struct, eq=False):
         """Return the message in two parts if most of it is one long string or octets."""
         if self._spliced is None and self.type.long_fields:
             if self._string is not None:
-                self._spliced = self._of_string(self._string)
+                short = self.type.json.decode(self._string.text)
+                self._spliced = SplicedMessage.from_string(self.type, short, self._string)
                 self._string = None
             elif self._is_relayed and self.type.long_octets_fields:
                 found = SplicedMessage.from_serialised(self.type, self._serialised())
@@ -397,9 +398,6 @@ class Payload(msgspec.Struct, eq=False):
                 field = long_octets(self.type, self._encodable())
                 self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
         return self._spliced
-
-    def _of_string(self, string: LongString) -> SplicedMessage | None:
-        return SplicedMessage.from_string(self.type, self.type.json.decode(string.text), string)
 
     def value(self) -> msgspec.Struct:
         """Return the message as its type's Struct. It is shared: treat it as read-only.

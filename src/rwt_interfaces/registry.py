@@ -51,6 +51,11 @@ _OTHER_LANGUAGES: Final = {
 }
 
 _Definition = MessageDefinition | ServiceDefinition | ActionDefinition
+_PARSERS: Final[dict[Kind, Callable[..., _Definition]]] = {
+    "msg": parser.parse_message,
+    "srv": parser.parse_service,
+    "action": parser.parse_action,
+}
 _Found = TypeVar("_Found", bound=_Definition)
 _Type = TypeVar("_Type", MessageType, ServiceType, ActionType)
 
@@ -70,18 +75,6 @@ class Registry:
         distro: distribution of the standard types and of the spelling of :meth:`type_name`.
         advice: end of the text of errors about unknown types: how to add them.
     """
-
-    __slots__ = (
-        "_actions",
-        "_definitions",
-        "_lock",
-        "_messages",
-        "_services",
-        "_type_names",
-        "_user",
-        "advice",
-        "distro",
-    )
 
     def __init__(self, distro: Distro = JAZZY) -> None:
         self.distro = distro
@@ -217,11 +210,7 @@ class Registry:
                 self._messages, self._services, self._actions = {}, {}, {}
 
     def _parse(self, kind: Kind, name: str, text: str, source: str) -> _Definition:
-        if kind == "msg":
-            return parser.parse_message(text, name, source=source, distro=self.distro)
-        if kind == "srv":
-            return parser.parse_service(text, name, source=source, distro=self.distro)
-        return parser.parse_action(text, name, source=source, distro=self.distro)
+        return _PARSERS[kind](text, name, source=source, distro=self.distro)
 
     # Definitions
 

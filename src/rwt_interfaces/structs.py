@@ -57,6 +57,11 @@ class MessageType:
         """Set when this message is itself a time: builtin_interfaces/Time or Duration."""
         return field_types.time_type(self.name, self.registry.distro)
 
+    @property
+    def parts(self) -> tuple[MessageType, ...]:
+        """The message itself."""
+        return (self,)
+
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
         """The fields, resolved; raises UnknownType for a nested message without a definition."""

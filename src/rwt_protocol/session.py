@@ -76,23 +76,6 @@ class Session:
             client requests `status` messages about successes or defaults, which need the whole op.
     """
 
-    __slots__ = (
-        "_can_be_quick",
-        "_codec",
-        "_direction",
-        "_inside",
-        "_level",
-        "_limits",
-        "_max_size",
-        "_profile",
-        "_readers",
-        "_reassembly",
-        "call",
-        "encode",
-        "is_quick",
-        "response",
-    )
-
     def __init__(
         self,
         profile: Profile = COMPAT,

@@ -50,22 +50,6 @@ class MessageJson:
         check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
-    __slots__ = (
-        "_complete",
-        "_decode",
-        "_kinds",
-        "_message",
-        "_octets",
-        "_pack",
-        "_sendable",
-        "_texts",
-        "_unsendable",
-        "check",
-        "has_arrays",
-        "has_lists",
-        "strict",
-    )
-
     def __init__(self, message: MessageType) -> None:
         self.strict = strict_struct(message)
         self._sendable: type[msgspec.Struct] | None = None

@@ -7,6 +7,7 @@ neither decoded nor copied, except between base64 and octets, once.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import copy
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -201,8 +202,9 @@ class SplicedMessage:
 
     def numbered(self, number: int) -> SplicedMessage:
         """Return the same message with that `header.seq`."""
-        short = put(self._short, ("header", "seq"), number)
-        return SplicedMessage(short, self._field, self._token, self._content, self._octets, self._unescaped)
+        numbered = copy(self)
+        numbered._short = put(self._short, ("header", "seq"), number)
+        return numbered
 
     def value(self) -> msgspec.Struct:
         """Return the whole message."""
@@ -233,12 +235,7 @@ class SplicedMessage:
 
     def detached(self) -> SplicedMessage:
         """Return the message without references to the receive buffer."""
-        content, octets = self._content, self._octets
-        return SplicedMessage(
-            self._short,
-            self._field,
-            self._token,
-            None if content is None else bytes(content),
-            None if octets is None else bytes(octets),
-            self._unescaped,
-        )
+        detached = copy(self)
+        detached._content = None if self._content is None else bytes(self._content)
+        detached._octets = None if self._octets is None else bytes(self._octets)
+        return detached

@@ -124,21 +124,3 @@ def encoding_of(compression: str) -> Encoding:
     """Return the encoding that `compression` selects; unknown words select none (SUB-10)."""
     found = CODECS.get(compression)
     return CODECS["none"] if found is None or found.exclusive is not None else found
-
-
-__all__ = [
-    "CODECS",
-    "JSON",
-    "SELECTABLE",
-    "Codec",
-    "Encoding",
-    "Form",
-    "JsonCodec",
-    "PublishEncoder",
-    "bson_codec",
-    "cbor_codec",
-    "codec_of",
-    "decode_png",
-    "encoding_of",
-    "load_encoding",
-]

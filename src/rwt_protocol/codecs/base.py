@@ -33,6 +33,11 @@ class DecodeFailure:
     reason: str
     members: Members = field(default_factory=dict)
 
+    @classmethod
+    def too_deep(cls, max_depth: int, members: Members | None = None) -> DecodeFailure:
+        """Return the failure of a message that is nested too deeply."""
+        return cls(f"nested more than {max_depth} levels deep (limits.max_depth)", members or {})
+
 
 class TooMuchStructure(Exception):
     """The frame exceeds the limit of items and short strings, which cost much memory per byte."""
