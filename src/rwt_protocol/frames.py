@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 Buffer = bytes | memoryview
 
@@ -112,13 +111,6 @@ class Framing:
     apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None
 
 
-class BurstMember(Protocol):
-    """Queue that accepted a burst."""
-
-    def sealed(self, frames: int, size: int) -> None:
-        """Called when the burst is sealed, with the number and total size of the frames after its first."""
-
-
 class Burst:
     """Frames of one stream that leave together.
 
@@ -127,7 +119,7 @@ class Burst:
     until it is large.
 
     Attributes:
-        members: queues that hold it; they learn its size when it is sealed.
+        members: called once it is sealed, with the number and total size of the frames after its first.
     """
 
     __slots__ = ("_apart", "_filled", "_first", "_framed", "frames", "is_sealed", "members", "size")
@@ -138,7 +130,7 @@ class Burst:
     def __init__(self, frame: Frame) -> None:
         self.frames = [frame]
         self._first = self.size = frame.size
-        self.members: list[BurstMember] = []
+        self.members: list[Callable[[int, int], None]] = []
         self.is_sealed = False
         # By identity of framings' functions, which connections share.
         self._framed: dict[object, bytes] = {}
@@ -164,7 +156,7 @@ class Burst:
         if added:
             size = self.size - self._first
             for member in members:
-                member.sealed(added, size)
+                member(added, size)
 
     def filled(self, own: bytes) -> Burst:
         """Return the burst with these bytes in its frames' gaps, shared by receivers with equal bytes."""
@@ -217,8 +209,8 @@ class FilledBurst(Burst):
         return self._all.size
 
     @property
-    def members(self) -> list[BurstMember]:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
-        """Queues that hold the common burst in any form."""
+    def members(self) -> list[Callable[[int, int], None]]:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
+        """Members of the common burst in any form."""
         return self._all.members
 
     def add(self, frame: Frame) -> bool:

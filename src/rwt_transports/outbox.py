@@ -71,7 +71,7 @@ class OutboxFlow:
         outbox.bursts = True
         outbox.room = room - size
         outbox.messages += 1
-        burst.members.append(outbox)
+        burst.members.append(outbox.sealed)
         return True
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
@@ -196,7 +196,7 @@ class Outbox:
         self.messages += 1
 
     def sealed(self, frames: int, size: int) -> None:
-        """Count the growth of a ready burst; implements :class:`rwt_protocol.frames.BurstMember`."""
+        """Count the growth of a ready burst."""
         self.messages += frames
         self.room -= size
 

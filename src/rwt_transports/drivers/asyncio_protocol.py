@@ -16,7 +16,6 @@ from time import monotonic
 from typing import Final, cast
 from weakref import WeakValueDictionary
 
-import anyio
 from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Buffer
@@ -31,12 +30,12 @@ from rwt_transports.api import (
     Link,
     RemoteAddress,
 )
+from rwt_transports.background import background_tasks
 from rwt_transports.drivers.sockets import (
     UNSENT_BYTES,
     Handshakes,
     accept_peers,
-    bind_tcp,
-    bind_unix,
+    bind,
     delivery_of,
     detect_lost_peers,
     hang_up_of,
@@ -485,13 +484,8 @@ class AsyncioDriver:
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         loop = asyncio.get_running_loop()
-        sockets = (
-            [bind_unix(address.path)]
-            if address.path
-            else await bind_tcp(address.host, address.port, shared=address.shared)
-        )
+        sockets, port = await bind(address)
         share = _share_of(address.is_held_back)
-        port = 0 if address.path else int(sockets[0].getsockname()[1])
         patience = address.handshake_seconds if address.tls else None
         addresses, handshakes = address.addresses, Handshakes()
 
@@ -523,7 +517,7 @@ class AsyncioDriver:
                     log_exception("a new connection failed")
 
         try:
-            async with anyio.create_task_group() as tasks:
+            async with background_tasks() as tasks:
                 for each in sockets:
                     each.listen(BACKLOG)
                     tasks.start_soon(
@@ -532,7 +526,6 @@ class AsyncioDriver:
                         lambda accepted: tasks.start_soon(open_link, accepted),
                     )
                 yield port
-                tasks.cancel_scope.cancel()
         finally:
             for each in sockets:
                 with contextlib.suppress(ValueError, NotImplementedError):

@@ -18,7 +18,7 @@ from typing import Final, TypeVar
 import anyio
 import anyio.lowlevel
 
-from rwt_transports.api import Delivery, HangUp
+from rwt_transports.api import BindAddress, Delivery, HangUp
 from rwt_transports.errors import ListenError
 
 if sys.platform != "win32":
@@ -164,6 +164,18 @@ def raise_descriptor_limit() -> None:
         logger.debug("%d open files are the limit: %s", soft, error)
     else:
         logger.debug("%d open files are the limit, up from %d", wanted, soft)
+
+
+async def bind(address: BindAddress) -> tuple[list[socket.socket], int]:
+    """Return sockets bound to a TCP address or the path of a Unix socket, and the TCP port or 0.
+
+    Raises:
+        ListenError: the address is not available.
+    """
+    if address.path:
+        return [bind_unix(address.path)], 0
+    sockets = await bind_tcp(address.host, address.port, shared=address.shared)
+    return sockets, int(sockets[0].getsockname()[1])
 
 
 async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket.socket]:

@@ -63,9 +63,22 @@ class HttpResponse:
     cookies: tuple[str, ...] = ()
     is_live: bool = False
 
+    @classmethod
+    def refusing(cls, refused: Refused) -> HttpResponse:
+        """Return a refusal as plain text."""
+        return cls(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+
 
 Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]
 """Handler of a route: a plain function, or a coroutine function, which runs in its own task."""
+
+
+def joined_headers(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Return headers by name; the values of repeated ones are joined with a comma."""
+    headers: dict[str, str] = {}
+    for name, value in pairs:
+        headers[name] = f"{headers[name]}, {value}" if name in headers else value
+    return headers
 
 
 class Work(Protocol):
@@ -114,7 +127,7 @@ AnyReader = TypeVar("AnyReader", default=Reader, contravariant=True)
 
 def refusal_as_text(request: HttpRequest, refused: Refused) -> HttpResponse:
     """Return a refusal as plain text."""
-    return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+    return HttpResponse.refusing(refused)
 
 
 class Audience(Enum):

@@ -360,6 +360,6 @@ async def answering(
     try:
         return await handler(request)
     except Refused as refused:
-        return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+        return HttpResponse.refusing(refused)
     except BadDescription as error:
         return HttpResponse(f"{error}\n".encode(), 400)

@@ -12,7 +12,7 @@ itself, which makes small messages much smaller and costs time and memory for ea
 from __future__ import annotations
 
 import zlib
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from functools import cache
 from itertools import count
 from typing import Final
@@ -90,19 +90,16 @@ def shared_framing(bits: int) -> Framing:
         packed = _Deflater(bits).pack(frame)
         return server_whole(frame) if len(packed) >= frame.size else _compressed_frame(packed, frame.binary)
 
+    return _framing(whole, shared=True)
+
+
+def _framing(whole: Callable[[Frame], bytes], *, shared: bool) -> Framing:
     def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        return server_pieces(frame) if frame.size > LARGEST_BYTES else (frame.framed(whole),)
+        if frame.size > LARGEST_BYTES:
+            return server_pieces(frame)
+        return (frame.framed(whole) if shared else whole(frame),)
 
-    return Framing(whole, pieces)
-
-
-def _framing_with_context(bits: int) -> Framing:
-    whole = _Deflater(bits).whole
-
-    def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        return server_pieces(frame) if frame.size > LARGEST_BYTES else (whole(frame),)
-
-    return Framing(whole, pieces, shared=False)
+    return Framing(whole, pieces, shared)
 
 
 class _Inflater:
@@ -189,7 +186,7 @@ class DeflateWire(WebSocketWire):
         self._compressed = False  # the message under way is
         self._inflater = _Inflater(terms.peer_keeps_context, self._max_size)
         self.framing = (
-            _framing_with_context(terms.window_bits)
+            _framing(_Deflater(terms.window_bits).whole, shared=False)
             if terms.keeps_context
             else shared_framing(terms.window_bits)
         )
