@@ -10,9 +10,17 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
-from rwt_interfaces.serialise import large_json
-from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse, require_quick_numbers
-from rwt_interfaces.serialise.large_json import MAX_LENIENT_VALUES, MAX_VALUES, LargeJson, has_many_values
+from rwt_interfaces.serialise.json import (
+    MAX_LENIENT_VALUES,
+    MAX_VALUES,
+    REJECTIONS,
+    SEQUENCE,
+    Unsplittable,
+    begins_too_deep,
+    has_many_values,
+    parse,
+    require_quick_numbers,
+)
 from rwt_interfaces.serialise.long_lists import plain, plain_lists
 from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, substituted
 from rwt_interfaces.serialise.splice import (
@@ -27,6 +35,7 @@ from rwt_interfaces.steps import Steps, finished
 from rwt_interfaces.validation.lenient_decoder import Completion
 
 if TYPE_CHECKING:
+    from rwt_interfaces.serialise.large_json import LargeJson
     from rwt_interfaces.structs import BinaryForm, MessageType
 
 LONG_STRING_BYTES: Final = 4096
@@ -149,9 +158,9 @@ class Payload(msgspec.Struct, eq=False):
             else:
                 return cls(message_type, raw, is_long=is_long)
         if len(raw) > SLOW_BYTES and codec.has_lists:
-            large = yield from LargeJson.split(message_type, raw)
+            large = yield from message_type.large_json.split(raw)
             if large is not None:
-                with suppress(large_json.Unsplittable):
+                with suppress(Unsplittable):
                     return (yield from _split(message_type, raw, large, now, is_dense=is_dense))
         if len(raw) > WHOLE_BYTES:
             if (yield from has_many_values(raw)):
@@ -210,7 +219,7 @@ class Payload(msgspec.Struct, eq=False):
         cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
     ) -> Steps[Payload]:
         """Same as :meth:`from_value` for a mapping, long lists in steps; raises InvalidMessage."""
-        message = yield from large_json.complete_values(message_type, value, now or time.time_ns)
+        message = yield from message_type.large_json.complete_values(value, now or time.time_ns)
         if message is None:
             return cls.from_value(message_type, value, now)
         return cls(message_type, None, message, is_long=True)
@@ -312,7 +321,7 @@ class Payload(msgspec.Struct, eq=False):
                 continue
             if form == "json":
                 if self._json is None and self._json_parts is None and has_lists:
-                    self._json_parts = yield from large_json.encode(self.type, self._encodable())
+                    self._json_parts = yield from self.type.large_json.encode(self._encodable())
                 if self._json is None and self._json_parts is None:
                     self._json_parts = yield from self._text_in_steps()
                 continue
@@ -331,7 +340,7 @@ class Payload(msgspec.Struct, eq=False):
             else:
                 large = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
-                    large = yield from LargeJson.split(self.type, self.json())
+                    large = yield from self.type.large_json.split(self.json())
                 short, lists = (self._encodable(), {}) if large is None else (yield from large.apart())
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
@@ -458,7 +467,7 @@ class Payload(msgspec.Struct, eq=False):
     def numbered(self, number: int) -> Payload:
         """Return the message with that `header.seq`; its type must have one."""
         parts = (self._json,) if self._json is not None else self._json_parts
-        found = None if parts is None or self._string is not None else large_json.SEQUENCE.match(parts[0])
+        found = None if parts is None or self._string is not None else SEQUENCE.match(parts[0])
         if parts is None or found is None:
             spliced = self._apart()
             if spliced is not None:

@@ -23,6 +23,7 @@ from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struc
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import MessageJson
+    from rwt_interfaces.serialise.large_json import LargeMessages
     from rwt_interfaces.serialise.long_lists import Chunks
     from rwt_interfaces.serialise.long_strings import Parts
     from rwt_interfaces.serialise.splice import LengthHead, LongField
@@ -121,6 +122,13 @@ class MessageType:
         from rwt_interfaces.serialise.json import MessageJson
 
         return MessageJson(self)
+
+    @cached_property
+    def large_json(self) -> LargeMessages:
+        """Decodes and encodes large messages of this type in steps."""
+        from rwt_interfaces.serialise.large_json import LargeMessages
+
+        return LargeMessages(self)
 
     @cached_property
     def has_sequence(self) -> bool:

@@ -100,6 +100,35 @@ class MessageJson:
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
 
 
+MAX_VALUES: Final = 1 << 18
+"""Maximum number of values of a text that is decoded at once, estimated by its commas and braces."""
+MAX_LENIENT_VALUES: Final = 1 << 15
+"""The same for a text that has to be completed value by value."""
+WINDOW_BYTES: Final = 1 << 18
+SEQUENCE: Final = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
+"""A message in JSON up to its `header.seq`, in the usual place."""
+
+
+class Unsplittable(Exception):
+    """The text cannot be split into chunks: it is not JSON, or holds many values in an unusual place."""
+
+
+def has_many_values(data: RawText, most: int = MAX_VALUES) -> Steps[bool]:
+    """Return True, in steps, if a text may hold so many values that it may not be decoded at once."""
+    if len(data) <= most:
+        return False
+    text = bytes(data)
+    found = 0
+    for start in range(0, len(text), WINDOW_BYTES):
+        if start:
+            yield
+        stop = start + WINDOW_BYTES
+        found += text.count(b",", start, stop) + text.count(b"{", start, stop)
+        if found > most:
+            return True
+    return False
+
+
 MOST_SLOW_NUMBERS: Final = 1000
 """Maximum number of three-digit exponents in a peer's text. msgspec takes 10 microseconds for each number
 near the limits of a float, hundreds of times as long as for others."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
@@ -22,7 +22,16 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Slot
-from rwt_interfaces.serialise.json import REJECTIONS, items_encoder, parse
+from rwt_interfaces.serialise.json import (
+    MAX_LENIENT_VALUES,
+    REJECTIONS,
+    SEQUENCE,
+    WINDOW_BYTES,
+    Unsplittable,
+    has_many_values,
+    items_encoder,
+    parse,
+)
 from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
 from rwt_interfaces.serialise.splice import put
@@ -41,13 +50,6 @@ SLOW_CHUNK_BYTES: Final = 1 << 12
 """Bytes of an array that are decoded in one step where values are completed one by one."""
 MAX_GROWTH_BYTES: Final = 1_000_000
 """Bytes that the messages of an array may grow before the fields that they lack are counted."""
-MAX_VALUES: Final = 1 << 18
-"""Maximum number of values of a text that is decoded at once, estimated by its commas and braces."""
-MAX_LENIENT_VALUES: Final = 1 << 15
-"""The same for a text that has to be completed value by value."""
-SEQUENCE: Final = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
-"""A message in JSON up to its `header.seq`, in the usual place."""
-_WINDOW_BYTES: Final = 1 << 18
 _MAX_MEMBERS: Final = 256
 """Members of an object that are looked at one by one in a step."""
 _MAX_DEPTH: Final = 16
@@ -73,10 +75,6 @@ _skip: Final = msgspec.json.Decoder(msgspec.Raw).decode
 _Path = tuple[Slot, ...]
 
 
-class Unsplittable(Exception):
-    """The text cannot be split into chunks: it is not JSON, or holds many values in an unusual place."""
-
-
 class _Span(NamedTuple):
     """Place of one value in a text, with the members of an object; `end` is behind its last byte."""
 
@@ -91,6 +89,15 @@ class _Array(NamedTuple):
     path: _Path
     items: _Items
     span: _Span
+
+
+class LargeMessages:
+    """Large messages of one type, which are split, completed and encoded in steps."""
+
+    def __init__(self, message: MessageType) -> None:
+        self.split: Callable[[RawText], Steps[LargeJson | None]] = partial(LargeJson.split, message)
+        self.complete_values = partial(_complete_values, message)
+        self.encode = partial(_encode, message)
 
 
 class LargeJson:
@@ -421,7 +428,7 @@ def _place(message: MessageType, path: str) -> list[float]:
     return [math.inf]
 
 
-def complete_values(
+def _complete_values(
     message: MessageType, value: Mapping[str, object], now: Callable[[], int]
 ) -> Steps[msgspec.Struct | None]:
     """Complete a message of plain values, its long lists in steps; None if it has none.
@@ -454,7 +461,7 @@ def _without_lists(
     return short
 
 
-def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
+def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
     """Encode a message as JSON in steps; return None if it has no long lists."""
     short = value
     lists: list[Parts] = []
@@ -488,25 +495,9 @@ def _spliced(message: MessageType, short: msgspec.Struct, lists: list[Parts]) ->
     return tuple(joined)
 
 
-def has_many_values(data: RawText, most: int = MAX_VALUES) -> Steps[bool]:
-    """Return True, in steps, if a text may hold so many values that it may not be decoded at once."""
-    if len(data) <= most:
-        return False
-    text = bytes(data)
-    found = 0
-    for start in range(0, len(text), _WINDOW_BYTES):
-        if start:
-            yield
-        stop = start + _WINDOW_BYTES
-        found += text.count(b",", start, stop) + text.count(b"{", start, stop)
-        if found > most:
-            return True
-    return False
-
-
 def _is_unusual(chunk: bytes) -> Steps[bool]:
     """Return True if a chunk, which is one item then, may not be decoded at once."""
-    return len(chunk) > _WINDOW_BYTES and (yield from has_many_values(chunk))
+    return len(chunk) > WINDOW_BYTES and (yield from has_many_values(chunk))
 
 
 def _long_arrays(message: MessageType, data: bytes, span: _Span, path: _Path) -> Iterator[_Array]:
