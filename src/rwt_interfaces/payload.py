@@ -25,6 +25,7 @@ from rwt_interfaces.serialise.long_lists import plain, plain_lists
 from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, substituted
 from rwt_interfaces.serialise.splice import (
     LONG_TEXT_CHARS,
+    LongField,
     SplicedMessage,
     json_of_text,
     long_octets,
@@ -323,7 +324,9 @@ class Payload(msgspec.Struct, eq=False):
                 if self._json is None and self._json_parts is None and has_lists:
                     self._json_parts = yield from self.type.large_json.encode(self._encodable())
                 if self._json is None and self._json_parts is None:
-                    self._json_parts = yield from self._text_in_steps()
+                    field = self._long_text()
+                    if field is not None:
+                        self._json_parts = yield from json_of_text(self.type, self.value(), field)
                 continue
             name = self.type.registry.distro.serialisation if form == "serialised" else form
             if self._forms is not None and name in self._forms:
@@ -332,8 +335,9 @@ class Payload(msgspec.Struct, eq=False):
             if spliced is not None:
                 yield from spliced.octets_in_steps()
             elif not has_lists:
-                text = text or self._text_apart()
-                if text is not None:
+                field = self._long_text()
+                if field is not None:
+                    text = text or SplicedMessage.from_text(self.value(), field)
                     yield from text.octets_in_steps()
                     made = text.binary(*self.type.binary_encoder(name))
                     self._forms = {**(self._forms or {}), name: made}
@@ -345,15 +349,8 @@ class Payload(msgspec.Struct, eq=False):
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
 
-    def _text_apart(self) -> SplicedMessage | None:
-        message = self._message
-        field = None if message is None else long_text(self.type, message)
-        return None if field is None else SplicedMessage.from_text(self.value(), field)
-
-    def _text_in_steps(self) -> Steps[Parts | None]:
-        message = self._message
-        field = None if message is None else long_text(self.type, message)
-        return None if field is None else (yield from json_of_text(self.type, self.value(), field))
+    def _long_text(self) -> LongField | None:
+        return None if self._message is None else long_text(self.type, self._message)
 
     def plain(self) -> object:
         """Return the message as dicts, lists and scalars, octets as bytes."""

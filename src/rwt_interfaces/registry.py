@@ -232,7 +232,7 @@ class Registry:
         if isinstance(found, MessageDefinition):
             return found
         return (
-            self._service_part(package, name)
+            self._part(self._service_definition, actionlib.SERVICE_PARTS, package, name)
             or self._action_part(package, name)
             or self._wrapper(package, name)
             or self._introspected(package, name)
@@ -271,15 +271,16 @@ class Registry:
             package, name.removesuffix("Action")
         )
 
-    def _service_part(self, package: str, name: str) -> MessageDefinition | None:
-        short, part = actionlib.split_part(name, actionlib.SERVICE_PARTS)
-        service = self._service_definition(package, short) if short else None
-        return None if service is None else _parts(service)[actionlib.SERVICE_PARTS.index(part)]
+    def _part(
+        self, find: Callable[[str, str], _Found | None], suffixes: tuple[str, ...], package: str, name: str
+    ) -> MessageDefinition | None:
+        """Return the request of a service, the goal of an action and so on."""
+        short, part = actionlib.split_part(name, suffixes)
+        found = find(package, short) if short else None
+        return None if found is None else _parts(found)[suffixes.index(part)]
 
     def _action_part(self, package: str, name: str) -> MessageDefinition | None:
-        short, part = actionlib.split_part(name, actionlib.ACTION_PARTS)
-        action = self._action_definition(package, short) if short else None
-        return None if action is None else _parts(action)[actionlib.ACTION_PARTS.index(part)]
+        return self._part(self._action_definition, actionlib.ACTION_PARTS, package, name)
 
     def _wrapper(self, package: str, name: str) -> MessageDefinition | None:
         for which in actionlib.WRAPPERS:

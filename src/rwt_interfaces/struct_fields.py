@@ -49,7 +49,8 @@ def default_maker(field_type: FieldType) -> Callable[[], object]:
             octets = bytes(field_type.length or 0)
             return lambda: octets
         case field_types.Array():
-            return _array_default(_scalar_type(field_type.element), field_type.length or 0)
+            element, length = _scalar_type(field_type.element), field_type.length
+            return (lambda: [element() for _ in range(length)]) if length else list
         case _:
             return _scalar_type(field_type)
 
@@ -68,12 +69,6 @@ def _scalar_type(field_type: field_types.Scalar) -> type[object]:
             return time_struct(field_type)
         case field_types.Message():
             return field_type.type.struct
-
-
-def _array_default(element: Callable[[], object], length: int) -> Callable[[], object]:
-    if length == 0:
-        return list
-    return lambda: [element() for _ in range(length)]
 
 
 def slot_default(slot: Slot) -> Callable[[], object]:

@@ -17,6 +17,7 @@ from time import time_ns
 from typing import cast
 
 from rwt_protocol.frames import Buffer, Burst, Frame, Framing
+from rwt_transports.background import ignore
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
@@ -302,7 +303,9 @@ class Outbox:
 
     def stop_sending(self) -> None:
         """Drop both lanes, and accept no further frames."""
-        self._discard_lanes()
+        self._control.clear()
+        self._control_bytes = 0
+        self._data.clear()
         self._settle_bursts()
         self._closed = True
         self.room = 0
@@ -314,12 +317,7 @@ class Outbox:
         self._large = 0
         self._begun.clear()
         self._on_empty = None
-        self._overflow = _ignore  # Break the cycle: the connection refers to this outbox.
-
-    def _discard_lanes(self) -> None:
-        self._control.clear()
-        self._control_bytes = 0
-        self._data.clear()
+        self._overflow = ignore  # Break the cycle: the connection refers to this outbox.
 
     def when_empty(self, callback: Callable[[], None]) -> None:
         self._on_empty = callback
@@ -444,7 +442,3 @@ class Outbox:
         while room > 0 and (next_frame := self._data.next()) is not None:
             room -= next_frame.size
             self._ready_frame(next_frame)
-
-
-def _ignore(_reason: str) -> None:
-    """No-op: the connection has ended."""

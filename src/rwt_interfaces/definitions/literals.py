@@ -102,7 +102,9 @@ class Literals:
             token = self._token(_QUOTED)
             if token is None:
                 raise DefinitionError(f"expected a quoted string, got {_shown(self._line[self._at :])}")
-            return _bounded(_ESCAPE.sub(_unescape, token[1:-1]), field_type)
+            return _bounded(
+                _ESCAPE.sub(lambda found: _ESCAPES.get(found[1], found[1]), token[1:-1]), field_type
+            )
         token = self._token(_BARE)
         if token is None:
             raise DefinitionError(f"expected {field_type.name}, got {_shown(self._line[self._at :])}")
@@ -132,10 +134,6 @@ class Literals:
         self._skip()
         if self._at < len(self._line) and self._line[self._at] != "#":
             raise DefinitionError(f"unexpected text after the value: {_shown(self._line[self._at :])}")
-
-
-def _unescape(match: re.Match[str]) -> str:
-    return _ESCAPES.get(match[1], match[1])
 
 
 def _scalar(token: str, name: str) -> Value:

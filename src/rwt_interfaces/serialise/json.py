@@ -93,7 +93,7 @@ class MessageJson:
             return self._decode(raw)
         except msgspec.ValidationError:
             # A null becomes NaN in the lenient decoder.
-            return self._complete(parse(raw), _no_clock)
+            return self._complete(parse(raw), lambda: 0)
 
     def encode(self, value: msgspec.Struct) -> bytes:
         """Return the message as compact JSON: all fields, NaN and infinities as null (JSN-04, JSN-08)."""
@@ -170,10 +170,6 @@ def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Calla
             raise msgspec.ValidationError
 
     return check
-
-
-def _no_clock() -> int:
-    return 0
 
 
 def parse(raw: RawText) -> object:

@@ -281,7 +281,7 @@ class _Items:
                 yield self._decode_sendable(text)
             except msgspec.ValidationError:
                 # It holds a null, which is NaN.
-                yield self._decode_list(_parsed(text), _no_clock)
+                yield self._decode_list(_parsed(text), lambda: 0)
 
     def complete(self, data: bytes, span: _Span, completion: Completion) -> Steps[Any]:
         """Complete the items of an array in steps; raises InvalidMessage or Unsplittable."""
@@ -366,10 +366,6 @@ class _Items:
 
 
 _items_of: Final = lru_cache(maxsize=256)(_Items)
-
-
-def _no_clock() -> int:
-    return 0
 
 
 def _parsed(text: bytes) -> Any:

@@ -31,7 +31,7 @@ def _missing(message: MessageType, value: object) -> Iterator[str]:
     for slot in message.slots:
         if slot.name in value:
             yield from (f"{slot.name}{rest}" for rest in _inside(slot, value[slot.name]))
-        elif not _is_header(slot):
+        elif not (isinstance(slot.type, Message) and slot.type.type.name == _HEADER):
             yield slot.name
 
 
@@ -45,7 +45,3 @@ def _inside(slot: Slot, value: object) -> Iterator[str]:
     ):
         for index, item in enumerate(value):
             yield from (f"[{index}].{path}" for path in _missing(field_type.element.type, item))
-
-
-def _is_header(slot: Slot) -> bool:
-    return isinstance(slot.type, Message) and slot.type.type.name == _HEADER

@@ -162,7 +162,8 @@ class AnyioDriver:
         try:
             async with AsyncExitStack() as listeners, background_tasks() as tasks:
                 for each in sockets:
-                    listener = await listeners.enter_async_context(await _listener(each))
+                    each.listen(BACKLOG)
+                    listener = await listeners.enter_async_context(await SocketListener.from_socket(each))
                     tasks.start_soon(accept_peers, listener.accept, partial(tasks.start_soon, serve))
                 yield port
         finally:
@@ -227,11 +228,6 @@ async def _shake_hands(
             with anyio.CancelScope(shield=True):
                 await anyio.aclose_forcefully(stream)
     return None
-
-
-async def _listener(bound: socket.socket) -> SocketListener:
-    bound.listen(BACKLOG)
-    return await SocketListener.from_socket(bound)
 
 
 async def _connected(address: RemoteAddress) -> ByteStream:

@@ -30,7 +30,7 @@ from rwt_transports.api import (
     Link,
     RemoteAddress,
 )
-from rwt_transports.background import background_tasks
+from rwt_transports.background import background_tasks, ignore
 from rwt_transports.drivers.sockets import (
     UNSENT_BYTES,
     Handshakes,
@@ -160,7 +160,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         self._callbacks: DriverCallbacks = NO_CALLBACKS
         self._gathering: Gathering | None = None
         self._share = share
-        self.wake: Callable[[], None] = _nothing
+        self.wake: Callable[[], None] = ignore
         self._socket = self._file = -1
         self._bounded: socket.socket | None = None
         self._view = memoryview(share.buffer)
@@ -280,7 +280,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         """Report the loss and drop all references: a cycle would live until a full garbage collection."""
         self._become(_LinkState.LOST)
         callbacks, self._callbacks, self._gathering = self._callbacks, NO_CALLBACKS, None
-        self.wake = _nothing
+        self.wake = ignore
         if self._tls:
             forget_protocol(self._transport)
         callbacks.lost()
@@ -440,10 +440,6 @@ class _SocketLink(asyncio.BufferedProtocol):
 
     def delivery(self) -> Delivery:
         return delivery_of(self._transport.get_extra_info("socket"))
-
-
-def _nothing() -> None:
-    """No-op: `wake` of a closed link."""
 
 
 def _bounded(sock: socket.socket) -> socket.socket | None:

@@ -195,12 +195,9 @@ class HttpConnection(UnbufferedCallbacks):
             if self._is_over:
                 self._link.abort()
             else:
-                self._timed_out()
-
-    def _timed_out(self) -> None:
-        if self._h11.trailing_data[0] or self._request is not None:
-            self._fail(408)
-        self._end()
+                if self._h11.trailing_data[0] or self._request is not None:
+                    self._fail(408)
+                self._end()
 
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
@@ -239,7 +236,8 @@ class HttpConnection(UnbufferedCallbacks):
         while self._state is _HttpState.READING:
             event = self._h11.next_event()
             if event is h11.NEED_DATA:
-                self._continue_if_asked()
+                if self._h11.they_are_waiting_for_100_continue:
+                    self._send(h11.InformationalResponse(status_code=100, headers=[]))
                 return
             if isinstance(event, h11.Request):
                 self._request = event
@@ -269,10 +267,6 @@ class HttpConnection(UnbufferedCallbacks):
             if isinstance(found, HttpResponse)
             else self._limits.http_body_bytes
         )
-
-    def _continue_if_asked(self) -> None:
-        if self._h11.they_are_waiting_for_100_continue:
-            self._send(h11.InformationalResponse(status_code=100, headers=[]))
 
     def _requested(self, raw: h11.Request) -> None:
         target = raw.target.decode("latin-1")

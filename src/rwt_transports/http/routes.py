@@ -237,7 +237,8 @@ class Routes:
         """Return the handler, or a 404 or 405 response."""
         handlers = self._handlers.get(path) or self._below(path)
         if handlers is None:
-            return self._not_found(path)
+            known = ", ".join(sorted(self._handlers)) or "nothing but WebSocket connections"
+            return HttpResponse(f"there is no {path} here; this port serves {known}\n".encode(), 404)
         handler = handlers.get("GET" if method == "HEAD" else method) or handlers.get("*")
         if handler is not None:
             return handler
@@ -248,10 +249,6 @@ class Routes:
     def _below(self, path: str) -> dict[str, Handler] | None:
         fitting = [known for known in self._handlers if known.endswith("/*") and path.startswith(known[:-1])]
         return self._handlers[max(fitting, key=len)] if fitting else None
-
-    def _not_found(self, path: str) -> HttpResponse:
-        known = ", ".join(sorted(self._handlers)) or "nothing but WebSocket connections"
-        return HttpResponse(f"there is no {path} here; this port serves {known}\n".encode(), 404)
 
 
 class Hosts:

@@ -46,6 +46,7 @@ from aiortc.rtcsctptransport import (
     ShutdownChunk,
 )
 
+from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
 from rwt_transports.webrtc.congestion.feedback import read_feedback
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender
@@ -132,10 +133,6 @@ class _Bundle(Chunk):
 
 _NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, ShutdownChunk)
 """Chunks with numbers that only an association has whose peer has announced its first one."""
-
-
-def _ignore(*arguments: object) -> None:
-    """No-op: the peer has ended."""
 
 
 class BrokenAssociation(TransportError):
@@ -364,7 +361,7 @@ class Association(RTCSctpTransport):
             cast("Reassembly", stream).clear()
         self._buffers.release(self)
         await super().stop()
-        self._fail = _ignore
+        self._fail = ignore
         self._inbound_streams.clear()
 
     async def _handle_data(self, data: bytes) -> None:
@@ -607,7 +604,7 @@ class GuardedHandshake(RTCDtlsTransport):
     def release(self) -> None:
         """Break the reference cycles of a transport that has been closed for a while."""
         self.remove_all_listeners()
-        self.on_feedback = _ignore
+        self.on_feedback = ignore
         if self._ssl is not None:
             # pyOpenSSL's helper holds a function that holds the helper.
             vars(self._ssl.get_context()._verify_helper).clear()

@@ -202,13 +202,10 @@ class Peers:
     async def watch(self) -> None:
         """Check the time-outs of every connection, until cancelled."""
         while True:
-            self._tick()
+            for peer in tuple(self._peers.values()):
+                peer.tick()
+            self._notify()
             await anyio.sleep(TICK_SECONDS)
-
-    def _tick(self) -> None:
-        for peer in tuple(self._peers.values()):
-            peer.tick()
-        self._notify()
 
     async def close(self) -> None:
         self._closing = True

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Generator, Iterator
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from typing import Final
 
@@ -226,10 +226,7 @@ class DeflateWire(WebSocketWire):
         assert take is not None  # Else all steps are taken.
         self._is_held = True
         self._buffers.count_unread(self, len(payload))
-        take(self._deliver_later(steps, binary), self._may_inflate)
-
-    def _may_inflate(self) -> bool:
-        return self._buffers.may_inflate(self, self._max_size)
+        take(self._deliver_later(steps, binary), partial(self._buffers.may_inflate, self, self._max_size))
 
     def _deliver_later(self, steps: Generator[None, None, bytes], binary: bool) -> Iterator[None]:
         try:

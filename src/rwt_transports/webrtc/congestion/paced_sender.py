@@ -19,6 +19,7 @@ from aiortc.mediastreams import MediaStreamError
 from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
 from aiortc.rtp import RTP_HISTORY_SIZE, HeaderExtensions, RtcpRtpfbPacket, RtpPacket, wrap_rtx
 
+from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
 from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
 from rwt_transports.webrtc.congestion.pacing import Pacer
@@ -43,10 +44,6 @@ PROBE_HISTORY: Final = 8
 """Most recent packets that a probe repeats."""
 PACKET_OVERHEAD_BYTES: Final = 70
 """IP, UDP, RTP with its extensions, and the authentication tag of SRTP."""
-
-
-def _ignore(*arguments: object) -> None:
-    """No-op: the peer has ended."""
 
 
 class PacedSender(RTCRtpSender):
@@ -89,7 +86,7 @@ class PacedSender(RTCRtpSender):
 
     def release(self) -> None:
         """Forget the track, which refers to its peer."""
-        self._on_packet = self._on_keyframe = _ignore
+        self._on_packet = self._on_keyframe = ignore
 
     async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
         if isinstance(packet, RtcpRtpfbPacket):
