@@ -12,16 +12,13 @@ import msgspec
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType, Slot
-from rwt_interfaces.validation.numbers import float32
+from rwt_interfaces.validation.numbers import LIST, float32
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 StructField = tuple[str, object, object]
 """Name, annotation and default."""
-
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 
 
 @lru_cache(maxsize=8)
@@ -37,7 +34,7 @@ def annotation(field_type: FieldType) -> object:
         case field_types.Octets():
             return bytes
         case field_types.Array():
-            return _LIST[_scalar_type(field_type.element)]
+            return LIST[_scalar_type(field_type.element)]
         case _:
             return _scalar_type(field_type)
 

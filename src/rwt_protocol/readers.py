@@ -22,8 +22,6 @@ _Convert = Callable[[msgspec.Raw | RawPayload], object]
 class OpReader:
     """Converts members to one op."""
 
-    __slots__ = ("_ignored", "_optional", "_payloads", "_validate", "in_session", "model")
-
     def __init__(self, spec: OpSpec, ignored: frozenset[str]) -> None:
         self.model = spec.model
         self.in_session = spec.in_session

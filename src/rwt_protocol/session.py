@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import JSON, codec_of, decode_png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SteppedCodec
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.quick_publish import QUICK
+from rwt_protocol.codecs.quick_frames import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import MessageReassembly, cut
@@ -71,8 +71,8 @@ class Session:
             id.
         call: encodes a call to a provider, from the service, its request and the id.
         is_quick: True if common small text frames may be read by
-            :func:`~rwt_protocol.codecs.quick_publish.split_publish` and
-            :func:`~rwt_protocol.codecs.quick_calls.split_call` instead of :meth:`decode`. False while the
+            :func:`~rwt_protocol.codecs.quick_frames.split_publish` and
+            :func:`~rwt_protocol.codecs.quick_frames.split_call` instead of :meth:`decode`. False while the
             client requests `status` messages about successes or defaults, which need the whole op.
     """
 

@@ -88,8 +88,6 @@ class OutgoingConnection:
 class _Handshaking(UnbufferedCallbacks):
     """Callbacks of a link until the server has accepted the handshake; then the connection takes over."""
 
-    __slots__ = ("_address", "_handshake", "_link", "_outgoing", "_port", "_request")
-
     def __init__(self, outgoing: OutgoingConnection, link: Link, address: str, port: int) -> None:
         self._outgoing = outgoing
         self._link = link

@@ -23,8 +23,6 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 class Listener:
     """Open listener; `url` has the actual port."""
 
-    __slots__ = ("_state", "url")
-
     def __init__(self, url: str, state: ListenerState) -> None:
         self.url = url
         self._state = state

@@ -33,8 +33,6 @@ class Literals:
     `text` is the value as written, without the comment, after a value was read.
     """
 
-    __slots__ = ("_at", "_line", "text")
-
     def __init__(self, line: str) -> None:
         self._line = line
         self._at = 0

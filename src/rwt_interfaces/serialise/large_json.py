@@ -40,6 +40,7 @@ from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import annotation
 from rwt_interfaces.validation.lenient_decoder import Completion, compile_field
 from rwt_interfaces.validation.mismatch import check_length, under
+from rwt_interfaces.validation.numbers import LIST
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -69,8 +70,6 @@ _STRINGS: Final = re.compile(
 _NOT_SPACE: Final = re.compile(rb"[^ \t\r\n]")
 _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
 
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 _skip: Final = msgspec.json.Decoder(msgspec.Raw).decode
 _Path = tuple[Slot, ...]
 
@@ -238,7 +237,7 @@ class _Items:
         self._decode_list = compile_field(field_types.Array(element))
         self._read = array_reader(field_types.Array(element))
         self._decode_sendable: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
-            _LIST[strict_annotation(element, has_nulls=False)]
+            LIST[strict_annotation(element, has_nulls=False)]
         ).decode
         self.encode = items_encoder(element)
 
@@ -351,7 +350,7 @@ class _Items:
             return None
 
     def _own(self, items: list[msgspec.Struct]) -> list[Any]:
-        own: list[Any] = msgspec.convert(items, _LIST[annotation(self._element)], from_attributes=True)
+        own: list[Any] = msgspec.convert(items, LIST[annotation(self._element)], from_attributes=True)
         return own
 
     def _long_item(self, data: bytes, start: int, stop: int) -> Steps[LargeJson | None]:

@@ -43,8 +43,6 @@ LengthHead = Callable[[int, bool], bytes]
 class LongField:
     """Field for long content: not in an array, of unbounded length, and not a wide string."""
 
-    __slots__ = ("_attributes", "fetch", "is_text")
-
     def __init__(self, attributes: tuple[str, ...], is_text: bool) -> None:
         self._attributes = attributes
         self.is_text = is_text
@@ -74,18 +72,13 @@ def long_fields(message: MessageType) -> Iterator[LongField]:
 
 def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
     """Return the first field of a Python message with a string to be encoded in steps."""
-    for field in type.long_text_fields:
-        if len(field.fetch(message)) >= LONG_TEXT_CHARS:
-            return field
-    return None
+    return next((each for each in type.long_text_fields if len(each.fetch(message)) >= LONG_TEXT_CHARS), None)
 
 
 def long_octets(type: MessageType, message: msgspec.Struct) -> LongField | None:
     """Return the first field of a Python message with separate octets."""
-    for field in type.long_octets_fields:
-        if len(field.fetch(message)) >= LONG_OCTETS_BYTES:
-            return field
-    return None
+    long = (each for each in type.long_octets_fields if len(each.fetch(message)) >= LONG_OCTETS_BYTES)
+    return next(long, None)
 
 
 def without_views(type: MessageType, message: msgspec.Struct) -> msgspec.Struct:

@@ -17,6 +17,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 from rwt_interfaces.validation.numbers import (
+    LIST,
     float32,
     float32_list,
     float_annotation,
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 #: Test for flaws that no msgspec annotation expresses.
 Flaw = Callable[[Any], bool]
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 #: Batch size of the comparison.
 _PIECE = 1 << 16
 _UINT64_MAX = (1 << 64) - 1
@@ -86,7 +85,7 @@ def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
         case field_types.Message():
             return type.type.json.strict if has_nulls else type.type.json.sendable
         case field_types.Array():
-            return sized(_LIST[strict_annotation(type.element, has_nulls=has_nulls)], type.length, type.bound)
+            return sized(LIST[strict_annotation(type.element, has_nulls=has_nulls)], type.length, type.bound)
 
 
 def sized(kind: Any, length: int | None, bound: int | None) -> Any:

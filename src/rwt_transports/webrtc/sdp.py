@@ -31,7 +31,7 @@ SECTIONS: Final = 16
 FRAGMENT_BYTES: Final = 16 * 1024
 """Largest body of a PATCH with candidates."""
 LIBWEBRTC_BYTES: Final = 256 * 1024
-"""Maximum message size that Chromium, Safari and aiortc announce. They accept megabytes; roslib relies on it."""
+"""Message size that Chromium, Safari and aiortc announce. They accept more, and roslib relies on that."""
 
 UNSAID_BYTES: Final = 64 * 1024
 """Largest message of who says nothing about it (RFC 8841 section 6.1)."""

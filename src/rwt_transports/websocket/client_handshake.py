@@ -25,8 +25,6 @@ class ClientHandshake:
         request: request to send first.
     """
 
-    __slots__ = ("_head", "_protocol", "_refusal", "_silent", "_where", "request")
-
     def __init__(self, target: WebSocketURI, headers: Mapping[str, str]) -> None:
         self._where = f"{target.host}:{target.port}"
         self._protocol = ClientProtocol(target, logger=_quiet)
