@@ -1,15 +1,4 @@
-"""Exceptions of `rwt_interfaces`.
-
-* :exc:`InterfaceError`
-
-  * :exc:`InvalidName`: a name that ROS does not allow.
-  * :exc:`DefinitionError`: an invalid ``.msg``, ``.srv`` or ``.action`` text.
-  * :exc:`UnknownType`: an unknown message, service or action.
-  * :exc:`InvalidMessage`: a message that does not fit its type.
-
-    * :exc:`TooManyValues`: a message with too many values to be checked at once.
-    * :exc:`NotExact`: a dense message that may not be passed on untouched.
-"""
+"""Exceptions of `rwt_interfaces`."""
 
 from __future__ import annotations
 

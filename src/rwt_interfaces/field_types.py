@@ -119,8 +119,6 @@ class Slot:
     Attributes:
         name: name in ROS and on the wire.
         attribute: name in Python; keywords get an underscore appended (``from`` is ``from_``).
-        field_type: type of the field.
-        default: default value in the definition, or None.
     """
 
     name: str

@@ -10,13 +10,22 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
-from rwt_interfaces.serialise import large_json
-from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse, require_quick_numbers
-from rwt_interfaces.serialise.large_json import MAX_LENIENT_VALUES, MAX_VALUES, LargeJson, has_many_values
+from rwt_interfaces.serialise.json import (
+    MAX_LENIENT_VALUES,
+    MAX_VALUES,
+    REJECTIONS,
+    SEQUENCE,
+    Unsplittable,
+    begins_too_deep,
+    has_many_values,
+    parse,
+    require_quick_numbers,
+)
 from rwt_interfaces.serialise.long_lists import plain, plain_lists
 from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, substituted
 from rwt_interfaces.serialise.splice import (
     LONG_TEXT_CHARS,
+    LongField,
     SplicedMessage,
     json_of_text,
     long_octets,
@@ -27,6 +36,7 @@ from rwt_interfaces.steps import Steps, finished
 from rwt_interfaces.validation.lenient_decoder import Completion
 
 if TYPE_CHECKING:
+    from rwt_interfaces.serialise.large_json import LargeJson
     from rwt_interfaces.structs import BinaryForm, MessageType
 
 LONG_STRING_BYTES: Final = 4096
@@ -62,7 +72,6 @@ class Payload(msgspec.Struct, eq=False):
     ``_json_parts``, ``_message``, ``_spliced``, or a relayed form in ``_forms``.
 
     Attributes:
-        type: type of the message.
         is_long: True if other forms should be made in steps, by :meth:`prepare`.
     """
 
@@ -150,9 +159,9 @@ class Payload(msgspec.Struct, eq=False):
             else:
                 return cls(message_type, raw, is_long=is_long)
         if len(raw) > SLOW_BYTES and codec.has_lists:
-            large = yield from LargeJson.split(message_type, raw)
+            large = yield from message_type.large_json.split(raw)
             if large is not None:
-                with suppress(large_json.Unsplittable):
+                with suppress(Unsplittable):
                     return (yield from _split(message_type, raw, large, now, is_dense=is_dense))
         if len(raw) > WHOLE_BYTES:
             if (yield from has_many_values(raw)):
@@ -211,7 +220,7 @@ class Payload(msgspec.Struct, eq=False):
         cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
     ) -> Steps[Payload]:
         """Same as :meth:`from_value` for a mapping, long lists in steps; raises InvalidMessage."""
-        message = yield from large_json.complete_values(message_type, value, now or time.time_ns)
+        message = yield from message_type.large_json.complete_values(value, now or time.time_ns)
         if message is None:
             return cls.from_value(message_type, value, now)
         return cls(message_type, None, message, is_long=True)
@@ -313,9 +322,11 @@ class Payload(msgspec.Struct, eq=False):
                 continue
             if form == "json":
                 if self._json is None and self._json_parts is None and has_lists:
-                    self._json_parts = yield from large_json.encode(self.type, self._encodable())
+                    self._json_parts = yield from self.type.large_json.encode(self._encodable())
                 if self._json is None and self._json_parts is None:
-                    self._json_parts = yield from self._text_in_steps()
+                    field = self._long_text()
+                    if field is not None:
+                        self._json_parts = yield from json_of_text(self.type, self.value(), field)
                 continue
             name = self.type.registry.distro.serialisation if form == "serialised" else form
             if self._forms is not None and name in self._forms:
@@ -324,28 +335,22 @@ class Payload(msgspec.Struct, eq=False):
             if spliced is not None:
                 yield from spliced.octets_in_steps()
             elif not has_lists:
-                text = text or self._text_apart()
-                if text is not None:
+                field = self._long_text()
+                if field is not None:
+                    text = text or SplicedMessage.from_text(self.value(), field)
                     yield from text.octets_in_steps()
                     made = text.binary(*self.type.binary_encoder(name))
                     self._forms = {**(self._forms or {}), name: made}
             else:
                 large = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
-                    large = yield from LargeJson.split(self.type, self.json())
+                    large = yield from self.type.large_json.split(self.json())
                 short, lists = (self._encodable(), {}) if large is None else (yield from large.apart())
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
 
-    def _text_apart(self) -> SplicedMessage | None:
-        message = self._message
-        field = None if message is None else long_text(self.type, message)
-        return None if field is None else SplicedMessage.from_text(self.value(), field)
-
-    def _text_in_steps(self) -> Steps[Parts | None]:
-        message = self._message
-        field = None if message is None else long_text(self.type, message)
-        return None if field is None else (yield from json_of_text(self.type, self.value(), field))
+    def _long_text(self) -> LongField | None:
+        return None if self._message is None else long_text(self.type, self._message)
 
     def plain(self) -> object:
         """Return the message as dicts, lists and scalars, octets as bytes."""
@@ -386,7 +391,8 @@ class Payload(msgspec.Struct, eq=False):
         """Return the message in two parts if most of it is one long string or octets."""
         if self._spliced is None and self.type.long_fields:
             if self._string is not None:
-                self._spliced = self._of_string(self._string)
+                short = self.type.json.decode(self._string.text)
+                self._spliced = SplicedMessage.from_string(self.type, short, self._string)
                 self._string = None
             elif self._is_relayed and self.type.long_octets_fields:
                 found = SplicedMessage.from_serialised(self.type, self._serialised())
@@ -398,9 +404,6 @@ class Payload(msgspec.Struct, eq=False):
                 field = long_octets(self.type, self._encodable())
                 self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
         return self._spliced
-
-    def _of_string(self, string: LongString) -> SplicedMessage | None:
-        return SplicedMessage.from_string(self.type, self.type.json.decode(string.text), string)
 
     def value(self) -> msgspec.Struct:
         """Return the message as its type's Struct. It is shared: treat it as read-only.
@@ -461,7 +464,7 @@ class Payload(msgspec.Struct, eq=False):
     def numbered(self, number: int) -> Payload:
         """Return the message with that `header.seq`; its type must have one."""
         parts = (self._json,) if self._json is not None else self._json_parts
-        found = None if parts is None or self._string is not None else large_json.SEQUENCE.match(parts[0])
+        found = None if parts is None or self._string is not None else SEQUENCE.match(parts[0])
         if parts is None or found is None:
             spliced = self._apart()
             if spliced is not None:

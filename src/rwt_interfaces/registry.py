@@ -51,6 +51,11 @@ _OTHER_LANGUAGES: Final = {
 }
 
 _Definition = MessageDefinition | ServiceDefinition | ActionDefinition
+_PARSERS: Final[dict[Kind, Callable[..., _Definition]]] = {
+    "msg": parser.parse_message,
+    "srv": parser.parse_service,
+    "action": parser.parse_action,
+}
 _Found = TypeVar("_Found", bound=_Definition)
 _Type = TypeVar("_Type", MessageType, ServiceType, ActionType)
 
@@ -70,18 +75,6 @@ class Registry:
         distro: distribution of the standard types and of the spelling of :meth:`type_name`.
         advice: end of the text of errors about unknown types: how to add them.
     """
-
-    __slots__ = (
-        "_actions",
-        "_definitions",
-        "_lock",
-        "_messages",
-        "_services",
-        "_type_names",
-        "_user",
-        "advice",
-        "distro",
-    )
 
     def __init__(self, distro: Distro = JAZZY) -> None:
         self.distro = distro
@@ -217,11 +210,7 @@ class Registry:
                 self._messages, self._services, self._actions = {}, {}, {}
 
     def _parse(self, kind: Kind, name: str, text: str, source: str) -> _Definition:
-        if kind == "msg":
-            return parser.parse_message(text, name, source=source, distro=self.distro)
-        if kind == "srv":
-            return parser.parse_service(text, name, source=source, distro=self.distro)
-        return parser.parse_action(text, name, source=source, distro=self.distro)
+        return _PARSERS[kind](text, name, source=source, distro=self.distro)
 
     # Definitions
 
@@ -243,7 +232,7 @@ class Registry:
         if isinstance(found, MessageDefinition):
             return found
         return (
-            self._service_part(package, name)
+            self._part(self._service_definition, actionlib.SERVICE_PARTS, package, name)
             or self._action_part(package, name)
             or self._wrapper(package, name)
             or self._introspected(package, name)
@@ -282,15 +271,16 @@ class Registry:
             package, name.removesuffix("Action")
         )
 
-    def _service_part(self, package: str, name: str) -> MessageDefinition | None:
-        short, part = actionlib.split_part(name, actionlib.SERVICE_PARTS)
-        service = self._service_definition(package, short) if short else None
-        return None if service is None else _parts(service)[actionlib.SERVICE_PARTS.index(part)]
+    def _part(
+        self, find: Callable[[str, str], _Found | None], suffixes: tuple[str, ...], package: str, name: str
+    ) -> MessageDefinition | None:
+        """Return the request of a service, the goal of an action and so on."""
+        short, part = actionlib.split_part(name, suffixes)
+        found = find(package, short) if short else None
+        return None if found is None else _parts(found)[suffixes.index(part)]
 
     def _action_part(self, package: str, name: str) -> MessageDefinition | None:
-        short, part = actionlib.split_part(name, actionlib.ACTION_PARTS)
-        action = self._action_definition(package, short) if short else None
-        return None if action is None else _parts(action)[actionlib.ACTION_PARTS.index(part)]
+        return self._part(self._action_definition, actionlib.ACTION_PARTS, package, name)
 
     def _wrapper(self, package: str, name: str) -> MessageDefinition | None:
         for which in actionlib.WRAPPERS:

@@ -12,16 +12,13 @@ import msgspec
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType, Slot
-from rwt_interfaces.validation.numbers import float32
+from rwt_interfaces.validation.numbers import LIST, float32
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 StructField = tuple[str, object, object]
 """Name, annotation and default."""
-
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 
 
 @lru_cache(maxsize=8)
@@ -37,7 +34,7 @@ def annotation(field_type: FieldType) -> object:
         case field_types.Octets():
             return bytes
         case field_types.Array():
-            return _LIST[_scalar_type(field_type.element)]
+            return LIST[_scalar_type(field_type.element)]
         case _:
             return _scalar_type(field_type)
 
@@ -49,7 +46,8 @@ def default_maker(field_type: FieldType) -> Callable[[], object]:
             octets = bytes(field_type.length or 0)
             return lambda: octets
         case field_types.Array():
-            return _array_default(_scalar_type(field_type.element), field_type.length or 0)
+            element, length = _scalar_type(field_type.element), field_type.length
+            return (lambda: [element() for _ in range(length)]) if length else list
         case _:
             return _scalar_type(field_type)
 
@@ -68,12 +66,6 @@ def _scalar_type(field_type: field_types.Scalar) -> type[object]:
             return time_struct(field_type)
         case field_types.Message():
             return field_type.type.struct
-
-
-def _array_default(element: Callable[[], object], length: int) -> Callable[[], object]:
-    if length == 0:
-        return list
-    return lambda: [element() for _ in range(length)]
 
 
 def slot_default(slot: Slot) -> Callable[[], object]:

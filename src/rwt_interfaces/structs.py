@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from rwt_interfaces import field_types
-from rwt_interfaces.definitions import hashes
 from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
 from rwt_interfaces.field_types import Slot
 from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struct
@@ -23,6 +22,7 @@ from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struc
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import MessageJson
+    from rwt_interfaces.serialise.large_json import LargeMessages
     from rwt_interfaces.serialise.long_lists import Chunks
     from rwt_interfaces.serialise.long_strings import Parts
     from rwt_interfaces.serialise.splice import LengthHead, LongField
@@ -40,13 +40,7 @@ def python_name(name: str) -> str:
 
 
 class MessageType:
-    """Message type.
-
-    Attributes:
-        name: two-part name, ``geometry_msgs/Twist``.
-        definition: fields and constants.
-        registry: registry of nested messages.
-    """
+    """Message type; `name` is two-part."""
 
     def __init__(self, definition: MessageDefinition, registry: Registry) -> None:
         self.name = definition.name
@@ -62,6 +56,11 @@ class MessageType:
     def time(self) -> field_types.Time | None:
         """Set when this message is itself a time: builtin_interfaces/Time or Duration."""
         return field_types.time_type(self.name, self.registry.distro)
+
+    @property
+    def parts(self) -> tuple[MessageType, ...]:
+        """The message itself."""
+        return (self,)
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
@@ -95,11 +94,15 @@ class MessageType:
     @cached_property
     def md5(self) -> str:
         """ROS 1's md5 sum, 32 hexadecimal digits."""
+        from rwt_interfaces.definitions import hashes
+
         return hashes.md5(self.definition, self.registry)
 
     @cached_property
     def rihs01(self) -> str:
         """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits."""
+        from rwt_interfaces.definitions import hashes
+
         return hashes.rihs01(self.definition, self.registry)
 
     @cached_property
@@ -122,6 +125,13 @@ class MessageType:
         from rwt_interfaces.serialise.json import MessageJson
 
         return MessageJson(self)
+
+    @cached_property
+    def large_json(self) -> LargeMessages:
+        """Decodes and encodes large messages of this type in steps."""
+        from rwt_interfaces.serialise.large_json import LargeMessages
+
+        return LargeMessages(self)
 
     @cached_property
     def has_sequence(self) -> bool:
@@ -262,23 +272,29 @@ class ServiceType:
     def __repr__(self) -> str:
         return f"<ServiceType {self.name}>"
 
-    @cached_property
-    def md5(self) -> str:
-        """ROS 1's md5 sum, 32 hexadecimal digits."""
-        definition = ServiceDefinition(self.name, self.request.definition, self.response.definition)
-        return hashes.service_md5(definition, self.request.registry)
-
     @property
     def parts(self) -> tuple[MessageType, ...]:
         """Request and response."""
         return self.request, self.response
 
+    @cached_property
+    def md5(self) -> str:
+        """ROS 1's md5 sum, 32 hexadecimal digits."""
+        from rwt_interfaces.definitions import hashes
+
+        return hashes.service_md5(self._definition, self.request.registry)
+
     @property
     def rihs01(self) -> str:
         """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits; computed at each call."""
+        from rwt_interfaces.definitions import hashes
+
         registry = self.request.registry
-        definition = ServiceDefinition(self.name, self.request.definition, self.response.definition)
-        return hashes.service_rihs01(definition, registry.type_name(self), registry)
+        return hashes.service_rihs01(self._definition, registry.type_name(self), registry)
+
+    @property
+    def _definition(self) -> ServiceDefinition:
+        return ServiceDefinition(self.name, self.request.definition, self.response.definition)
 
 
 class ActionType:

@@ -34,8 +34,6 @@ class Dispatcher(Generic[C]):
         IncompleteDispatcher: a handler is missing, or exists for an op that does not arrive.
     """
 
-    __slots__ = ("_handlers", "_later", "_on_error", "_refusals")
-
     def __init__(
         self,
         handlers: Mapping[type[Op], Callable[[C, Never], Steps | None]],

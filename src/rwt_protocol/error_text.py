@@ -133,7 +133,6 @@ def locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, objec
     """Return the key of an error, and what is expected there.
 
     Args:
-        model: the validated model.
         loc: pydantic's location; ends with parts that are not keys, for members of a union.
     """
     key: list[str | int] = []

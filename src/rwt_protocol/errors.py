@@ -1,17 +1,4 @@
-"""Exceptions of `rwt_protocol`.
-
-* :exc:`ProtocolError`
-
-  * :exc:`Refused`: handlers raise it to reject a well-formed message.
-
-    * :exc:`MalformedMessage`: a frame that :func:`rwt_protocol.parse` cannot read.
-    * :exc:`MalformedPayload`: the bytes of a payload are not one JSON value.
-    * :exc:`EncodingUnavailable`: an encoding needs a package that is not installed.
-
-  * :exc:`IncompleteDispatcher`: the table of handlers and the table of ops disagree.
-
-Sessions do not raise: :meth:`rwt_protocol.session.Session.decode` returns errors as `Refusal`.
-"""
+"""Exceptions of `rwt_protocol`. Sessions do not raise: `Session.decode` returns errors as `Refusal`."""
 
 from __future__ import annotations
 

@@ -22,7 +22,6 @@ def exports(
     """Return `__all__`, `__getattr__` and `__dir__` of a package that imports its names on first use.
 
     Args:
-        package: name of the package.
         homes: its public names, separated by spaces, by the module that defines them.
     """
     home_of = {name: module for module, names in homes.items() for name in names.split()}
@@ -53,7 +52,6 @@ def load_extension(group: str, name: str, builtin: Iterable[str]) -> Any:
 
     Args:
         group: for example ``rwt.gateways``.
-        name: name of the entry point.
         builtin: names that need no entry point, for the error.
 
     Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from dataclasses import dataclass
 
 Buffer = bytes | memoryview
 
@@ -15,7 +15,7 @@ class Frame:
     once; :meth:`framed` keeps the result for the next connection.
     """
 
-    __slots__ = ("_framed", "_framing", "_others", "_pieces", "binary", "parts", "size")
+    __slots__ = ("_framed", "_pieces", "binary", "parts", "size")
 
     def __init__(self, *parts: Buffer, binary: bool = False) -> None:
         self.parts = parts
@@ -24,9 +24,8 @@ class Frame:
         for part in parts:
             size += len(part)
         self.size = size
-        self._framing: object = None
-        self._framed = b""
-        self._others: dict[object, bytes] | None = None
+        # By identity: connections share the function of their kind of wire.
+        self._framed: dict[Callable[[Frame], bytes], bytes] = {}
         self._pieces: dict[int, Sequence[Frame]] | None = None
 
     @property
@@ -35,22 +34,10 @@ class Frame:
         return b"".join(self.parts)
 
     def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
-        """Return the frame's bytes on a wire whose `framing` depends on the frame only; cached.
-
-        Most frames meet one kind of wire; the results of several kinds (compressed peers) are all kept.
-        """
-        # By identity: connections share the function of their kind of wire.
-        if self._framing is framing:
-            return self._framed
-        if self._framing is None:
-            self._framing = framing
-            self._framed = framing(self)
-            return self._framed
-        if self._others is None:
-            self._others = {}
-        framed = self._others.get(framing)
+        """Return the frame's bytes on a wire whose `framing` depends on the frame only; cached."""
+        framed = self._framed.get(framing)
         if framed is None:
-            framed = self._others[framing] = framing(self)
+            framed = self._framed[framing] = framing(self)
         return framed
 
     def filled(self, own: bytes) -> Frame:
@@ -75,8 +62,6 @@ class GapFrame(Frame):
     """Message with a gap that each receiver's own bytes fill; :meth:`filled` returns what is sent.
 
     Args:
-        before: bytes before the gap.
-        gap: size of the gap in bytes.
         after: bytes behind the gap; large parts are shared by all receivers.
     """
 
@@ -103,11 +88,27 @@ class GapFrame(Frame):
         return frame
 
 
-class BurstMember(Protocol):
-    """Queue that accepted a burst."""
+@dataclass(frozen=True, slots=True)
+class Framing:
+    """Conversion of frames to the bytes of a wire. It depends only on the frame, so that connections share
+    bytes.
 
-    def sealed(self, frames: int, size: int) -> None:
-        """Called when the burst is sealed, with the number and total size of the frames after its first."""
+    Attributes:
+        whole: returns a frame as one piece.
+        pieces: returns the same bytes in several pieces; the large ones are the frame's own parts, uncopied.
+        shared: False if the bytes depend on what was sent before on the connection: each frame is then framed
+            exactly once each time it is sent, in the order of sending.
+        joined: returns several frames as one piece, faster than joining the results of `whole`; None if it
+            cannot.
+        apart: returns the pieces between the gaps of several frames (:class:`GapFrame`), one more than there
+            are frames; None if it cannot.
+    """
+
+    whole: Callable[[Frame], bytes]
+    pieces: Callable[[Frame], tuple[Buffer, ...]]
+    shared: bool = True
+    joined: Callable[[Sequence[Frame]], bytes] | None = None
+    apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None
 
 
 class Burst:
@@ -118,16 +119,10 @@ class Burst:
     until it is large.
 
     Attributes:
-        frames: its frames; read-only.
-        is_sealed: True if it accepts no more frames.
-        size: bytes of its frames.
-        members: queues that hold it; they learn its size when it is sealed.
+        members: called once it is sealed, with the number and total size of the frames after its first.
     """
 
-    __slots__ = (
-        "_apart", "_apart_by", "_filled", "_first", "_framed", "_framing", "_others", "frames", "is_sealed",
-        "members", "size",
-    )  # fmt: skip
+    __slots__ = ("_apart", "_filled", "_first", "_framed", "frames", "is_sealed", "members", "size")
 
     LARGE = 8 * 1024
     """Maximum bytes of a burst, which a queue may hold without counting them yet."""
@@ -135,14 +130,12 @@ class Burst:
     def __init__(self, frame: Frame) -> None:
         self.frames = [frame]
         self._first = self.size = frame.size
-        self.members: list[BurstMember] = []
+        self.members: list[Callable[[int, int], None]] = []
         self.is_sealed = False
-        self._framing: object = None
-        self._framed = b""
-        self._others: dict[object, bytes] | None = None
+        # By identity of framings' functions, which connections share.
+        self._framed: dict[object, bytes] = {}
+        self._apart: dict[object, Sequence[bytes]] = {}
         self._filled: dict[bytes, Burst] = {}
-        self._apart: Sequence[bytes] = ()
-        self._apart_by: object = None
 
     def add(self, frame: Frame) -> bool:
         """Add a frame. Returns False, without adding it, if the burst is sealed or would become too large."""
@@ -163,7 +156,7 @@ class Burst:
         if added:
             size = self.size - self._first
             for member in members:
-                member.sealed(added, size)
+                member(added, size)
 
     def filled(self, own: bytes) -> Burst:
         """Return the burst with these bytes in its frames' gaps, shared by receivers with equal bytes."""
@@ -172,66 +165,32 @@ class Burst:
             burst = self._filled[own] = FilledBurst(self, own)
         return burst
 
-    def framed(
-        self,
-        framing: Callable[[Frame], bytes],
-        joined: Callable[[Sequence[Frame]], bytes] | None = None,
-        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None,
-    ) -> bytes:
-        """Return the bytes of all frames on a wire with that `framing`; cached. Seals the burst.
-
-        Args:
-            framing: makes the bytes of one frame.
-            joined: makes the same bytes of several frames, faster.
-            apart: makes the shared bytes between the gaps of several frames with one gap each.
-        """
-        if self._framing is framing:
-            return self._framed
-        self.seal()
-        if self._framing is None:
-            self._framing = framing
-            self._framed = self._join(framing, joined, apart)
-            return self._framed
-        if self._others is None:
-            self._others = {}
-        framed = self._others.get(framing)
+    def framed(self, framing: Framing) -> bytes:
+        """Return the bytes of all frames on a wire with that `framing`; cached. Seals the burst."""
+        framed = self._framed.get(framing.whole)
         if framed is None:
-            framed = self._others[framing] = self._join(framing, joined, apart)
+            self.seal()
+            framed = self._framed[framing.whole] = self._join(framing)
         return framed
 
-    def _join(
-        self,
-        framing: Callable[[Frame], bytes],
-        joined: Callable[[Sequence[Frame]], bytes] | None,
-        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
-    ) -> bytes:
+    def _join(self, framing: Framing) -> bytes:
         frames = self.frames
-        return frames[0].framed(framing) if len(frames) == 1 else _joined(frames, framing, joined)
+        return frames[0].framed(framing.whole) if len(frames) == 1 else _joined(frames, framing)
 
-    def join_filled(
-        self,
-        own: bytes,
-        framing: Callable[[Frame], bytes],
-        joined: Callable[[Sequence[Frame]], bytes] | None,
-        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
-    ) -> bytes:
+    def join_filled(self, own: bytes, framing: Framing) -> bytes:
         """Same as :meth:`framed`, with a receiver's own bytes in the gaps."""
+        if framing.apart is None:
+            return _joined([frame.filled(own) for frame in self.frames], framing)
+        apart = self._apart.get(framing.apart)
         if apart is None:
-            return _joined([frame.filled(own) for frame in self.frames], framing, joined)
-        if self._apart_by is not apart:
-            self._apart = apart(self.frames)
-            self._apart_by = apart
-        return own.join(self._apart)
+            apart = self._apart[framing.apart] = framing.apart(self.frames)
+        return own.join(apart)
 
 
-def _joined(
-    frames: Sequence[Frame],
-    framing: Callable[[Frame], bytes],
-    joined: Callable[[Sequence[Frame]], bytes] | None,
-) -> bytes:
-    if joined is not None:
-        return joined(frames)
-    return b"".join([frame.framed(framing) for frame in frames])
+def _joined(frames: Sequence[Frame], framing: Framing) -> bytes:
+    if framing.joined is not None:
+        return framing.joined(frames)
+    return b"".join([frame.framed(framing.whole) for frame in frames])
 
 
 class FilledBurst(Burst):
@@ -242,9 +201,7 @@ class FilledBurst(Burst):
     def __init__(self, of_all: Burst, own: bytes) -> None:
         self._all = of_all
         self._own = own
-        self._framing: object = None
-        self._framed = b""
-        self._others: dict[object, bytes] | None = None
+        self._framed: dict[object, bytes] = {}
 
     @property
     def size(self) -> int:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
@@ -252,8 +209,8 @@ class FilledBurst(Burst):
         return self._all.size
 
     @property
-    def members(self) -> list[BurstMember]:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
-        """Queues that hold the common burst in any form."""
+    def members(self) -> list[Callable[[int, int], None]]:  # type: ignore[override]  # an attribute of Burst, read from the common burst here
+        """Members of the common burst in any form."""
         return self._all.members
 
     def add(self, frame: Frame) -> bool:
@@ -268,10 +225,5 @@ class FilledBurst(Burst):
         """Return the burst for another receiver."""
         return self._all.filled(own)
 
-    def _join(
-        self,
-        framing: Callable[[Frame], bytes],
-        joined: Callable[[Sequence[Frame]], bytes] | None,
-        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
-    ) -> bytes:
-        return self._all.join_filled(self._own, framing, joined, apart)
+    def _join(self, framing: Framing) -> bytes:
+        return self._all.join_filled(self._own, framing)

@@ -26,10 +26,7 @@ class Profile:
     """Version of the protocol.
 
     Attributes:
-        name: name in the settings.
-        ops: its ops.
         without: members that it lacks, by op; ignored like all unknown members (ENV-01).
-        status: condition for sending `status`.
         both_ways: ops that servers accept too, although only servers send them in the other versions.
     """
 

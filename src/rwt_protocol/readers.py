@@ -20,14 +20,7 @@ _Convert = Callable[[msgspec.Raw | RawPayload], object]
 
 
 class OpReader:
-    """Converts members to one op.
-
-    Attributes:
-        model: type of the op.
-        in_session: True if the session handles the op itself.
-    """
-
-    __slots__ = ("_ignored", "_optional", "_payloads", "_validate", "in_session", "model")
+    """Converts members to one op."""
 
     def __init__(self, spec: OpSpec, ignored: frozenset[str]) -> None:
         self.model = spec.model

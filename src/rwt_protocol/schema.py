@@ -41,12 +41,7 @@ def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
 
 
 def protocol_asyncapi(profile: Profile = COMPAT, version: str = "2.0.0") -> dict[str, JsonValue]:
-    """Return an AsyncAPI 3.0 document, from the server's point of view.
-
-    Args:
-        profile: profile whose messages are described.
-        version: version of the described interface.
-    """
+    """Return an AsyncAPI 3.0 document, from the server's point of view."""
     definitions, references = _definitions(profile, "#/components/schemas/")
     messages: dict[str, JsonValue] = {
         op: {"name": op, "payload": {"$ref": reference}} for op, reference in references.items()
@@ -109,9 +104,6 @@ def _finish(definition: dict[str, JsonValue], spec: OpSpec, profile: Profile) ->
 
 def write_documents(folder: Path) -> Sequence[Path]:
     """Write each profile as ``rosbridge-NAME.schema.json`` and ``rosbridge-NAME.asyncapi.json``.
-
-    Args:
-        folder: target folder, created if missing.
 
     Raises:
         OSError: the folder is not writable.

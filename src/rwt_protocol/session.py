@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import JSON, codec_of, decode_png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SteppedCodec
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.quick_publish import QUICK
+from rwt_protocol.codecs.quick_frames import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import MessageReassembly, cut
@@ -71,27 +71,10 @@ class Session:
             id.
         call: encodes a call to a provider, from the service, its request and the id.
         is_quick: True if common small text frames may be read by
-            :func:`~rwt_protocol.codecs.quick_publish.split_publish` and
-            :func:`~rwt_protocol.codecs.quick_calls.split_call` instead of :meth:`decode`. False while the
+            :func:`~rwt_protocol.codecs.quick_frames.split_publish` and
+            :func:`~rwt_protocol.codecs.quick_frames.split_call` instead of :meth:`decode`. False while the
             client requests `status` messages about successes or defaults, which need the whole op.
     """
-
-    __slots__ = (
-        "_can_be_quick",
-        "_codec",
-        "_direction",
-        "_inside",
-        "_level",
-        "_limits",
-        "_max_size",
-        "_profile",
-        "_readers",
-        "_reassembly",
-        "call",
-        "encode",
-        "is_quick",
-        "response",
-    )
 
     def __init__(
         self,
@@ -130,8 +113,6 @@ class Session:
         session has an exclusive encoding.
 
         Args:
-            data: the whole frame.
-            binary: True if it arrived as binary.
             now: seconds of any monotonic clock.
         """
         codec = self._codec or (codec_of(data) if binary else JSON)
@@ -158,7 +139,6 @@ class Session:
 
         Args:
             head: first bytes of its JSON text.
-            reason: error text.
 
         Returns:
             None if the head has no `id` or no `op` that arrives here, so that the sender cannot be answered.
@@ -184,13 +164,7 @@ class Session:
         size: int | None,
         id: str | int | None = None,  # as on the wire
     ) -> Sequence[Frame]:
-        """Cut a text frame longer than `size` characters into fragments (FRG-21).
-
-        Args:
-            frame: the whole message.
-            size: `fragment_size` of the client's request; None and 0: do not cut.
-            id: id of the message, used for its fragments; None: a new id (FRG-24).
-        """
+        """Cut a text frame longer than `size` characters into fragments (FRG-21)."""
         return cut(frame, size, str(id) if id is not None else "") if size else (frame,)
 
     def answer(self, op: Op) -> Frame | None:

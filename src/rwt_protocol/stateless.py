@@ -27,8 +27,6 @@ _CODECS: Final[Mapping[str, Callable[[], Codec]]] = MappingProxyType(
 class _Stateless(Session):
     """Session that returns all ops and handles none."""
 
-    __slots__ = ()
-
     def _do(self, op: Op, now: float) -> Sequence[Op | Refusal]:
         return (op,)
 

@@ -17,32 +17,9 @@ from typing import Final, Literal, Protocol, runtime_checkable
 
 from anyio.abc import TaskGroup
 
-from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.frames import Buffer, Framing
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
-
-
-@dataclass(frozen=True, slots=True)
-class Framing:
-    """Conversion of frames to the bytes of a wire. It depends only on the frame, so that connections share
-    bytes.
-
-    Attributes:
-        whole: returns a frame as one piece.
-        pieces: returns the same bytes in several pieces; the large ones are the frame's own parts, uncopied.
-        shared: False if the bytes depend on what was sent before on the connection: each frame is then framed
-            exactly once each time it is sent, in the order of sending.
-        joined: returns several frames as one piece, faster than joining the results of `whole`; None if it
-            cannot.
-        apart: returns the pieces between the gaps of several frames (:class:`~rwt_protocol.frames.GapFrame`),
-            one more than there are frames; None if it cannot.
-    """
-
-    whole: Callable[[Frame], bytes]
-    pieces: Callable[[Frame], tuple[Buffer, ...]]
-    shared: bool = True
-    joined: Callable[[Sequence[Frame]], bytes] | None = None
-    apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None
 
 
 class Link(Protocol):
@@ -363,7 +340,6 @@ class RemoteAddress:
         path: path of a Unix socket, or command of a program; the host is then empty.
         tls: encrypts the connection, and verifies the server; None for a plain connection.
         target: path and query of the HTTP request, for drivers that send one.
-        headers: headers of that request.
         limits: bounds of the connection, for drivers that enforce some of them.
         seconds: timeout of connecting.
         ice_servers: STUN and TURN servers, each like the W3C's ``RTCIceServer``, for drivers that use them;

@@ -22,6 +22,10 @@ def runs_asyncio() -> bool:
     return True
 
 
+def ignore(*arguments: object) -> None:
+    """Callback of what has ended."""
+
+
 class TaskStarter:
     """Starts tasks from callbacks of the event loop.
 

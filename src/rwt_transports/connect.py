@@ -27,11 +27,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 @dataclass(slots=True, eq=False)
 class OutgoingConnection:
-    """Outgoing connection.
-
-    Attributes:
-        opened: set once messages can be sent, or once it has failed.
-    """
+    """Outgoing connection. `opened` is set once messages can be sent, or once it has failed."""
 
     target: ConnectUrl
     state: ListenerState
@@ -55,24 +51,20 @@ class OutgoingConnection:
             self.begin(link, address, port)
 
     def begin(self, link: Link, address: str, port: int) -> Connection:
-        """Report that messages can be sent."""
         self.connection = Connection(self.state, link, address, port)
         self.state.add(self.connection, link)
         self.opened.set()
         return self.connection
 
     def fail(self, error: TransportError) -> None:
-        """Report that the connection could not be opened."""
         if not self.opened.is_set():
             self.error = error
             self.opened.set()
 
     def close(self, code: int, reason: str) -> None:
-        """Begin to close, if it is open."""
         self.state.close(code, reason)
 
     async def ended(self) -> None:
-        """Wait until the connection has ended."""
         await self.state.ended.wait()
 
     async def drained(self) -> None:
@@ -95,8 +87,6 @@ class OutgoingConnection:
 
 class _Handshaking(UnbufferedCallbacks):
     """Callbacks of a link until the server has accepted the handshake; then the connection takes over."""
-
-    __slots__ = ("_address", "_handshake", "_link", "_outgoing", "_port", "_request")
 
     def __init__(self, outgoing: OutgoingConnection, link: Link, address: str, port: int) -> None:
         self._outgoing = outgoing

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 import anyio
 
 from rwt_protocol.extensions import imported_on_call
-from rwt_protocol.frames import Buffer
+from rwt_protocol.frames import Buffer, Framing
 from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
-    Framing,
     HangUp,
     HangUpAware,
     HoldableWire,
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_transports")
 
 # Imported with the first client that agrees to compression.
-_deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websocket.deflate:deflate_server")
+_deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websocket.deflate:DeflateWire")
 
 TICK_SECONDS = 0.5
 
@@ -127,7 +126,6 @@ class ListenerState:
     _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> None:
-        """Add a new peer."""
         self.add((self.http or Connection)(self, link, address, port), link)
 
     def add(self, connection: PeerConnection, link: Link) -> None:
@@ -148,7 +146,6 @@ class ListenerState:
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
-        """Check the timeouts of every connection; `now` is monotonic, in seconds."""
         for connection in tuple(self.connections):
             try:
                 connection.tick(now)
@@ -158,7 +155,6 @@ class ListenerState:
                 connection.abort()
 
     def close(self, code: int, reason: str) -> None:
-        """Begin to close every connection, and accept no more."""
         self.closing = True
         for connection in tuple(self.connections):
             connection.close(code, reason)
@@ -198,7 +194,6 @@ class ListenerState:
             await self._empty.wait()
 
     def detach(self, connection: PeerConnection) -> None:
-        """Remove a connection that has ended."""
         self.connections.discard(connection)
         self.addresses.leave(connection.address)
         if not self.connections and self._empty is not None:
@@ -414,7 +409,6 @@ class Connection:
         self.outbox.push(data)
 
     def pong(self, data: bytes) -> None:
-        """Send the reply to a ping, unless the peer does not read."""
         self.outbox.push_if_read(data)
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
@@ -554,7 +548,6 @@ class _ConnectionSink(Outbox):
         self._ended_with = (ABNORMAL, "the connection was lost")
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close the connection after sending the control lane; queued data is not sent."""
         if self._connection is not None:
             self._connection.close(code, reason)
 

@@ -28,9 +28,6 @@ class Queue:
     """Queue of one topic, oldest message first.
 
     Attributes:
-        topic: name for logs.
-        on_drop: called for each message that is dropped; None: not reported.
-        time_ns: clock of the expiry times.
         begun: remaining frames of the message whose first frame is sent.
         size: bytes of both.
         finish: finish tag of the last frame that was served.
@@ -57,7 +54,6 @@ class Queue:
         self.scheduled = False
 
     def next_size(self) -> int:
-        """Return the size of the next frame."""
         return self.begun[0].size if self.begun else self.waiting[0][0].size if self.waiting else 0
 
 
@@ -142,7 +138,6 @@ class DataLane:
             self._position = self._last
 
     def clear(self) -> None:
-        """Drop everything without reports."""
         for _, _, queue in self.schedule:
             queue.waiting.clear()
             queue.begun.clear()
@@ -188,7 +183,6 @@ class DataLane:
         return max(rich, key=lambda queue: (not queue.rules.keep_all, queue.size), default=None)
 
     def count_drop(self, queue: Queue, reason: DropReason) -> None:
-        """Count and report a dropped message."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         if queue.on_drop is not None:
             queue.on_drop(reason)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from ssl import SSLContext
 
-from rwt_transports.api import BindAddress, Driver
+from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import Accept
 from rwt_transports.errors import BadUrl
@@ -21,13 +21,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
 class Listener:
-    """Open listener.
-
-    Attributes:
-        url: URL with the actual port.
-    """
-
-    __slots__ = ("_state", "url")
+    """Open listener; `url` has the actual port."""
 
     def __init__(self, url: str, state: ListenerState) -> None:
         self.url = url
@@ -35,7 +29,6 @@ class Listener:
 
     @property
     def connections(self) -> int:
-        """Number of connected peers, including plain HTTP."""
         return len(self._state.connections)
 
     async def ended(self) -> None:
@@ -120,18 +113,5 @@ async def listen(
         handshake_seconds=chosen.handshake_seconds,
         is_held_back=state.buffers.has_much_unread,
     )
-    async with _serving(driver or scheme.driver(), bound, state) as port:
+    async with (driver or scheme.driver()).serve(bound, state.attach) as port, state.serving():
         yield Listener(target.with_port(port), state)
-
-
-@asynccontextmanager
-async def _serving(driver: Driver, bound: BindAddress, state: ListenerState) -> AsyncIterator[int]:
-    failure: Exception | None = None
-    async with driver.serve(bound, state.attach) as port, state.serving():
-        try:
-            yield port
-        except Exception as error:
-            # Raised again below, so that the caller gets the exception itself and not a group around it.
-            failure = error
-    if failure is not None:
-        raise failure

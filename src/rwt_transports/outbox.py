@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from time import time_ns
 from typing import cast
 
-from rwt_protocol.frames import Buffer, Burst, Frame
-from rwt_transports.api import Framing
+from rwt_protocol.frames import Buffer, Burst, Frame, Framing
+from rwt_transports.background import ignore
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
@@ -72,7 +72,7 @@ class OutboxFlow:
         outbox.bursts = True
         outbox.room = room - size
         outbox.messages += 1
-        burst.members.append(outbox)
+        burst.members.append(outbox.sealed)
         return True
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
@@ -197,7 +197,7 @@ class Outbox:
         self.messages += 1
 
     def sealed(self, frames: int, size: int) -> None:
-        """Count the growth of a ready burst; implements :class:`rwt_protocol.frames.BurstMember`."""
+        """Count the growth of a ready burst."""
         self.messages += frames
         self.room -= size
 
@@ -303,7 +303,9 @@ class Outbox:
 
     def stop_sending(self) -> None:
         """Drop both lanes, and accept no further frames."""
-        self._discard_lanes()
+        self._control.clear()
+        self._control_bytes = 0
+        self._data.clear()
         self._settle_bursts()
         self._closed = True
         self.room = 0
@@ -315,12 +317,7 @@ class Outbox:
         self._large = 0
         self._begun.clear()
         self._on_empty = None
-        self._overflow = _ignore  # Break the cycle: the connection refers to this outbox.
-
-    def _discard_lanes(self) -> None:
-        self._control.clear()
-        self._control_bytes = 0
-        self._data.clear()
+        self._overflow = ignore  # Break the cycle: the connection refers to this outbox.
 
     def when_empty(self, callback: Callable[[], None]) -> None:
         self._on_empty = callback
@@ -345,10 +342,8 @@ class Outbox:
     def _take_small(self) -> Buffer:
         ready = self.ready
         if len(ready) == 1:
-            piece, framing = ready[0], self._framing
-            data = (
-                piece.framed(self.whole, framing.joined, framing.apart) if isinstance(piece, Burst) else piece
-            )
+            piece = ready[0]
+            data = piece.framed(self._framing) if isinstance(piece, Burst) else piece
         else:
             data = b"".join(self._settle_bursts())
         ready.clear()
@@ -360,10 +355,9 @@ class Outbox:
         ready = self.ready
         if self.bursts:
             self.bursts = False
-            framing = self._framing
             for at, piece in enumerate(ready):
                 if isinstance(piece, Burst):
-                    ready[at] = piece.framed(self.whole, framing.joined, framing.apart)
+                    ready[at] = piece.framed(self._framing)
         return cast("list[Buffer]", ready)
 
     def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
@@ -448,7 +442,3 @@ class Outbox:
         while room > 0 and (next_frame := self._data.next()) is not None:
             room -= next_frame.size
             self._ready_frame(next_frame)
-
-
-def _ignore(_reason: str) -> None:
-    """No-op: the connection has ended."""

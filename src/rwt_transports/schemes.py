@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from ssl import SSLContext
 from typing import Final, Protocol
 from urllib.parse import urlsplit
@@ -18,7 +19,7 @@ from rwt_transports.connection import MakeWire
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.errors import BadUrl, ConnectError
 from rwt_transports.limits import DATAGRAM_BYTES
-from rwt_transports.websocket.wire import websocket_client, websocket_server
+from rwt_transports.websocket.wire import WebSocketWire
 
 DEFAULT_PORT = 9090
 """The port of rosbridge (CFG-01)."""
@@ -29,11 +30,12 @@ _GROUP: Final = "rwt.transports"
 _anyio_driver = imported_on_call("rwt_transports.drivers.anyio_stream:AnyioDriver")
 _datagrams = imported_on_call("rwt_transports.drivers.datagrams:DatagramDriver")
 _standard_streams = imported_on_call("rwt_transports.drivers.standard_streams:StandardStreamsDriver")
-_json_over_tcp = imported_on_call("rwt_transports.wires.json_stream:json_over_tcp")
-_json_lines = imported_on_call("rwt_transports.wires.json_stream:json_lines")
-_json_datagrams = imported_on_call("rwt_transports.wires.json_stream:json_datagrams")
-_bson_documents = imported_on_call("rwt_transports.wires.bson_stream:bson_documents")
-_whole_messages = imported_on_call("rwt_transports.wires.whole_messages:whole_messages")
+_websocket_client = partial(WebSocketWire, server=False)
+_json_over_tcp = imported_on_call("rwt_transports.wires.json_stream:JsonStreamWire")
+_json_lines = imported_on_call("rwt_transports.wires.json_stream:JsonLinesWire")
+_json_datagrams = imported_on_call("rwt_transports.wires.json_stream:JsonDatagramWire")
+_bson_documents = imported_on_call("rwt_transports.wires.bson_stream:BsonStreamWire")
+_whole_messages = imported_on_call("rwt_transports.wires.whole_messages:MessageWire")
 
 
 class StreamDriver(Driver, Connector, Protocol):
@@ -98,10 +100,10 @@ class Scheme:
 
 SCHEMES = {
     "ws": Scheme(
-        "ws://127.0.0.1:9090", websocket_server, websocket_client, websocket_server, http=True, binary=True
+        "ws://127.0.0.1:9090", WebSocketWire, _websocket_client, WebSocketWire, http=True, binary=True
     ),
     "wss": Scheme(
-        "wss://0.0.0.0:9090", websocket_server, websocket_client, websocket_server, http=True, binary=True,
+        "wss://0.0.0.0:9090", WebSocketWire, _websocket_client, WebSocketWire, http=True, binary=True,
         tls=True, connect_port=443,
     ),
     "tcp": Scheme("tcp://127.0.0.1:9091", _json_over_tcp, _json_over_tcp, _bson_documents),
@@ -183,10 +185,6 @@ class ListenUrl:
 
 def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     """Parse a URL to listen on.
-
-    Args:
-        url: for example ``ws://127.0.0.1:9090``.
-        tls: certificate and key for the schemes that encrypt.
 
     Raises:
         BadUrl: the URL is invalid; the text gives the fault and an example.

@@ -82,9 +82,6 @@ class Turns:
     then.
 
     Args:
-        seconds: budget of one turn.
-        call_soon: calls a function in the next turn.
-        call_later: calls a function after some seconds.
         one_at_a_time: True if waiting work is done one piece per turn.
         is_held_back: returns True while queued work must wait for something other than a turn.
 

@@ -27,8 +27,8 @@ from rwt_transports.connection import ListenerState, MakeWire
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.limits import Deflate
-from rwt_transports.websocket.wire import websocket_server
-from rwt_transports.wires.json_stream import json_over_tcp
+from rwt_transports.websocket.wire import WebSocketWire
+from rwt_transports.wires.json_stream import JsonStreamWire
 from tests.faults.conftest import MIB, Robot
 from tests.memory_pipe import MemoryPipe
 from tests.rwt.gateways.rosbridge.recording_client import Client
@@ -122,7 +122,7 @@ def _pipe(told: Told, make_wire: MakeWire, routes: Routes | None) -> MemoryPipe:
 
 def test_a_message_of_a_gigabyte_is_passed_over() -> None:
     told = Told()
-    pipe = _pipe(told, websocket_server, Routes())
+    pipe = _pipe(told, WebSocketWire, Routes())
     pipe.send(REQUEST)
     chunk = bytes(MIB)
     with memory_below(6 * MIB):
@@ -136,7 +136,7 @@ def test_a_message_of_a_gigabyte_is_passed_over() -> None:
 def test_a_compressed_message_is_inflated_up_to_the_limit_and_no_further() -> None:
     told = Told()
     limits = Limits(message_bytes=MIB, deflate=Deflate.SHARED)
-    state = ListenerState(told.accept, websocket_server, limits, partial(HttpConnection, Routes()), "test")
+    state = ListenerState(told.accept, WebSocketWire, limits, partial(HttpConnection, Routes()), "test")
     pipe = MemoryPipe(state.attach, "memory", 0)
     pipe.send(REQUEST[:-2] + b"Sec-WebSocket-Extensions: permessage-deflate\r\n\r\n")
     (bomb,) = deflated([bytes(100 * MIB)], keep=False)
@@ -147,7 +147,7 @@ def test_a_compressed_message_is_inflated_up_to_the_limit_and_no_further() -> No
 
 def test_an_object_that_never_ends_is_passed_over() -> None:
     told = Told()
-    pipe = _pipe(told, json_over_tcp, None)
+    pipe = _pipe(told, JsonStreamWire, None)
     chunk = b"x" * MIB
     with memory_below(8 * MIB):
         pipe.send(b'{"op":"')

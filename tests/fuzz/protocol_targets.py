@@ -25,8 +25,7 @@ from rwt_protocol.codecs.base import TooMuchStructure
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.bson_decoder import check_structure
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
-from rwt_protocol.codecs.quick_calls import UsualCall, split_call
-from rwt_protocol.codecs.quick_publish import split_publish
+from rwt_protocol.codecs.quick_frames import UsualCall, split_call, split_publish
 from rwt_protocol.errors import Refused
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op

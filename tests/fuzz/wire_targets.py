@@ -17,9 +17,10 @@ from rwt_transports.webrtc.reassembly import Reassembly
 from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 from rwt_transports.websocket.deflate import DeflateWire
 from rwt_transports.websocket.extensions import DeflateTerms
-from rwt_transports.websocket.wire import WebSocketWire, websocket_server
-from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
-from rwt_transports.wires.whole_messages import WHOLE_MESSAGES, MessageWire
+from rwt_transports.websocket.wire import WebSocketWire
+from rwt_transports.wires.json_stream import JsonStreamWire
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.whole_messages import MessageWire
 from tests.memory_pipe import MemoryPipe
 from tests.rwt.media.webrtc.chunks import Chunk
 from tests.transports.rfc6455.frames import BINARY, frame
@@ -100,7 +101,12 @@ def websocket(data: bytes) -> None:
     options, cut, rest = data[0], data[1] or 256, data[2:]
 
     def make(events: WireEvents) -> Wire:
-        return WebSocketWire(events, max_size=LARGEST, server=not options & 1, strict_utf8=bool(options & 2))
+        return WebSocketWire(
+            events,
+            Limits(message_bytes=LARGEST, strict_utf8=bool(options & 2)),
+            ReceiveBufferPool(),
+            server=not options & 1,
+        )
 
     heard = _compare(make, bool(options & 4), rest, cut)
     assert sum(len(message) for message, _ in heard.messages) <= len(rest)
@@ -121,7 +127,12 @@ def deflate(data: bytes) -> None:
             rest += frame(BINARY, packed, reserved=4)
 
     def make(events: WireEvents) -> Wire:
-        return DeflateWire(events, terms, max_size=LARGEST, strict_utf8=bool(options & 8))
+        return DeflateWire(
+            terms,
+            events,
+            Limits(message_bytes=LARGEST, strict_utf8=bool(options & 8)),
+            ReceiveBufferPool(),
+        )
 
     _compare(make, bool(options & 16), rest, cut)
 
@@ -133,7 +144,7 @@ def json_stream(data: bytes) -> None:
     options, cut, rest = data[0], data[1] or 256, data[2:]
 
     def make(events: WireEvents) -> Wire:
-        return JsonStreamWire(events, max_size=LARGEST, framing=PLAIN)
+        return JsonStreamWire(events, Limits(message_bytes=LARGEST), ReceiveBufferPool())
 
     # What stands between objects, and what is over the limit, is cut where the network cuts it.
     if len(rest) <= LARGEST and rest[:1] == b"{" and rest.count(b"}{") == rest.count(b"}") - 1:
@@ -185,7 +196,7 @@ def http(data: bytes) -> None:
     routes.get("/", _page)
     routes.add("/", _page, "POST")
     limits = Limits(message_bytes=LARGEST, http_header_bytes=500, http_body_bytes=500)
-    state = ListenerState(_accept, websocket_server, limits, partial(HttpConnection, routes), "ws")
+    state = ListenerState(_accept, WebSocketWire, limits, partial(HttpConnection, routes), "ws")
     pipe = MemoryPipe(state.attach, "memory", 0)
     received = 0
     for piece in _pieces(data[1:], data[0] or 256):
@@ -214,7 +225,7 @@ def whole_messages(data: bytes) -> None:
 
 
 def _message_wire(events: WireEvents) -> Wire:
-    return MessageWire(events, LARGEST, WHOLE_MESSAGES)
+    return MessageWire(events, Limits(message_bytes=LARGEST), ReceiveBufferPool())
 
 
 def fragments(data: bytes) -> None:

@@ -14,7 +14,7 @@ from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.serialise import large_json
-from rwt_interfaces.serialise.large_json import MAX_VALUES
+from rwt_interfaces.serialise.json import MAX_VALUES
 from rwt_interfaces.steps import Steps, finished
 
 HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}

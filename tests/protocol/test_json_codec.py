@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rwt_protocol.codecs import JSON, Codec, bson_codec, cbor_codec
+from rwt_protocol.codecs import JSON, bson_codec, cbor_codec
+from rwt_protocol.codecs.base import Codec
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import (
     ActionFeedback,

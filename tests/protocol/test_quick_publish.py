@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.bson import BsonCodec
-from rwt_protocol.codecs.quick_publish import QUICK, split_publish
+from rwt_protocol.codecs.quick_frames import QUICK, split_publish
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction
 from rwt_protocol.profiles import PROFILES

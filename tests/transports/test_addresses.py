@@ -21,8 +21,8 @@ from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.wire import websocket_server
-from rwt_transports.wires.json_stream import json_over_tcp
+from rwt_transports.websocket.wire import WebSocketWire
+from rwt_transports.wires.json_stream import JsonStreamWire
 from tests.contract.transports import test_listen
 from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.handshake import REQUEST
@@ -55,7 +55,7 @@ def _http(
         routes = Routes()
         routes.get("/", _page)
     http = partial(HttpConnection, routes)
-    return ListenerState(_accept, websocket_server, limits or Limits(), http, "ws", addresses=addresses)
+    return ListenerState(_accept, WebSocketWire, limits or Limits(), http, "ws", addresses=addresses)
 
 
 def _comes(attach: Attach, address: str, data: bytes = b"") -> MemoryPipe:
@@ -87,7 +87,7 @@ def test_an_address_with_twice_as_many_gets_no_answer() -> None:
 def test_listeners_count_together() -> None:
     addresses = AddressCount(1)
     _comes(_http(addresses).attach, NEAR)
-    stream = ListenerState(_accept, json_over_tcp, Limits(), None, "tcp", addresses=addresses)
+    stream = ListenerState(_accept, JsonStreamWire, Limits(), None, "tcp", addresses=addresses)
     assert _comes(stream.attach, NEAR).closed
     assert not _comes(stream.attach, FAR).closed
 
@@ -148,7 +148,7 @@ def test_a_hub_counts_clients_and_not_the_connections_that_serve_them() -> None:
     addresses = AddressCount(1)
     hub = Hub(addresses=addresses)
     state = ListenerState(
-        hub.accept, websocket_server, Limits(), partial(HttpConnection, Routes()), "ws", addresses=addresses
+        hub.accept, WebSocketWire, Limits(), partial(HttpConnection, Routes()), "ws", addresses=addresses
     )
     robots = [_comes(state.attach, NEAR, _upgrade(b"/robots/rosie")) for _ in range(4)]
     assert all(b" 101 " in robot.receive() for robot in robots)

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.frames import Frame
+from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
 from rwt_transports.wires.bson_stream import DOCUMENTS, BsonStreamWire
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 DOCUMENT = bytes(bson.encode({"op": "publish", "topic": "/x", "msg": {"data": b"\x00\x01"}}))
 EMPTY = b"\x05\x00\x00\x00\x00"
@@ -50,7 +52,7 @@ class Reader:
     def __init__(self, max_size: int = 1000, aware: bool = True) -> None:
         self.events = Events(aware)
         self.got: list[bytes] = []
-        self.wire = BsonStreamWire(self.events, max_size=max_size)
+        self.wire = BsonStreamWire(self.events, Limits(message_bytes=max_size), ReceiveBufferPool())
         self.wire.message = self._message
 
     def _message(self, data: bytes, binary: bool) -> None:

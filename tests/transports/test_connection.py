@@ -15,7 +15,7 @@ from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
 from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
-from rwt_transports.websocket.wire import CLIENT_FRAMING, websocket_server
+from rwt_transports.websocket.wire import CLIENT_FRAMING, WebSocketWire
 from tests.memory_pipe import MemoryPipe
 
 REQUEST = (
@@ -35,7 +35,7 @@ class Host:
 
     def __init__(self, accept: Accept, limits: Limits | None = None, routes: Routes | None = None) -> None:
         self.state = ListenerState(
-            accept, websocket_server, limits or Limits(), partial(HttpConnection, routes or Routes()), "ws"
+            accept, WebSocketWire, limits or Limits(), partial(HttpConnection, routes or Routes()), "ws"
         )
 
     def pipe(self) -> MemoryPipe:

@@ -44,7 +44,7 @@ class Peer(Heard):
         super().__init__(skip=True)
         terms = DeflateTerms(keeps_context=keeps, peer_keeps_context=peer_keeps, window_bits=12)
         self.wire = self.inflating = DeflateWire(
-            self, terms, max_size=limit, strict_utf8=strict, buffers=buffers
+            terms, self, Limits(message_bytes=limit, strict_utf8=strict), buffers or ReceiveBufferPool()
         )
         self.wire.message = lambda data, binary: self.messages.append((data, binary))
 

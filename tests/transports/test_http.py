@@ -17,7 +17,7 @@ from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.wire import websocket_server
+from rwt_transports.websocket.wire import WebSocketWire
 from tests.memory_pipe import MemoryPipe
 
 
@@ -45,7 +45,7 @@ class Browser:
         self.sent = b""
         self.tasks = KeptTasks()
         http = partial(HttpConnection, routes or pages())
-        state = ListenerState(nobody, websocket_server, limits or Limits(), http, "ws", tasks=self.tasks)
+        state = ListenerState(nobody, WebSocketWire, limits or Limits(), http, "ws", tasks=self.tasks)
         self.pipe = MemoryPipe(state.attach, "10.0.0.1", 4321)
 
     @property

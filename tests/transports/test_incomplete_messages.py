@@ -8,9 +8,10 @@ from collections.abc import Callable
 import pytest
 
 from rwt_transports.api import Wire, WireEvents
+from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.bson_stream import BsonStreamWire
-from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
+from rwt_transports.wires.json_stream import JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 MOST = 2_000_000
@@ -48,24 +49,25 @@ def _frame(first: int, size: int) -> bytes:
     return struct.pack(">BBQ", first, 0xFF, size) + bytes(4) + b"x" * size
 
 
+LIMITS = Limits(message_bytes=2 * SIZE)
 WIRES: dict[str, tuple[Make, bytes, bytes]] = {
     "frame": (
-        lambda events, pool: WebSocketWire(events, max_size=2 * SIZE, buffers=pool),
+        lambda events, pool: WebSocketWire(events, LIMITS, pool),
         _frame(0x82, SIZE)[:-1],
         b"x",
     ),
     "fragments": (
-        lambda events, pool: WebSocketWire(events, max_size=2 * SIZE, buffers=pool),
+        lambda events, pool: WebSocketWire(events, LIMITS, pool),
         _frame(0x02, SIZE // 2) + _frame(0x00, SIZE // 2),
         b"\x80\x80" + bytes(4),
     ),
     "json": (
-        lambda events, pool: JsonStreamWire(events, max_size=2 * SIZE, framing=PLAIN, buffers=pool),
+        lambda events, pool: JsonStreamWire(events, LIMITS, pool),
         b'{"a":"' + b"x" * (SIZE - 8),
         b'"}',
     ),
     "bson": (
-        lambda events, pool: BsonStreamWire(events, max_size=2 * SIZE, buffers=pool),
+        lambda events, pool: BsonStreamWire(events, LIMITS, pool),
         struct.pack("<i", SIZE) + b"x" * (SIZE - 5),
         b"\0",
     ),
@@ -132,7 +134,7 @@ def test_one_alone_may_have_as_much_as_a_message_may(kind: str) -> None:
 def test_a_large_message_is_received_directly_up_to_its_last_byte() -> None:
     size = 3 * SIZE
     pool = ReceiveBufferPool()
-    sender = Sender(lambda events, pool: WebSocketWire(events, max_size=size, buffers=pool), pool)
+    sender = Sender(lambda events, pool: WebSocketWire(events, Limits(message_bytes=size), pool), pool)
     sent = memoryview(_frame(0x82, size))
     sender.wire.feed(bytes(sent[:20_000]))
     place, views = 20_000, []

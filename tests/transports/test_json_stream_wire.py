@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.frames import Frame
+from rwt_transports.limits import Limits
 from rwt_transports.wires.json_stream import LINES, PLAIN, JsonStreamWire
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 LIMIT = 2000
 Feed = Callable[[JsonStreamWire, bytes], None]
@@ -25,7 +27,7 @@ class Heard:
         self.heads: list[bytes] = []
         self.ends: list[tuple[int, str]] = []
         self.skip = skip
-        self.wire = JsonStreamWire(self, max_size=limit, framing=PLAIN)
+        self.wire = JsonStreamWire(self, Limits(message_bytes=limit), ReceiveBufferPool())
         self.wire.message = lambda data, binary: self.messages.append(data)
 
     def oversized_head(self, size: int, head: bytes) -> None:

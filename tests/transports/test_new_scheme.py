@@ -7,12 +7,9 @@ import pytest
 from rwt import Server
 from rwt.cli import parser_for
 from rwt_client import connect
-from rwt_protocol.frames import Frame
+from rwt_protocol.frames import Frame, Framing
 from rwt_transports import BadUrl
-from rwt_transports.api import Framing, WireEvents
-from rwt_transports.limits import Limits
 from rwt_transports.schemes import SCHEMES, Scheme, parse_connect_url
-from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
 
@@ -26,6 +23,8 @@ FRAMING = Framing(_netstring, lambda frame: (_netstring(frame),))
 class NetstringWire(StreamWire):
     """Messages as ``5:hello,``."""
 
+    framing = FRAMING
+
     def _step(self) -> bool:
         size, colon, rest = bytes(self._buffer).partition(b":")
         if not colon or len(rest) <= int(size):
@@ -35,13 +34,9 @@ class NetstringWire(StreamWire):
         return True
 
 
-def netstrings(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> NetstringWire:
-    return NetstringWire(events, limits.message_bytes, FRAMING)
-
-
 @pytest.fixture
 def row(monkeypatch: pytest.MonkeyPatch) -> None:
-    scheme = Scheme("netstring://127.0.0.1:9099", netstrings, netstrings, connect_port=9099)
+    scheme = Scheme("netstring://127.0.0.1:9099", NetstringWire, NetstringWire, connect_port=9099)
     monkeypatch.setitem(SCHEMES, "netstring", scheme)
 
 

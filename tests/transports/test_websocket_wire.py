@@ -16,7 +16,9 @@ from websockets.uri import parse_uri
 
 from rwt_protocol.frames import Frame
 from rwt_transports.api import HEAD_BYTES
+from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import CLIENT_FRAMING, SERVER_FRAMING, WebSocketWire
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 KEY = bytes.fromhex("37fa213d")
 LIMIT = 300_000
@@ -32,7 +34,9 @@ class Heard:
         self.sizes: list[int] = []
         self.heads: list[bytes] = []
         self.skip = skip
-        self.wire = WebSocketWire(self, max_size=LIMIT, server=server, strict_utf8=strict)
+        self.wire = WebSocketWire(
+            self, Limits(message_bytes=LIMIT, strict_utf8=strict), ReceiveBufferPool(), server=server
+        )
         self.wire.message = lambda data, binary: self.messages.append((data, binary))
 
     def oversized_head(self, size: int, head: bytes) -> None:

@@ -152,7 +152,8 @@ class _PythonStubs:
             case field_types.Bool():
                 return "_Bool"
             case field_types.Int():
-                return f"_{'Int' if field_type.low < 0 else 'Uint'}{_bits(field_type)}"
+                bits = (field_type.high - field_type.low).bit_length()
+                return f"_{'Int' if field_type.low < 0 else 'Uint'}{bits}"
             case field_types.Float():
                 return "_Float"
             case field_types.String(bound=bound):
@@ -209,10 +210,6 @@ def _literal(value: object) -> str:
 def _bounded(kind: str, least: int, most: int) -> str:
     bounds = f"min_length={least}, max_length={most}" if least else f"max_length={most}"
     return f"typing.Annotated[{kind}, pydantic.Field({bounds})]"
-
-
-def _bits(field_type: field_types.Int) -> int:
-    return (field_type.high - field_type.low).bit_length()
 
 
 def _int_types() -> Iterator[str]:

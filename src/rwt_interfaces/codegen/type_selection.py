@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,11 +22,8 @@ class TypeSelection:
     """Types with all nested types.
 
     Attributes:
-        registry: source of the types.
         messages: messages in dependency order, including parts of services and actions, excluding times.
         times: time types that occur in them.
-        services: the services.
-        actions: the actions.
     """
 
     registry: Registry
@@ -43,7 +40,7 @@ def selection(registry: Registry, types: Iterable[InterfaceType]) -> TypeSelecti
     )
     walk = _Walk()
     for each in chosen:
-        for part in parts_of(each):
+        for part in each.parts:
             walk.add(part)
     return TypeSelection(
         registry,
@@ -52,16 +49,6 @@ def selection(registry: Registry, types: Iterable[InterfaceType]) -> TypeSelecti
         tuple(each for each in chosen if isinstance(each, ServiceType)),
         tuple(each for each in chosen if isinstance(each, ActionType)),
     )
-
-
-def parts_of(interface: InterfaceType) -> Iterator[MessageType]:
-    """Return the messages of a type."""
-    if isinstance(interface, MessageType):
-        yield interface
-    elif isinstance(interface, ServiceType):
-        yield from (interface.request, interface.response)
-    else:
-        yield from (interface.goal, interface.result, interface.feedback)
 
 
 class _Walk:
@@ -92,11 +79,7 @@ class _Walk:
 
 
 class ClassNames:
-    """Class names of messages; the package is prepended if two packages share a name.
-
-    Args:
-        reserved: names that the generated file uses itself.
-    """
+    """Class names of messages; the package is prepended if two packages share a name."""
 
     def __init__(self, chosen: TypeSelection, reserved: Iterable[str]) -> None:
         names = [message.name for message in chosen.messages]

@@ -35,11 +35,7 @@ _FILLER = Field("structure_needs_at_least_one_member", WrittenType("uint8"))
 
 
 def md5(definition: MessageDefinition, lookup: Registry) -> str:
-    """Return ROS 1's MD5 sum of a message, 32 hexadecimal digits.
-
-    Raises:
-        UnknownType: a nested message is unknown.
-    """
+    """Return ROS 1's MD5 sum of a message, 32 hexadecimal digits; raises UnknownType."""
     return _md5(_md5_text(definition, lookup, {}))
 
 
@@ -69,25 +65,14 @@ def _md5_text(definition: MessageDefinition, lookup: Registry, known: dict[str, 
 
 
 def rihs01(definition: MessageDefinition, lookup: Registry) -> str:
-    """Return ROS 2's type hash of a message: ``RIHS01_`` and 64 hexadecimal digits.
-
-    Raises:
-        UnknownType: a nested message is unknown.
-    """
+    """Return ROS 2's type hash: ``RIHS01_`` and 64 hexadecimal digits; raises UnknownType."""
     nested: dict[str, dict[str, object]] = {}
     described = _described(lookup.full_name(definition.name), definition.fields, lookup, nested)
     return _hashed(described, nested)
 
 
 def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Registry) -> str:
-    """Return ROS 2's type hash of a service, which consists of request, response and event.
-
-    Args:
-        full_name: three-part, ``std_srvs/srv/SetBool``.
-
-    Raises:
-        UnknownType: a nested message is unknown.
-    """
+    """Return ROS 2's type hash of a service with that three-part name; raises UnknownType."""
     parts = {
         "request": definition.request.name,
         "response": definition.response.name,

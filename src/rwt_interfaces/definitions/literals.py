@@ -33,8 +33,6 @@ class Literals:
     `text` is the value as written, without the comment, after a value was read.
     """
 
-    __slots__ = ("_at", "_line", "text")
-
     def __init__(self, line: str) -> None:
         self._line = line
         self._at = 0
@@ -102,7 +100,9 @@ class Literals:
             token = self._token(_QUOTED)
             if token is None:
                 raise DefinitionError(f"expected a quoted string, got {_shown(self._line[self._at :])}")
-            return _bounded(_ESCAPE.sub(_unescape, token[1:-1]), field_type)
+            return _bounded(
+                _ESCAPE.sub(lambda found: _ESCAPES.get(found[1], found[1]), token[1:-1]), field_type
+            )
         token = self._token(_BARE)
         if token is None:
             raise DefinitionError(f"expected {field_type.name}, got {_shown(self._line[self._at :])}")
@@ -132,10 +132,6 @@ class Literals:
         self._skip()
         if self._at < len(self._line) and self._line[self._at] != "#":
             raise DefinitionError(f"unexpected text after the value: {_shown(self._line[self._at :])}")
-
-
-def _unescape(match: re.Match[str]) -> str:
-    return _ESCAPES.get(match[1], match[1])
 
 
 def _scalar(token: str, name: str) -> Value:

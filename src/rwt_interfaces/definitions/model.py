@@ -20,7 +20,6 @@ class WrittenType:
     Attributes:
         name: a member of :data:`PRIMITIVES`, or the two-part name of a message (``geometry_msgs/Point``).
         string_bound: maximum length of ``string<=N`` and ``wstring<=N``.
-        is_array: True if the field holds a sequence.
         length: number of elements of a fixed array ``T[N]``.
         bound: maximum number of elements of a bounded sequence ``T[<=N]``.
     """
@@ -42,8 +41,6 @@ class Field:
     """Field of a message.
 
     Attributes:
-        name: as written.
-        type: type of the field.
         default: default value in the definition (ROS 2), of the field's type; a tuple for an array.
         where: text and line of the definition, `my_msgs/msg/Status.msg:3`; empty if there is none.
     """
@@ -71,8 +68,6 @@ class MessageDefinition:
     Attributes:
         name: two-part, ``std_msgs/String``. Parts of services and actions are ``std_srvs/SetBool_Request``,
             ``nav2_msgs/NavigateToPose_Goal`` on ROS 2, without the ``_`` on ROS 1.
-        fields: fields in wire order.
-        constants: constants in text order.
         text: the definition as written, including comments, with LF line ends.
     """
 

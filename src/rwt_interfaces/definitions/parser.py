@@ -152,8 +152,6 @@ def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines
 
 
 class _MessageParser:
-    __slots__ = ("distro", "package", "source", "translated")
-
     def __init__(self, package: str, source: str, distro: Distro) -> None:
         self.package = package
         self.source = source

@@ -165,10 +165,10 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
 
 def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]:
     """Yield the leaves of a message in order; trailing bytes come as one without attributes."""
-    slots = _slots(message)
-    before += head(_MAP, len(slots))
-    for name, attribute, field_type in slots:
-        before += _text(name)
+    before += head(_MAP, len(message.slots))
+    for slot in message.slots:
+        attribute, field_type = slot.attribute, slot.type
+        before += _text(slot.name)
         if isinstance(field_type, field_types.Message):
             nested = list(_leaves(field_type.type, f"{prefix}{attribute}.", before))
             before = nested.pop()[0]
@@ -177,10 +177,6 @@ def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]
             yield before, prefix + attribute, _encoder(field_type), field_type
             before = b""
     yield before, "", bytes, None
-
-
-def _slots(message: MessageType) -> list[tuple[str, str, FieldType]]:
-    return [(slot.name, slot.attribute, slot.type) for slot in message.slots]
 
 
 def _encoder(field_type: FieldType) -> _Encode:

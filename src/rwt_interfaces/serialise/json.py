@@ -50,22 +50,6 @@ class MessageJson:
         check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
-    __slots__ = (
-        "_complete",
-        "_decode",
-        "_kinds",
-        "_message",
-        "_octets",
-        "_pack",
-        "_sendable",
-        "_texts",
-        "_unsendable",
-        "check",
-        "has_arrays",
-        "has_lists",
-        "strict",
-    )
-
     def __init__(self, message: MessageType) -> None:
         self.strict = strict_struct(message)
         self._sendable: type[msgspec.Struct] | None = None
@@ -109,11 +93,40 @@ class MessageJson:
             return self._decode(raw)
         except msgspec.ValidationError:
             # A null becomes NaN in the lenient decoder.
-            return self._complete(parse(raw), _no_clock)
+            return self._complete(parse(raw), lambda: 0)
 
     def encode(self, value: msgspec.Struct) -> bytes:
         """Return the message as compact JSON: all fields, NaN and infinities as null (JSN-04, JSN-08)."""
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
+
+
+MAX_VALUES: Final = 1 << 18
+"""Maximum number of values of a text that is decoded at once, estimated by its commas and braces."""
+MAX_LENIENT_VALUES: Final = 1 << 15
+"""The same for a text that has to be completed value by value."""
+WINDOW_BYTES: Final = 1 << 18
+SEQUENCE: Final = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
+"""A message in JSON up to its `header.seq`, in the usual place."""
+
+
+class Unsplittable(Exception):
+    """The text cannot be split into chunks: it is not JSON, or holds many values in an unusual place."""
+
+
+def has_many_values(data: RawText, most: int = MAX_VALUES) -> Steps[bool]:
+    """Return True, in steps, if a text may hold so many values that it may not be decoded at once."""
+    if len(data) <= most:
+        return False
+    text = bytes(data)
+    found = 0
+    for start in range(0, len(text), WINDOW_BYTES):
+        if start:
+            yield
+        stop = start + WINDOW_BYTES
+        found += text.count(b",", start, stop) + text.count(b"{", start, stop)
+        if found > most:
+            return True
+    return False
 
 
 MOST_SLOW_NUMBERS: Final = 1000
@@ -157,10 +170,6 @@ def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Calla
             raise msgspec.ValidationError
 
     return check
-
-
-def _no_clock() -> int:
-    return 0
 
 
 def parse(raw: RawText) -> object:

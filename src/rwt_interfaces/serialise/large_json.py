@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
@@ -22,7 +22,16 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Slot
-from rwt_interfaces.serialise.json import REJECTIONS, items_encoder, parse
+from rwt_interfaces.serialise.json import (
+    MAX_LENIENT_VALUES,
+    REJECTIONS,
+    SEQUENCE,
+    WINDOW_BYTES,
+    Unsplittable,
+    has_many_values,
+    items_encoder,
+    parse,
+)
 from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
 from rwt_interfaces.serialise.splice import put
@@ -31,6 +40,7 @@ from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import annotation
 from rwt_interfaces.validation.lenient_decoder import Completion, compile_field
 from rwt_interfaces.validation.mismatch import check_length, under
+from rwt_interfaces.validation.numbers import LIST
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -41,13 +51,6 @@ SLOW_CHUNK_BYTES: Final = 1 << 12
 """Bytes of an array that are decoded in one step where values are completed one by one."""
 MAX_GROWTH_BYTES: Final = 1_000_000
 """Bytes that the messages of an array may grow before the fields that they lack are counted."""
-MAX_VALUES: Final = 1 << 18
-"""Maximum number of values of a text that is decoded at once, estimated by its commas and braces."""
-MAX_LENIENT_VALUES: Final = 1 << 15
-"""The same for a text that has to be completed value by value."""
-SEQUENCE: Final = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
-"""A message in JSON up to its `header.seq`, in the usual place."""
-_WINDOW_BYTES: Final = 1 << 18
 _MAX_MEMBERS: Final = 256
 """Members of an object that are looked at one by one in a step."""
 _MAX_DEPTH: Final = 16
@@ -67,23 +70,12 @@ _STRINGS: Final = re.compile(
 _NOT_SPACE: Final = re.compile(rb"[^ \t\r\n]")
 _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
 
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 _skip: Final = msgspec.json.Decoder(msgspec.Raw).decode
 _Path = tuple[Slot, ...]
 
 
-class Unsplittable(Exception):
-    """The text cannot be split into chunks: it is not JSON, or holds many values in an unusual place."""
-
-
 class _Span(NamedTuple):
-    """Place of one value in a text.
-
-    Attributes:
-        begin, end: offsets of its first byte, and behind its last.
-        members: members by name, of an object.
-    """
+    """Place of one value in a text, with the members of an object; `end` is behind its last byte."""
 
     begin: int
     end: int
@@ -96,6 +88,15 @@ class _Array(NamedTuple):
     path: _Path
     items: _Items
     span: _Span
+
+
+class LargeMessages:
+    """Large messages of one type, which are split, completed and encoded in steps."""
+
+    def __init__(self, message: MessageType) -> None:
+        self.split: Callable[[RawText], Steps[LargeJson | None]] = partial(LargeJson.split, message)
+        self.complete_values = partial(_complete_values, message)
+        self.encode = partial(_encode, message)
 
 
 class LargeJson:
@@ -131,11 +132,7 @@ class LargeJson:
         return (yield from self.is_exact_around()) and (yield from self.has_exact_arrays())
 
     def is_exact_around(self) -> Steps[bool]:
-        """Check that the text without its long arrays may be passed on untouched.
-
-        Raises:
-            Unsplittable: the rest of the text is large itself.
-        """
+        """Check the text without its long arrays; raises Unsplittable if that is large itself."""
         short = self._without_arrays()
         if (yield from has_many_values(short)):
             raise Unsplittable
@@ -227,8 +224,6 @@ class _Items:
 
     Attributes:
         are_octets: True for octets, which may be written as a list of numbers.
-        are_numbers: True if the items are numbers.
-        encode: encodes a list of items as JSON.
     """
 
     def __init__(self, array: field_types.Array | field_types.Octets) -> None:
@@ -242,7 +237,7 @@ class _Items:
         self._decode_list = compile_field(field_types.Array(element))
         self._read = array_reader(field_types.Array(element))
         self._decode_sendable: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
-            _LIST[strict_annotation(element, has_nulls=False)]
+            LIST[strict_annotation(element, has_nulls=False)]
         ).decode
         self.encode = items_encoder(element)
 
@@ -285,7 +280,7 @@ class _Items:
                 yield self._decode_sendable(text)
             except msgspec.ValidationError:
                 # It holds a null, which is NaN.
-                yield self._decode_list(_parsed(text), _no_clock)
+                yield self._decode_list(_parsed(text), lambda: 0)
 
     def complete(self, data: bytes, span: _Span, completion: Completion) -> Steps[Any]:
         """Complete the items of an array in steps; raises InvalidMessage or Unsplittable."""
@@ -355,7 +350,7 @@ class _Items:
             return None
 
     def _own(self, items: list[msgspec.Struct]) -> list[Any]:
-        own: list[Any] = msgspec.convert(items, _LIST[annotation(self._element)], from_attributes=True)
+        own: list[Any] = msgspec.convert(items, LIST[annotation(self._element)], from_attributes=True)
         return own
 
     def _long_item(self, data: bytes, start: int, stop: int) -> Steps[LargeJson | None]:
@@ -370,10 +365,6 @@ class _Items:
 
 
 _items_of: Final = lru_cache(maxsize=256)(_Items)
-
-
-def _no_clock() -> int:
-    return 0
 
 
 def _parsed(text: bytes) -> Any:
@@ -435,7 +426,7 @@ def _place(message: MessageType, path: str) -> list[float]:
     return [math.inf]
 
 
-def complete_values(
+def _complete_values(
     message: MessageType, value: Mapping[str, object], now: Callable[[], int]
 ) -> Steps[msgspec.Struct | None]:
     """Complete a message of plain values, its long lists in steps; None if it has none.
@@ -468,7 +459,7 @@ def _without_lists(
     return short
 
 
-def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
+def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
     """Encode a message as JSON in steps; return None if it has no long lists."""
     short = value
     lists: list[Parts] = []
@@ -502,25 +493,9 @@ def _spliced(message: MessageType, short: msgspec.Struct, lists: list[Parts]) ->
     return tuple(joined)
 
 
-def has_many_values(data: RawText, most: int = MAX_VALUES) -> Steps[bool]:
-    """Return True, in steps, if a text may hold so many values that it may not be decoded at once."""
-    if len(data) <= most:
-        return False
-    text = bytes(data)
-    found = 0
-    for start in range(0, len(text), _WINDOW_BYTES):
-        if start:
-            yield
-        stop = start + _WINDOW_BYTES
-        found += text.count(b",", start, stop) + text.count(b"{", start, stop)
-        if found > most:
-            return True
-    return False
-
-
 def _is_unusual(chunk: bytes) -> Steps[bool]:
     """Return True if a chunk, which is one item then, may not be decoded at once."""
-    return len(chunk) > _WINDOW_BYTES and (yield from has_many_values(chunk))
+    return len(chunk) > WINDOW_BYTES and (yield from has_many_values(chunk))
 
 
 def _long_arrays(message: MessageType, data: bytes, span: _Span, path: _Path) -> Iterator[_Array]:
@@ -593,11 +568,7 @@ def _end(data: bytes, begin: int, last: int) -> int:
 
 
 def _chunks(data: bytes, span: _Span, size: int, first: int = 0) -> Iterator[tuple[int, int]]:
-    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item.
-
-    Args:
-        first: size of the first chunk, if different.
-    """
+    """Yield the offsets of chunks of about `size` bytes, or a single item; the first of `first`, if given."""
     start, last = span.begin + 1, span.end - 1
     near = start + (first or size)
     while True:

@@ -63,7 +63,8 @@ def holds_long_lists(array: field_types.Array, items: Iterable[Any]) -> bool:
 
 def plain(value: object) -> Any:
     """Messages as dicts, lists and scalars, octets as bytes."""
-    return msgspec.to_builtins(value, builtin_types=(bytes,), enc_hook=_plain_array)
+    # The hook gets arrays of numpy, which is not imported here.
+    return msgspec.to_builtins(value, builtin_types=(bytes,), enc_hook=lambda array: array.tolist())
 
 
 def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
@@ -95,8 +96,3 @@ def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
         else:
             items += plain(chunk)
     return items
-
-
-def _plain_array(array: Any) -> object:
-    # An array of numpy, which is not imported here.
-    return array.tolist()

@@ -130,11 +130,6 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
     content is valid in a string, so the second quote ends it. So the text is JSON if and only if it is with
     the token, and means the same but for that string. Only a length check could confuse the two, so types
     with such fields are excluded.
-
-    Args:
-        raw: the JSON text.
-        octets: True to search for base64.
-        texts: True to search for any text.
     """
     margin = min(MARGIN_BYTES, len(raw) // 4)
     begin = _begin(bytes(raw[:margin]))

@@ -100,28 +100,22 @@ def _long_array(
         _write_length(out, 0, rules.aligned)
     place = len(out)
     count = 0
-    if isinstance(element, field_types.Bool | field_types.Int | field_types.Float):
-        code = "?" if isinstance(element, field_types.Bool) else element.code
-        for chunk in chunks:
-            if chunk is not None and len(chunk):
-                if not count:  # An empty array has no padding.
-                    out += bytes(gap(len(out), struct.calcsize(code), rules.aligned))
-                count += len(chunk)
-                out += little_endian(chunk, code)
-            yield
-    else:
-        write = _writer(element, rules)
-        is_long = long_items(element)
-        in_steps = None
-        for chunk in chunks:
-            count += len(chunk or ())
-            for item in chunk or ():
-                if is_long is not None and isinstance(element, field_types.Message) and is_long(item):
+    write = _array_writer(field_types.Array(element, length=0), rules)  # Without the number of items.
+    is_long = long_items(element)
+    in_steps = None
+    for chunk in chunks:
+        items = () if chunk is None else chunk
+        count += len(items)
+        if is_long is None or not isinstance(element, field_types.Message):
+            write(out, items)
+        else:
+            for item in items:
+                if is_long(item):
                     in_steps = in_steps or _step_writer(element.type, rules)
                     yield from in_steps(out, item, {})
                 else:
-                    write(out, item)
-            yield
+                    write(out, (item,))
+        yield
     if field_type.length is None:
         LENGTH.pack_into(out, place - LENGTH.size, count)
 

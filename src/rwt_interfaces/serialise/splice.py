@@ -7,6 +7,7 @@ neither decoded nor copied, except between base64 and octets, once.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import copy
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -40,14 +41,7 @@ LengthHead = Callable[[int, bool], bytes]
 
 
 class LongField:
-    """Field for long content: not in an array, of unbounded length, and not a wide string.
-
-    Attributes:
-        is_text: True for a string, False for octets.
-        fetch: returns its value in a message.
-    """
-
-    __slots__ = ("_attributes", "fetch", "is_text")
+    """Field for long content: not in an array, of unbounded length, and not a wide string."""
 
     def __init__(self, attributes: tuple[str, ...], is_text: bool) -> None:
         self._attributes = attributes
@@ -78,18 +72,13 @@ def long_fields(message: MessageType) -> Iterator[LongField]:
 
 def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
     """Return the first field of a Python message with a string to be encoded in steps."""
-    for field in type.long_text_fields:
-        if len(field.fetch(message)) >= LONG_TEXT_CHARS:
-            return field
-    return None
+    return next((each for each in type.long_text_fields if len(each.fetch(message)) >= LONG_TEXT_CHARS), None)
 
 
 def long_octets(type: MessageType, message: msgspec.Struct) -> LongField | None:
     """Return the first field of a Python message with separate octets."""
-    for field in type.long_octets_fields:
-        if len(field.fetch(message)) >= LONG_OCTETS_BYTES:
-            return field
-    return None
+    long = (each for each in type.long_octets_fields if len(each.fetch(message)) >= LONG_OCTETS_BYTES)
+    return next(long, None)
 
 
 def without_views(type: MessageType, message: msgspec.Struct) -> msgspec.Struct:
@@ -156,11 +145,7 @@ class SplicedMessage:
 
     @classmethod
     def from_serialised(cls, type: MessageType, data: bytes | memoryview) -> SplicedMessage | msgspec.Struct:
-        """Decode a message; in two parts, without a copy of the long one, if it has long octets.
-
-        Raises:
-            InvalidMessage: the message does not fit.
-        """
+        """Decode a message; in two parts if it has long octets. Raises InvalidMessage."""
         message = type.deserialise_views(data)
         field = long_octets(type, message)
         if field is None:
@@ -210,8 +195,9 @@ class SplicedMessage:
 
     def numbered(self, number: int) -> SplicedMessage:
         """Return the same message with that `header.seq`."""
-        short = put(self._short, ("header", "seq"), number)
-        return SplicedMessage(short, self._field, self._token, self._content, self._octets, self._unescaped)
+        numbered = copy(self)
+        numbered._short = put(self._short, ("header", "seq"), number)
+        return numbered
 
     def value(self) -> msgspec.Struct:
         """Return the whole message."""
@@ -242,12 +228,7 @@ class SplicedMessage:
 
     def detached(self) -> SplicedMessage:
         """Return the message without references to the receive buffer."""
-        content, octets = self._content, self._octets
-        return SplicedMessage(
-            self._short,
-            self._field,
-            self._token,
-            None if content is None else bytes(content),
-            None if octets is None else bytes(octets),
-            self._unescaped,
-        )
+        detached = copy(self)
+        detached._content = None if self._content is None else bytes(self._content)
+        detached._octets = None if self._octets is None else bytes(self._octets)
+        return detached

@@ -17,6 +17,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 from rwt_interfaces.validation.numbers import (
+    LIST,
     float32,
     float32_list,
     float_annotation,
@@ -29,20 +30,13 @@ if TYPE_CHECKING:
 
 #: Test for flaws that no msgspec annotation expresses.
 Flaw = Callable[[Any], bool]
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 #: Batch size of the comparison.
 _PIECE = 1 << 16
 _UINT64_MAX = (1 << 64) - 1
 
 
 def strict_struct(message: MessageType, *, has_nulls: bool = True) -> type[msgspec.Struct]:
-    """Compile the Struct; nested ones come from their types.
-
-    Args:
-        message: the message type.
-        has_nulls: True if floats may be null.
-    """
+    """Compile the Struct; nested ones come from their types. With `has_nulls`, floats may be null."""
     name = message.name.partition("/")[2]
     if message.time is not None:
         return _strict_time(message.time)
@@ -91,7 +85,7 @@ def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
         case field_types.Message():
             return type.type.json.strict if has_nulls else type.type.json.sendable
         case field_types.Array():
-            return sized(_LIST[strict_annotation(type.element, has_nulls=has_nulls)], type.length, type.bound)
+            return sized(LIST[strict_annotation(type.element, has_nulls=has_nulls)], type.length, type.bound)
 
 
 def sized(kind: Any, length: int | None, bound: int | None) -> Any:

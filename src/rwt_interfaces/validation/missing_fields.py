@@ -21,10 +21,6 @@ def missing_fields(message: MessageType, value: object) -> tuple[str, ...]:
 
     Headers are excluded, because the server may complete them (PUB-05). A missing nested message is named
     once.
-
-    Args:
-        message: type of the value.
-        value: the message as plain objects.
     """
     return tuple(islice(_missing(message, value), _MAX_PATHS))
 
@@ -35,7 +31,7 @@ def _missing(message: MessageType, value: object) -> Iterator[str]:
     for slot in message.slots:
         if slot.name in value:
             yield from (f"{slot.name}{rest}" for rest in _inside(slot, value[slot.name]))
-        elif not _is_header(slot):
+        elif not (isinstance(slot.type, Message) and slot.type.type.name == _HEADER):
             yield slot.name
 
 
@@ -49,7 +45,3 @@ def _inside(slot: Slot, value: object) -> Iterator[str]:
     ):
         for index, item in enumerate(value):
             yield from (f"[{index}].{path}" for path in _missing(field_type.element.type, item))
-
-
-def _is_header(slot: Slot) -> bool:
-    return isinstance(slot.type, Message) and slot.type.type.name == _HEADER

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: msgspec keeps bounds in an int64, which uint64's upper one does not fit.
 _LARGEST_BOUND = (1 << 63) - 1
 #: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
+LIST: Any = list
 _FLOAT32 = struct.Struct("f")
 #: Numbers from which a look at them with numpy is quicker.
 _MANY = 512
@@ -108,7 +108,7 @@ def float_annotation(type: field_types.Float, *, has_nulls: bool = True) -> obje
 
 @lru_cache(maxsize=32)
 def _list_annotation(type: field_types.Int | field_types.Float) -> Any:
-    return _LIST[int_annotation(type) if isinstance(type, field_types.Int) else float_annotation(type)]
+    return LIST[int_annotation(type) if isinstance(type, field_types.Int) else float_annotation(type)]
 
 
 def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:

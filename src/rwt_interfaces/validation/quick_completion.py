@@ -18,7 +18,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.serialise.strict import flaw_in, inexact, sized, strict_annotation, strict_struct
 from rwt_interfaces.struct_fields import slot_default, time_struct
 from rwt_interfaces.times import NANOSECONDS
-from rwt_interfaces.validation.numbers import float32, float32_list
+from rwt_interfaces.validation.numbers import LIST, float32, float32_list
 
 if TYPE_CHECKING:
     from rwt_interfaces.field_types import FieldType, Slot
@@ -31,9 +31,6 @@ Rounding = Callable[[Any], None]
 
 MOST_FIELDS: Final = 200_000
 """Maximum estimated number of omitted fields; beyond it, the lenient decoder counts them."""
-
-#: Subscripted at run time, which a checker cannot follow.
-_LIST: Any = list
 
 
 class _Moment(threading.local):
@@ -52,22 +49,16 @@ class QuickCompletion:
         struct: class of the result, which differs from the message's own.
     """
 
-    __slots__ = ("_decode", "_decode_items", "_fields", "_flawed", "_round", "struct")
-
     def __init__(self, message: MessageType) -> None:
         self.struct = _struct(message)
         self._decode = msgspec.json.Decoder(self.struct).decode
-        self._decode_items: Callable[[bytes], list[Any]] = msgspec.json.Decoder(_LIST[self.struct]).decode
+        self._decode_items: Callable[[bytes], list[Any]] = msgspec.json.Decoder(LIST[self.struct]).decode
         self._flawed = flaw_in(message, _integer_flaw)
         self._round = _rounding(message)
         self._fields = _most_fields(message)
 
     def __call__(self, raw: bytes | memoryview, now: Now) -> msgspec.Struct:
         """Return the message of a JSON text.
-
-        Args:
-            raw: the text.
-            now: ROS time in nanoseconds, for headers without a stamp.
 
         Raises:
             msgspec.MsgspecError, UnicodeDecodeError, RecursionError: the lenient decoder has to look at it.
@@ -79,11 +70,7 @@ class QuickCompletion:
         return self._checked(self._decode(raw))
 
     def items(self, raw: bytes, now: Now) -> list[msgspec.Struct]:
-        """Return the messages of a JSON array, which must be short: what it lacks is not counted.
-
-        Raises:
-            msgspec.MsgspecError, UnicodeDecodeError, RecursionError: as when called.
-        """
+        """Return the messages of a JSON array, which must be short: what it lacks is not counted."""
         _moment.now = now
         return [self._checked(message) for message in self._decode_items(raw)]
 
@@ -115,7 +102,7 @@ def _annotation(type: FieldType) -> Any:
         case field_types.Message():
             return type.type.complete_quickly.struct
         case field_types.Array(element=field_types.Message()):
-            return sized(_LIST[_annotation(type.element)], type.length, type.bound)
+            return sized(LIST[_annotation(type.element)], type.length, type.bound)
         case _:
             return strict_annotation(type)
 
@@ -158,17 +145,14 @@ def _rounding(message: MessageType) -> Rounding | None:
     singles = [slot.attribute for slot in message.slots if slot.type == field_types.FLOAT32]
     parts: list[Rounding] = [_rounding_of_singles(singles)] if singles else []
     for slot in message.slots:
-        if isinstance(slot.type, field_types.Message):
-            nested = _rounding(slot.type.type)
+        is_array = isinstance(slot.type, field_types.Array)
+        inner = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
+        if isinstance(inner, field_types.Message):
+            nested = _rounding(inner.type)
             if nested is not None:
-                parts.append(_within(slot.attribute, nested))
-        elif isinstance(slot.type, field_types.Array):
-            if slot.type.element == field_types.FLOAT32:
-                parts.append(_rounding_of_list(slot.attribute))
-            elif isinstance(slot.type.element, field_types.Message):
-                nested = _rounding(slot.type.element.type)
-                if nested is not None:
-                    parts.append(_within_each(slot.attribute, nested))
+                parts.append((_within_each if is_array else _within)(slot.attribute, nested))
+        elif is_array and inner == field_types.FLOAT32:
+            parts.append(_rounding_of_list(slot.attribute))
     if len(parts) < 2:
         return parts[0] if parts else None
 

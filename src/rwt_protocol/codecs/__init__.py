@@ -60,22 +60,29 @@ class Encoding:
     exclusive: Callable[[], Codec] | None = None
 
 
-def _cbor(topic: str) -> PublishEncoder:
-    return cbor_codec().publish_encoder(topic)
-
-
-def _bson(topic: str) -> PublishEncoder:
-    return bson_codec().publish_encoder(topic)
-
-
 _ENCODINGS: Final = {
     encoding.name: encoding
     for encoding in (
         Encoding("none", 0, JSON.publish_encoder),
         Encoding("png", 1, _png),
-        Encoding("cbor", 2, _cbor, "cbor", binary=True, codec=cbor_codec, first_bytes=_CBOR_MAPS),
+        Encoding(
+            "cbor",
+            2,
+            lambda topic: cbor_codec().publish_encoder(topic),
+            "cbor",
+            binary=True,
+            codec=cbor_codec,
+            first_bytes=_CBOR_MAPS,
+        ),
         Encoding("cbor-raw", 3, _cbor_raw, "serialised", binary=True, raw=True),
-        Encoding("bson", 4, _bson, "plain", binary=True, exclusive=bson_codec),
+        Encoding(
+            "bson",
+            4,
+            lambda topic: bson_codec().publish_encoder(topic),
+            "plain",
+            binary=True,
+            exclusive=bson_codec,
+        ),
     )
 }
 
@@ -124,21 +131,3 @@ def encoding_of(compression: str) -> Encoding:
     """Return the encoding that `compression` selects; unknown words select none (SUB-10)."""
     found = CODECS.get(compression)
     return CODECS["none"] if found is None or found.exclusive is not None else found
-
-
-__all__ = [
-    "CODECS",
-    "JSON",
-    "SELECTABLE",
-    "Codec",
-    "Encoding",
-    "Form",
-    "JsonCodec",
-    "PublishEncoder",
-    "bson_codec",
-    "cbor_codec",
-    "codec_of",
-    "decode_png",
-    "encoding_of",
-    "load_encoding",
-]

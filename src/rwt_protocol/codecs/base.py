@@ -28,15 +28,15 @@ Members = dict[str, object]
 
 @dataclass(frozen=True, slots=True)
 class DecodeFailure:
-    """Part of a frame that is not a message.
-
-    Attributes:
-        reason: error text for the sender.
-        members: members that were readable, to address the response.
-    """
+    """Part of a frame that is not a message, with the members that were readable, for the answer."""
 
     reason: str
     members: Members = field(default_factory=dict)
+
+    @classmethod
+    def too_deep(cls, max_depth: int, members: Members | None = None) -> DecodeFailure:
+        """Return the failure of a message that is nested too deeply."""
+        return cls(f"nested more than {max_depth} levels deep (limits.max_depth)", members or {})
 
 
 class TooMuchStructure(Exception):

@@ -19,7 +19,7 @@ from rwt_protocol.codecs.base import (
     Steps,
     TooMuchStructure,
 )
-from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WireLimits
@@ -74,7 +74,7 @@ class BsonCodec(SteppedCodec, ObjectCodec):
         except (BSONError, ValueError, OverflowError, RecursionError, struct.error, IndexError):
             return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)
         if is_too_deep:
-            return (too_deep(members_of(found, size), limits.max_depth),)
+            return (DecodeFailure.too_deep(limits.max_depth, members_of(found, size)),)
         return (members_of(found, size),)
 
     def frame(self, message: Mapping[str, object]) -> Frame:

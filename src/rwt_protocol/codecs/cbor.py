@@ -116,8 +116,6 @@ def raw_publish_frame(prefix: bytes, data: Sequence[Buffer], stamp_ns: int) -> F
     """Return a message of the prefix's topic in the robot's serialisation (CBR-10).
 
     Args:
-        prefix: result of :func:`publish_prefix`.
-        data: parts of the serialised message; spliced in.
         stamp_ns: ROS time, nanoseconds since the epoch. The keys are secs and nsecs in both ROS versions.
     """
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)

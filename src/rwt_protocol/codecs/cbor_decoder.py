@@ -314,12 +314,7 @@ def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
 
 
 def array_elements(code: str, data: Buffer) -> bytes | list[int] | list[float]:
-    """Return the elements of a typed array: octets as bytes, others as a list.
-
-    Args:
-        code: one of :data:`TYPED_ARRAYS`.
-        data: bytes of whole elements.
-    """
+    """Return the elements of a typed array: octets as bytes, others as a list."""
     if code == "<B":
         return bytes(data)
     return list(struct.unpack(f"{code[0]}{len(data) // struct.calcsize(code)}{code[1]}", data))

@@ -139,12 +139,8 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure
     except _MemberTooLarge as error:
         return (_too_large(data, error),)
     if len(data) > 2 * max_depth and deeper_than(data, max_depth):
-        return (_too_deep(max_depth, members),)
+        return (DecodeFailure.too_deep(max_depth, members),)
     return (members,)
-
-
-def _too_deep(max_depth: int, members: Members | None = None) -> DecodeFailure:
-    return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members or {})
 
 
 def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:
@@ -191,7 +187,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
         try:
             end = position + _end_of_value(memoryview(rest)[position:])
         except RecursionError:
-            found.append(_too_deep(max_depth))
+            found.append(DecodeFailure.too_deep(max_depth))
             break
         except msgspec.DecodeError as error:
             if not cleaned and len(rest) - position <= _MOST_LOOKED_AT:
@@ -271,7 +267,7 @@ def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
         return _too_large(piece, error)
     except (msgspec.DecodeError, UnicodeDecodeError):
         return _unreadable(piece)
-    return _too_deep(max_depth, members) if deeper_than(piece, max_depth) else members
+    return DecodeFailure.too_deep(max_depth, members) if deeper_than(piece, max_depth) else members
 
 
 def _unreadable(piece: bytes) -> DecodeFailure:

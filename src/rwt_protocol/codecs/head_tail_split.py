@@ -80,7 +80,6 @@ def split_large(data: bytes, max_depth: int, dense: str = "") -> Members | None:
     The payload's nesting is not checked either: its message type bounds it.
 
     Args:
-        data: the frame.
         max_depth: maximum depth of the message, checked when it is validated.
         dense: reason why the payload must not be decoded as plain values; empty if it may be.
     """

@@ -29,20 +29,13 @@ def members_within(
     """Same as :func:`members_of`, with a check of the depth for libraries that have none.
 
     Args:
-        found: the decoded message.
-        size: bytes of its frame.
         max_depth: maximum number of open objects and arrays, including the message.
         smallest_level: minimum bytes of a nested object.
     """
     members = members_of(found, size)
     if size > smallest_level * max_depth and _deeper_than(found, max_depth):
-        return too_deep(members, max_depth)
+        return DecodeFailure.too_deep(max_depth, members)
     return members
-
-
-def too_deep(members: Members, max_depth: int) -> DecodeFailure:
-    """Return the failure of a message that is nested too deeply."""
-    return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members)
 
 
 def _deeper_than(found: object, limit: int) -> bool:

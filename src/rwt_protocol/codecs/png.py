@@ -105,7 +105,6 @@ def decode(data: str, max_size: int) -> bytes:
     """Return the JSON text in an image. Its padding is white space in JSON (PNG-07).
 
     Args:
-        data: `Png.data`.
         max_size: maximum bytes of text; checked before decompression.
 
     Raises:
@@ -195,8 +194,6 @@ def _compressed(text: bytes | bytearray, row: int, height: int) -> Iterator[byte
 
     Args:
         text: content of the pixels; the last row is padded with newlines (PNG-03).
-        row: bytes per row.
-        height: number of rows.
     """
     packer = _packer(text)
     together = max(1, _STEP // row)

@@ -58,11 +58,7 @@ ALIASES: Final[Mapping[str, str]] = MappingProxyType(
 
 
 def inbound(direction: Direction) -> frozenset[type[Op]]:
-    """Return the models that need a handler where messages of `direction` arrive.
-
-    Args:
-        direction: `Direction.TO_SERVER` in a server, `Direction.TO_CLIENT` in a client.
-    """
+    """Return the models that need a handler where messages of `direction` arrive."""
     return frozenset(
         spec.model for spec in _SPECS if spec.direction in (direction, Direction.BOTH) and not spec.in_session
     )

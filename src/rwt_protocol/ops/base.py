@@ -35,11 +35,7 @@ from rwt_protocol.payloads import (
 
 @dataclass(frozen=True, slots=True)
 class NoEffect:
-    """Marker of a member that is accepted without effect; documented in the reference and tested.
-
-    Attributes:
-        reason: justification.
-    """
+    """Marker of a member that is accepted without effect; documented in the reference and tested."""
 
     reason: str
 

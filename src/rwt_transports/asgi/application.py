@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import anyio
 
-from rwt_transports.asgi.messages import asgi_messages, close_bytes, close_of
+from rwt_transports.asgi.messages import AsgiWire, close_bytes, close_of
 from rwt_transports.asgi.types import Receive, Scope, Send
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.drivers.task_link import TaskLink
@@ -26,7 +26,7 @@ from rwt_transports.http.routes import (
     Proxies,
     Routes,
     is_local,
-    refusal_as_text,
+    joined_headers,
 )
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import NO_STATUS, POLICY, may_travel
@@ -116,18 +116,20 @@ class AsgiListener:
 
     @property
     def connections(self) -> int:
-        """Number of open WebSockets."""
         return len(self._state.connections)
 
     # -- HTTP ----------------------------------------------------------------------------------------------
 
     async def http(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
         request = self._request_of(scope)
         addresses = self._state.addresses
         addresses.enter(request.address)
         try:
-            response = self._refused(request) or await self._answer(request, receive)
+            try:
+                self._check(request)
+                response = await self._answer(request, receive)
+            except Refused as refused:
+                response = HttpResponse.refusing(refused)
             if response is not None:
                 self._log(request, response)
                 await _respond(request, response, receive, send)
@@ -135,10 +137,9 @@ class AsgiListener:
             addresses.leave(request.address)
 
     def _request_of(self, scope: Scope) -> HttpRequest:
-        headers: dict[str, str] = {}
-        for raw_name, raw_value in scope["headers"]:
-            name, value = raw_name.decode("latin-1").lower(), raw_value.decode("latin-1")
-            headers[name] = f"{headers[name]}, {value}" if name in headers else value
+        headers = joined_headers(
+            (name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"]
+        )
         client = scope.get("client") or ("", 0)
         address, prefix = self._state.proxies.resolve(str(client[0]), headers)
         if scope.get("scheme") in ("https", "wss"):
@@ -148,18 +149,15 @@ class AsgiListener:
         method = scope.get("method", "GET").upper()
         return HttpRequest(method, path, query, headers, b"", address, prefix + mounted)
 
-    def _refused(self, request: HttpRequest) -> HttpResponse | None:
+    def _check(self, request: HttpRequest) -> None:
+        """Raise Refused if the listener does not answer a request."""
         host = request.headers.get("host", "")
-        try:
-            if not self._state.hosts.include(host):
-                shown = ascii(host)[1:-1][:200]
-                raise Refused(403, f"this server does not answer to the name {shown} (origins.hosts)")
-            if self._state.closing:
-                raise Refused(503, "this server is closing")
-            self._state.addresses.check(request.address)
-        except Refused as refused:
-            return refusal_as_text(request, refused)
-        return None
+        if not self._state.hosts.include(host):
+            shown = ascii(host)[1:-1][:200]
+            raise Refused(403, f"this server does not answer to the name {shown} (origins.hosts)")
+        if self._state.closing:
+            raise Refused(503, "this server is closing")
+        self._state.addresses.check(request.address)
 
     async def _answer(self, request: HttpRequest, receive: Receive) -> HttpResponse | None:
         """Return the response; None if the client left before its request was complete."""
@@ -186,23 +184,12 @@ class AsgiListener:
     # -- WebSocket -----------------------------------------------------------------------------------------
 
     async def websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one WebSocket until it ends."""
         if (await receive())["type"] != "websocket.connect":
             return
         request = self._request_of(scope)
         state = self._state
         client = scope.get("client") or ("", 0)
         state.addresses.enter(request.address)
-        refused = self._refused(request)
-        if refused is None and len(state.connections) >= state.limits.connections:
-            text = (
-                f"all {state.limits.connections} connections of this server are taken (limits.connections)\n"
-            )
-            refused = HttpResponse(text.encode(), 503)
-        if refused is not None:
-            state.addresses.leave(request.address)
-            await _refuse(scope, send, refused)
-            return
         subprotocol = choose_subprotocol(scope.get("subprotocols", ()), state.subprotocols)
         link = AsgiLink(receive, send)
         connection = Connection(state, link, request.address, int(client[1] or 0))
@@ -216,16 +203,20 @@ class AsgiListener:
             subprotocol=subprotocol or "",
         )
         link.set_callbacks(connection)
+        refusal: HttpResponse | None = None
         try:
+            self._check(request)
+            if len(state.connections) >= (most := state.limits.connections):
+                raise Refused(503, f"all {most} connections of this server are taken (limits.connections)")
             connection.open(peer)
-        except Refused as error:
-            state.addresses.leave(request.address)
-            await _refuse(scope, send, refusal_as_text(request, error))
-            return
+        except Refused as refused:
+            refusal = HttpResponse.refusing(refused)
         except Exception:
             log_exception("the accept function failed for %s", connection)
+            refusal = HttpResponse(b"internal error\n", 500)
+        if refusal is not None:
             state.addresses.leave(request.address)
-            await _refuse(scope, send, HttpResponse(b"internal error\n", 500))
+            await _refuse(scope, send, refusal)
             return
         state.connections.add(connection)
         try:
@@ -344,7 +335,7 @@ async def asgi_listener(
     chosen = Limits() if limits is None else limits
     state = ListenerState(
         accept,
-        asgi_messages,
+        AsgiWire,
         chosen,
         None,
         "ws",

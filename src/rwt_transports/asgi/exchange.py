@@ -12,7 +12,7 @@ import anyio
 from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
 
 from rwt_transports.asgi.types import App, Event, Scope
-from rwt_transports.http.routes import TEXT, HttpResponse
+from rwt_transports.http.routes import TEXT, HttpResponse, joined_headers
 
 logger = logging.getLogger("rwt_transports.asgi")
 
@@ -67,7 +67,6 @@ class Exchange:
         self._read: MemoryObjectReceiveStream[bytes] | None = None
 
     async def run(self) -> None:
-        """Let the app answer."""
         try:
             await self._app(self._scope, self._receive, self._send)
         except Exception as error:
@@ -130,10 +129,9 @@ class Exchange:
 
     def response(self, body: AsyncIterator[bytes] | None = None) -> HttpResponse:
         """Return the response; `body` in place of the app's own, which :meth:`chunk` returns."""
-        headers: dict[str, str] = {}
-        for name, value in self._headers:
-            if name not in _OURS and name != "set-cookie":
-                headers[name] = f"{headers[name]}, {value}" if name in headers else value
+        headers = joined_headers(
+            (name, value) for name, value in self._headers if name not in _OURS and name != "set-cookie"
+        )
         cookies = tuple(value for name, value in self._headers if name == "set-cookie")
         own = self._whole if self._read is None else ResponseBody(self)
         return HttpResponse(body or own or b"", self._status, self.kind, headers, cookies)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from struct import Struct
 from typing import Final
 
-from rwt_transports.api import HEAD_BYTES, WireEvents
-from rwt_transports.limits import Limits
+from rwt_transports.api import HEAD_BYTES
 from rwt_transports.websocket.close_codes import TOO_BIG
-from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.whole_messages import BINARY, CLOSE, HEADER, WHOLE_MESSAGES, MessageWire
+from rwt_transports.wires.whole_messages import BINARY, CLOSE, HEADER, MessageWire
 
 _CODE: Final = Struct(">H")
 
@@ -31,7 +29,6 @@ class AsgiWire(MessageWire):
     __slots__ = ()
 
     def feed(self, data: bytes) -> None:
-        """Process a header, or the message that it announced."""
         if self._over:
             return
         if self._wanted < 0:
@@ -61,8 +58,3 @@ class AsgiWire(MessageWire):
 def _close_message(code: int, reason: str) -> bytes:
     data = close_bytes(code, reason)
     return HEADER.pack(CLOSE, len(data)) + data
-
-
-def asgi_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> AsgiWire:
-    """Return the wire of one WebSocket."""
-    return AsgiWire(events, limits.message_bytes, WHOLE_MESSAGES, buffers)

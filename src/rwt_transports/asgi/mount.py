@@ -34,11 +34,7 @@ _UNSENT_BYTES: Final = 256 * 1024
 
 
 class AsgiMount:
-    """App below one path. It applies its own rules, and the limits of the port.
-
-    Args:
-        path: path of the app, such as ``/shop``.
-    """
+    """App below one path. It applies its own rules, and the limits of the port."""
 
     def __init__(self, path: str, app: App) -> None:
         self.path = path
@@ -72,12 +68,7 @@ class AsgiMount:
     # -- HTTP ----------------------------------------------------------------------------------------------
 
     async def handle(self, request: HttpRequest, *, secure: bool = False) -> HttpResponse:
-        """Pass a request to the app.
-
-        Args:
-            request: request below the app's path.
-            secure: True if it was sent over TLS.
-        """
+        """Pass a request to the app."""
         secure = secure or request.headers.get("x-forwarded-proto") in ("https", "wss")
         target = f"{request.path}?{request.query}" if request.query else request.path
         scope = self._scope("http", "https" if secure else "http", target, request.headers, request.address)

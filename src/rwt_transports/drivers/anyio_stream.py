@@ -18,11 +18,11 @@ from anyio.streams.tls import TLSStream
 
 from rwt_protocol.frames import Buffer
 from rwt_transports.api import Attach, BindAddress, Delivery, HangUp, RemoteAddress
+from rwt_transports.background import background_tasks
 from rwt_transports.drivers.sockets import (
     Handshakes,
     accept_peers,
-    bind_tcp,
-    bind_unix,
+    bind,
     delivery_of,
     detect_lost_peers,
     hang_up_of,
@@ -71,12 +71,10 @@ class _StreamLink(TaskLink):
         self._finishing = False
 
     def hang_up(self) -> HangUp:
-        """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
         file = -1 if self._socket is None else self._socket.fileno()
         return HangUp.NO if file < 0 else hang_up_of(file)
 
     def delivery(self) -> Delivery:
-        """Return how much of what was sent has arrived."""
         return Delivery() if self._socket is None else delivery_of(self._socket)
 
     def finish(self) -> None:
@@ -156,23 +154,18 @@ class AnyioDriver:
 
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
-        sockets = (
-            [bind_unix(address.path)]
-            if address.path
-            else await bind_tcp(address.host, address.port, shared=address.shared)
-        )
-        port = 0 if address.path else int(sockets[0].getsockname()[1])
+        sockets, port = await bind(address)
         turns = _turns_of(address.is_held_back)
         serve = partial(serve_stream, attach, turns=turns)
         if address.tls is not None:
             serve = partial(_serve_in_tls, address, address.tls, attach, turns, Handshakes())
         try:
-            async with AsyncExitStack() as listeners, anyio.create_task_group() as tasks:
+            async with AsyncExitStack() as listeners, background_tasks() as tasks:
                 for each in sockets:
-                    listener = await listeners.enter_async_context(await _listener(each))
+                    each.listen(BACKLOG)
+                    listener = await listeners.enter_async_context(await SocketListener.from_socket(each))
                     tasks.start_soon(accept_peers, listener.accept, partial(tasks.start_soon, serve))
                 yield port
-                tasks.cancel_scope.cancel()
         finally:
             if address.path:
                 remove_unix(address.path)
@@ -235,11 +228,6 @@ async def _shake_hands(
             with anyio.CancelScope(shield=True):
                 await anyio.aclose_forcefully(stream)
     return None
-
-
-async def _listener(bound: socket.socket) -> SocketListener:
-    bound.listen(BACKLOG)
-    return await SocketListener.from_socket(bound)
 
 
 async def _connected(address: RemoteAddress) -> ByteStream:

@@ -16,7 +16,6 @@ from time import monotonic
 from typing import Final, cast
 from weakref import WeakValueDictionary
 
-import anyio
 from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Buffer
@@ -31,13 +30,13 @@ from rwt_transports.api import (
     Link,
     RemoteAddress,
 )
+from rwt_transports.background import background_tasks, ignore
 from rwt_transports.drivers.asyncio_cycles import cut_cycles
 from rwt_transports.drivers.sockets import (
     UNSENT_BYTES,
     Handshakes,
     accept_peers,
-    bind_tcp,
-    bind_unix,
+    bind,
     delivery_of,
     detect_lost_peers,
     hang_up_of,
@@ -75,9 +74,6 @@ class _LoopShare:
 
     Receiving and unmasking ten megabytes takes milliseconds. When many connections do so at once, those
     beyond the budget deliver their bytes in a later turn.
-
-    Args:
-        is_held_back: returns True while large messages must wait.
 
     Attributes:
         buffer: receive buffer for small messages.
@@ -165,7 +161,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         self._callbacks: DriverCallbacks = NO_CALLBACKS
         self._gathering: Gathering | None = None
         self._share = share
-        self.wake: Callable[[], None] = _nothing
+        self.wake: Callable[[], None] = ignore
         self._socket = self._file = -1
         self._bounded: socket.socket | None = None
         self._view = memoryview(share.buffer)
@@ -285,7 +281,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         """Report the loss and drop all references: a cycle would live until a full garbage collection."""
         self._become(_LinkState.LOST)
         callbacks, self._callbacks, self._gathering = self._callbacks, NO_CALLBACKS, None
-        self.wake = _nothing
+        self.wake = ignore
         if self._tls:
             forget_protocol(self._transport)
         callbacks.lost()
@@ -371,7 +367,6 @@ class _SocketLink(asyncio.BufferedProtocol):
                 return
 
     def _takes_more(self) -> bool:
-        """Return whether the socket accepts more bytes, which a write may have changed."""
         return self._writable
 
     def _gathered(self, pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
@@ -440,18 +435,12 @@ class _SocketLink(asyncio.BufferedProtocol):
             self._transport.resume_reading()
 
     def hang_up(self) -> HangUp:
-        """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
         return (
             hang_up_of(self._socket) if self._state in (_LinkState.OPEN, _LinkState.ENDING) else HangUp.GONE
         )
 
     def delivery(self) -> Delivery:
-        """Return how much of what was sent has arrived."""
         return delivery_of(self._transport.get_extra_info("socket"))
-
-
-def _nothing() -> None:
-    """No-op: `wake` of a closed link."""
 
 
 def _bounded(sock: socket.socket) -> socket.socket | None:
@@ -494,13 +483,8 @@ class AsyncioDriver:
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         cut_cycles()
         loop = asyncio.get_running_loop()
-        sockets = (
-            [bind_unix(address.path)]
-            if address.path
-            else await bind_tcp(address.host, address.port, shared=address.shared)
-        )
+        sockets, port = await bind(address)
         share = _share_of(address.is_held_back)
-        port = 0 if address.path else int(sockets[0].getsockname()[1])
         patience = address.handshake_seconds if address.tls else None
         addresses, handshakes = address.addresses, Handshakes()
 
@@ -532,7 +516,7 @@ class AsyncioDriver:
                     log_exception("a new connection failed")
 
         try:
-            async with anyio.create_task_group() as tasks:
+            async with background_tasks() as tasks:
                 for each in sockets:
                     each.listen(BACKLOG)
                     tasks.start_soon(
@@ -541,7 +525,6 @@ class AsyncioDriver:
                         lambda accepted: tasks.start_soon(open_link, accepted),
                     )
                 yield port
-                tasks.cancel_scope.cancel()
         finally:
             for each in sockets:
                 with contextlib.suppress(ValueError, NotImplementedError):

@@ -16,6 +16,7 @@ import anyio
 from anyio.abc import SocketAttribute, UDPSocket
 
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks
+from rwt_transports.background import background_tasks
 from rwt_transports.drivers.sockets import unknown_host, why_not
 from rwt_transports.errors import ListenError, log_exception
 from rwt_transports.wires.json_stream import END
@@ -138,9 +139,8 @@ class DatagramDriver:
         except OSError as error:
             raise ListenError(why_not(error, address.host, address.port)) from error
         sessions = _Sessions(socket, attach)
-        async with socket, anyio.create_task_group() as tasks:
+        async with socket, background_tasks() as tasks:
             tasks.start_soon(sessions.read)
             tasks.start_soon(sessions.write)
             yield socket.extra(SocketAttribute.local_port)
             sessions.close()
-            tasks.cancel_scope.cancel()

@@ -18,7 +18,7 @@ from typing import Final, TypeVar
 import anyio
 import anyio.lowlevel
 
-from rwt_transports.api import Delivery, HangUp
+from rwt_transports.api import BindAddress, Delivery, HangUp
 from rwt_transports.errors import ListenError
 
 if sys.platform != "win32":
@@ -166,12 +166,22 @@ def raise_descriptor_limit() -> None:
         logger.debug("%d open files are the limit, up from %d", wanted, soft)
 
 
+async def bind(address: BindAddress) -> tuple[list[socket.socket], int]:
+    """Return sockets bound to a TCP address or the path of a Unix socket, and the TCP port or 0.
+
+    Raises:
+        ListenError: the address is not available.
+    """
+    if address.path:
+        return [bind_unix(address.path)], 0
+    sockets = await bind_tcp(address.host, address.port, shared=address.shared)
+    return sockets, int(sockets[0].getsockname()[1])
+
+
 async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket.socket]:
     """Return sockets bound to every address of `host` on one port; port 0 picks a free one.
 
     Args:
-        host: host name or address.
-        port: 0 to 65535.
         shared: join other processes that share the port; the system spreads connections over them.
 
     Raises:

@@ -19,6 +19,7 @@ from anyio.abc import ByteStream, Process, TaskGroup
 from anyio.streams.stapled import StapledByteStream
 
 from rwt_transports.api import Attach, BindAddress, RemoteAddress
+from rwt_transports.background import background_tasks
 from rwt_transports.drivers.anyio_stream import serve_stream
 from rwt_transports.errors import ListenError
 
@@ -39,7 +40,6 @@ class DescriptorStream(ByteStream):
         self._waits_to_write = _is_pipe(write_to)
 
     async def receive(self, max_bytes: int = 65536) -> bytes:
-        """Return the next bytes. Raises :exc:`anyio.EndOfStream` when the other side has closed."""
         await anyio.lowlevel.checkpoint()
         try:
             if self._waits_to_read:
@@ -92,10 +92,9 @@ class StandardStreamsDriver:
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         given = self._descriptors
         with _claimed() if given is None else _as_they_are(*given) as (read_from, write_to):
-            async with anyio.create_task_group() as tasks:
+            async with background_tasks() as tasks:
                 tasks.start_soon(serve_stream, attach, DescriptorStream(read_from, write_to))
                 yield 0
-                tasks.cancel_scope.cancel()
 
 
 async def _serve_process(attach: Attach, process: Process) -> None:

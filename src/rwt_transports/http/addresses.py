@@ -26,12 +26,10 @@ class AddressCount:
         self._open: Counter[str] = Counter()
 
     def enter(self, address: str) -> None:
-        """Count one more connection."""
         if key := self._key(address):
             self._open[key] += 1
 
     def leave(self, address: str) -> None:
-        """Count one connection less."""
         if key := self._key(address):
             self._open[key] -= 1
             if not self._open[key]:

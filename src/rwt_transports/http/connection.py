@@ -17,7 +17,7 @@ from rwt_transports.api import DeliveryAware, Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Routes
+from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Routes, joined_headers
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake, wants_websocket
 from rwt_transports.websocket.wire import SERVER_FRAMING
@@ -163,7 +163,7 @@ class HttpConnection(UnbufferedCallbacks):
         try:
             self._listener.addresses.check(self.address)
         except Refused as refused:
-            self._refused = _refusal(refused)
+            self._refused = HttpResponse.refusing(refused)
 
     def close(self, code: int, reason: str) -> None:
         """Close after the pending answer; end a stream."""
@@ -195,12 +195,9 @@ class HttpConnection(UnbufferedCallbacks):
             if self._is_over:
                 self._link.abort()
             else:
-                self._timed_out()
-
-    def _timed_out(self) -> None:
-        if self._h11.trailing_data[0] or self._request is not None:
-            self._fail(408)
-        self._end()
+                if self._h11.trailing_data[0] or self._request is not None:
+                    self._fail(408)
+                self._end()
 
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
@@ -239,7 +236,8 @@ class HttpConnection(UnbufferedCallbacks):
         while self._state is _HttpState.READING:
             event = self._h11.next_event()
             if event is h11.NEED_DATA:
-                self._continue_if_asked()
+                if self._h11.they_are_waiting_for_100_continue:
+                    self._send(h11.InformationalResponse(status_code=100, headers=[]))
                 return
             if isinstance(event, h11.Request):
                 self._request = event
@@ -270,16 +268,10 @@ class HttpConnection(UnbufferedCallbacks):
             else self._limits.http_body_bytes
         )
 
-    def _continue_if_asked(self) -> None:
-        if self._h11.they_are_waiting_for_100_continue:
-            self._send(h11.InformationalResponse(status_code=100, headers=[]))
-
     def _requested(self, raw: h11.Request) -> None:
         target = raw.target.decode("latin-1")
         pairs = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in raw.headers]
-        headers: dict[str, str] = {}
-        for name, value in pairs:
-            headers[name] = f"{headers[name]}, {value}" if name in headers else value
+        headers = joined_headers(pairs)
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
@@ -351,7 +343,7 @@ class HttpConnection(UnbufferedCallbacks):
         try:
             connection.open(peer)
         except Refused as refused:
-            refusal = _refusal(refused)
+            refusal = HttpResponse.refusing(refused)
         except Exception:
             log_exception("the accept function failed for %s", self)
             refusal = _INTERNAL_ERROR
@@ -551,10 +543,6 @@ class HttpConnection(UnbufferedCallbacks):
 SAFE_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 """Headers of every response: browsers must not guess its type, nor pass on its URL, which may contain a
 token."""
-
-
-def _refusal(refused: Refused) -> HttpResponse:
-    return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
 
 
 _INTERNAL_ERROR = HttpResponse(b"internal error\n", 500)

@@ -51,9 +51,7 @@ class HttpResponse:
     Attributes:
         body: whole body, or an iterator of chunks that are sent as they come; the iterator is closed when
             the peer disconnects.
-        status: HTTP status.
         content_type: value of the ``Content-Type`` header.
-        headers: further headers.
         cookies: ``Set-Cookie`` headers, which cannot be joined into one (RFC 6265 section 3).
         is_live: True if late chunks are worthless: the next one is requested when the one before has arrived.
     """
@@ -65,9 +63,22 @@ class HttpResponse:
     cookies: tuple[str, ...] = ()
     is_live: bool = False
 
+    @classmethod
+    def refusing(cls, refused: Refused) -> HttpResponse:
+        """Return a refusal as plain text."""
+        return cls(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+
 
 Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]
 """Handler of a route: a plain function, or a coroutine function, which runs in its own task."""
+
+
+def joined_headers(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Return headers by name; the values of repeated ones are joined with a comma."""
+    headers: dict[str, str] = {}
+    for name, value in pairs:
+        headers[name] = f"{headers[name]}, {value}" if name in headers else value
+    return headers
 
 
 class Work(Protocol):
@@ -116,7 +127,7 @@ AnyReader = TypeVar("AnyReader", default=Reader, contravariant=True)
 
 def refusal_as_text(request: HttpRequest, refused: Refused) -> HttpResponse:
     """Return a refusal as plain text."""
-    return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+    return HttpResponse.refusing(refused)
 
 
 class Audience(Enum):
@@ -173,7 +184,6 @@ class HttpExtension(Generic[AnyReader]):
     """HTTP routes and metrics that a node or a gateway adds to the server. A node has it as its `http`.
 
     Attributes:
-        routes: pages.
         section: returns HTML for the index page, limited to what the reader may see.
         metrics: returns metrics for ``/metrics``.
     """
@@ -216,7 +226,6 @@ class Routes:
         self._handlers.setdefault(path, {})[method.upper()] = handler
 
     def get(self, path: str, handler: Handler) -> None:
-        """Serve ``GET`` and ``HEAD`` of `path`."""
         self.add(path, handler, "GET")
 
     @property
@@ -228,7 +237,8 @@ class Routes:
         """Return the handler, or a 404 or 405 response."""
         handlers = self._handlers.get(path) or self._below(path)
         if handlers is None:
-            return self._not_found(path)
+            known = ", ".join(sorted(self._handlers)) or "nothing but WebSocket connections"
+            return HttpResponse(f"there is no {path} here; this port serves {known}\n".encode(), 404)
         handler = handlers.get("GET" if method == "HEAD" else method) or handlers.get("*")
         if handler is not None:
             return handler
@@ -239,10 +249,6 @@ class Routes:
     def _below(self, path: str) -> dict[str, Handler] | None:
         fitting = [known for known in self._handlers if known.endswith("/*") and path.startswith(known[:-1])]
         return self._handlers[max(fitting, key=len)] if fitting else None
-
-    def _not_found(self, path: str) -> HttpResponse:
-        known = ", ".join(sorted(self._handlers)) or "nothing but WebSocket connections"
-        return HttpResponse(f"there is no {path} here; this port serves {known}\n".encode(), 404)
 
 
 class Hosts:
@@ -294,11 +300,7 @@ class Proxies:
         return found is not None and any(found in network for network in self._networks)
 
     def resolve(self, address: str, headers: dict[str, str]) -> tuple[str, str]:
-        """Return the address and the prefix of the client behind a request, and reduce `headers` to its own.
-
-        Args:
-            headers: names in lower case; changed in place.
-        """
+        """Return the address and the prefix of the client behind a request, and reduce `headers` in place."""
         given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}
         if address not in self:
             return address, ""

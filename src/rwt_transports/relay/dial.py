@@ -109,10 +109,10 @@ async def dial(
     if token is not None:
         headers["Authorization"] = f"Bearer {token}"
     status = RelayStatus(url)
-
-    pool = buffers or (limits or Limits()).receive_pool()
-    connect_one = partial(connect, url, limits=limits, buffers=pool, tls=tls, headers=headers)
-    counted = addresses or AddressCount((limits or Limits()).connections_per_address)
+    chosen = limits or Limits()
+    pool = buffers or chosen.receive_pool()
+    connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
+    counted = addresses or AddressCount(chosen.connections_per_address)
     starter = TaskStarter()
 
     def serve_page(sink: Sink, request: HttpRequest) -> Endpoint:
@@ -122,14 +122,14 @@ async def dial(
 
     async with background_tasks() as tasks:
         tasks.start_soon(starter.run, tasks)
-
-        most = (limits or Limits()).connections
-        robot = _Robot(status, _bounded(status, accept, most), serve_page, backoff, connect_one, counted)
+        robot = _Robot(
+            status, _bounded(status, accept, chosen.connections), serve_page, backoff, connect_one, counted
+        )
         tasks.start_soon(robot.run, tasks)
         try:
             yield status
         finally:
-            with anyio.move_on_after((limits or Limits()).close_seconds, shield=True):
+            with anyio.move_on_after(chosen.close_seconds, shield=True):
                 await robot.leave()
 
 
@@ -271,10 +271,8 @@ class _IdleConnection:
     """Endpoint of a connection to the hub, until its client's endpoint takes over.
 
     Attributes:
-        address: address of the client.
         has_client: True if a client was assigned to it, admitted or not.
         code: close code; 0 if a client's endpoint took over.
-        ending: close code and reason.
     """
 
     def __init__(

@@ -95,11 +95,7 @@ def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
 
 
 def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
-    """Return the client or the page request of an assignment.
-
-    Raises:
-        BadAssignment: the message is not an assignment.
-    """
+    """Return the client or the page request of an assignment; raises BadAssignment."""
     try:
         assignment = _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):

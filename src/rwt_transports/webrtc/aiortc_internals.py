@@ -46,6 +46,7 @@ from aiortc.rtcsctptransport import (
     ShutdownChunk,
 )
 
+from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
 from rwt_transports.webrtc.congestion.feedback import read_feedback
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender
@@ -134,10 +135,6 @@ _NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, Shutdo
 """Chunks with numbers that only an association has whose peer has announced its first one."""
 
 
-def _ignore(*arguments: object) -> None:
-    """No-op: the peer has ended."""
-
-
 class BrokenAssociation(TransportError):
     """The peer broke the protocol, or exceeds a limit."""
 
@@ -172,8 +169,6 @@ class Association(RTCSctpTransport):
         """Convert the association of a peer connection, before it starts.
 
         Args:
-            sctp: association that the peer connection made.
-            limits: limits of a message.
             buffers: counts the bytes of incomplete messages.
             fail: ends the peer for a reason.
         """
@@ -208,12 +203,10 @@ class Association(RTCSctpTransport):
     # -- the channels' side --------------------------------------------------------------------------------
 
     def register(self, receiver: ChannelLink) -> None:
-        """Let a channel's messages go to `receiver`, and take from it what it has to send."""
         assert receiver.channel.id is not None  # An open channel has one.
         self._channels[receiver.channel.id] = receiver
 
     def unregister(self, receiver: ChannelLink) -> None:
-        """Forget a channel."""
         if receiver.channel.id is not None:
             self._channels.pop(receiver.channel.id, None)
         for waiting in (self._fresh, self._others):
@@ -221,7 +214,6 @@ class Association(RTCSctpTransport):
                 waiting.remove(receiver)
 
     def wake(self, receiver: ChannelLink) -> None:
-        """Schedule the messages of a receiver."""
         self._requeue(receiver)
         self._wakeup.set()
 
@@ -359,7 +351,6 @@ class Association(RTCSctpTransport):
         self._bundle.append(chunk)
 
     async def stop(self) -> None:
-        """Stop the transport."""
         sender, self._sender = self._sender, None
         if sender is not None:
             sender.cancel()
@@ -370,7 +361,7 @@ class Association(RTCSctpTransport):
             cast("Reassembly", stream).clear()
         self._buffers.release(self)
         await super().stop()
-        self._fail = _ignore
+        self._fail = ignore
         self._inbound_streams.clear()
 
     async def _handle_data(self, data: bytes) -> None:
@@ -451,7 +442,6 @@ class Association(RTCSctpTransport):
         self._wakeup.set()
 
     def _make_sack(self) -> SackChunk:
-        """Return a SACK chunk, which is to be sent now."""
         # aiortc's has a block for each gap, and may exceed a datagram.
         last, gaps = self._last_received_tsn or 0, list[tuple[int, int]]()
         for offset in sorted((tsn - last) % 2**32 for tsn in self._sack_misordered):
@@ -489,7 +479,6 @@ class Association(RTCSctpTransport):
         return stream
 
     def _hold(self, change: int, count: int) -> None:
-        """Count incomplete messages, and their bytes."""
         self.held_bytes += change
         self._incomplete += count
         if self._incomplete > INCOMPLETE:
@@ -615,7 +604,7 @@ class GuardedHandshake(RTCDtlsTransport):
     def release(self) -> None:
         """Break the reference cycles of a transport that has been closed for a while."""
         self.remove_all_listeners()
-        self.on_feedback = _ignore
+        self.on_feedback = ignore
         if self._ssl is not None:
             # pyOpenSSL's helper holds a function that holds the helper.
             vars(self._ssl.get_context()._verify_helper).clear()
@@ -654,7 +643,6 @@ def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event]
     """Replace the queue of a receiver that has not begun.
 
     Args:
-        receiver: receiver of a track.
         make_queue: makes the queue, called with the event that asks for a key frame.
     """
     private = cast("Any", receiver)

@@ -22,8 +22,6 @@ class ChannelLink:
     :class:`rwt_transports.webrtc.aiortc_internals.ChannelReceiver`.
 
     Args:
-        association: in which the channel is.
-        channel: the channel, which is open.
         unread: where messages wait while the endpoint is held back.
     """
 
@@ -50,7 +48,6 @@ class ChannelLink:
     # -- the association's side ----------------------------------------------------------------------------
 
     def message(self, data: bytes, binary: bool) -> None:
-        """Pass a message to the connection."""
         if self._paused or self._unread:
             self._unread.append((data, binary))
             self._association.count_unread(len(data))
@@ -72,7 +69,6 @@ class ChannelLink:
         return message[0], message[1] == BINARY
 
     def sent_all(self) -> None:
-        """Note that everything has been sent."""
         if self._closing and not self._over:
             self._association.unregister(self)
             self.channel.close()
@@ -96,12 +92,10 @@ class ChannelLink:
     # -- Link ----------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on."""
         self._callbacks = callbacks
         self._cutter = MessageCutter(callbacks.take)
 
     def wake(self) -> None:
-        """Ask the association to take what there is."""
         if not self._over:
             self._association.wake(self)
 
@@ -110,12 +104,10 @@ class ChannelLink:
         self.close()
 
     def close(self) -> None:
-        """Close the channel once what was taken has been sent."""
         self._closing = True
         self.wake()
 
     def abort(self) -> None:
-        """Close the channel; nothing that waits is sent."""
         if self._over:
             return
         self.channel.close()

@@ -35,11 +35,7 @@ PATH_PART: Final = 0.7
 
 
 class DataChannelConnector:
-    """Opens an ordered, reliable data channel to a server.
-
-    Attributes:
-        path: how the server was found, in words.
-    """
+    """Opens an ordered, reliable data channel to a server."""
 
     path = ""
 

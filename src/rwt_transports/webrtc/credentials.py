@@ -51,12 +51,7 @@ class IceSource:
 
 
 class IceServers:
-    """Servers of new peers; credentials are renewed after half of their lifetime.
-
-    Args:
-        source: where they come from.
-        now: seconds on a clock that never goes back.
-    """
+    """Servers of new peers; credentials are renewed after half of their lifetime."""
 
     def __init__(self, source: IceSource, now: Callable[[], float] = monotonic) -> None:
         self._source = source
@@ -117,7 +112,6 @@ def read_credential(text: bytes, urls: Sequence[str]) -> tuple[tuple[IceServer, 
     """Read a credential.
 
     Args:
-        text: what was answered.
         urls: of servers for which it holds, where it names none.
 
     Returns:

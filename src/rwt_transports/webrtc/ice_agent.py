@@ -179,11 +179,7 @@ class GuardedAgent(Connection):
 
 
 class GuardedProtocol(StunProtocol):
-    """Socket of an ICE agent that hands to aioice only what was validated.
-
-    Attributes:
-        guard: limits of the agent.
-    """
+    """Socket of an ICE agent that hands to aioice only what was validated."""
 
     guard: IceGuard
 

@@ -93,7 +93,6 @@ class TokenBucket:
         self._at = monotonic()
 
     def take(self) -> bool:
-        """Take a token. Returns False if there is none."""
         now = monotonic()
         self.tokens = min(self._burst, self.tokens + (now - self._at) * self._rate)
         self._at = now
@@ -129,9 +128,6 @@ class IceGuard:
     Args:
         reach: addresses to which checks are sent, and that the other side is told.
         take_check: counts a check to be sent for the peer's network; returns False beyond its rate.
-
-    Attributes:
-        reach: as given.
     """
 
     def __init__(self, reach: Reach, take_check: Callable[[], bool]) -> None:
@@ -146,7 +142,6 @@ class IceGuard:
         self._media_sources: set[bytes] = set()
 
     def is_source(self, address: Address) -> bool:
-        """Return True if an address has proved that it knows the credentials."""
         return address in self._sources
 
     def described(self, size: int) -> None:

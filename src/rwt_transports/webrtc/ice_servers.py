@@ -96,8 +96,6 @@ class Probe:
     """Result of a request to a STUN or TURN server.
 
     Attributes:
-        url: URL of the server.
-        works: True if the server helps to find a path.
         text: address that the server reported, or the reason of the failure.
         refused: True if the server answered with an error, for example about the credential.
     """

@@ -26,7 +26,7 @@ from rwt_transports.webrtc.ice_servers import IceServer, configuration
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message, without_addresses
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.whole_messages import whole_messages
+from rwt_transports.wires.whole_messages import MessageWire
 
 if TYPE_CHECKING:
     from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport
@@ -135,10 +135,6 @@ class Peer:
     async def take_description(self, description: Description, kind: str) -> None:
         """Apply the other side's description.
 
-        Args:
-            description: what was read of it.
-            kind: ``offer`` or ``answer``.
-
         Raises:
             BadDescription: it cannot be used.
         """
@@ -184,7 +180,6 @@ class Peer:
         """Add candidates of the other side.
 
         Args:
-            candidates: the candidates.
             size: bytes of the request with them.
 
         Raises:
@@ -234,7 +229,7 @@ class Peer:
         limits = self._terms.limits
         state = ListenerState(
             self._accept,
-            whole_messages,
+            MessageWire,
             replace(
                 limits,
                 ready_bytes=FRESH_READY_BYTES if link.is_fresh else READY_BYTES,
@@ -250,14 +245,12 @@ class Peer:
         state.add(Connection(state, link, self._address, 0), link)
 
     def tick(self) -> None:
-        """Check the time-outs of its connections."""
         now = monotonic()
         for state in self._states:
             state.tick(now)
 
     @property
     def channels(self) -> int:
-        """Data channels that are open."""
         return sum(bool(state.connections) for state in self._states)
 
     @property
@@ -287,7 +280,6 @@ class Peer:
                 callback()
 
     def when_ended(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once, when it has ended."""
         self._when_ended.append(callback)
 
     async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:

@@ -60,14 +60,12 @@ class _Run:
         self.charge = self.size + CHUNK_BYTES
 
     def truncate(self) -> None:
-        """Keep only the beginning."""
         if self.pieces is not None:
             self.head = b"".join(self.pieces)[:HEAD_BYTES] if self.has_first else b""
             self.pieces = None
             self.charge = len(self.head) + CHUNK_BYTES
 
     def message(self) -> bytes:
-        """Return the complete message."""
         if self.pieces is None:
             head = Truncated(self.head)
             head.size = self.size
@@ -79,7 +77,6 @@ class Reassembly:
     """Incoming stream; has the interface of aiortc's `InboundStream`.
 
     Args:
-        stream_id: its number.
         max_size: bytes of the largest message that is kept.
         hold: called with the change of what is kept of incomplete messages, in bytes and in number.
 
@@ -197,7 +194,6 @@ class Reassembly:
         return 0
 
     def clear(self) -> None:
-        """Drop everything."""
         for run in (*self._starts.values(), *self._ordered.values(), *self._ready):
             self._release(run)
         self._starts.clear()

@@ -63,12 +63,6 @@ class BadPacket(TransportError):
 def check_packet(data: bytes, source: int, destination: int, tag: int) -> None:
     """Check the structure of a packet; the checksum remains to be checked.
 
-    Args:
-        data: the packet.
-        source: SCTP port of the sender.
-        destination: SCTP port of the receiver.
-        tag: verification tag of the receiver.
-
     Raises:
         BadPacket: a field, a length or a count is invalid.
     """

@@ -31,7 +31,7 @@ SECTIONS: Final = 16
 FRAGMENT_BYTES: Final = 16 * 1024
 """Largest body of a PATCH with candidates."""
 LIBWEBRTC_BYTES: Final = 256 * 1024
-"""Maximum message size announced by Chromium, Safari and aiortc, although they accept more."""
+"""Message size that Chromium, Safari and aiortc announce. They accept more, and roslib relies on that."""
 
 UNSAID_BYTES: Final = 64 * 1024
 """Largest message of who says nothing about it (RFC 8841 section 6.1)."""
@@ -65,10 +65,6 @@ class Description:
 def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Description:
     """Parse an offer or an answer.
 
-    Args:
-        body: the description in UTF-8.
-        most_candidates: maximum number of remote candidates.
-
     Raises:
         BadDescription: it cannot be used; says why.
     """
@@ -95,7 +91,8 @@ def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Descript
         elif line.startswith("a=ice-ufrag:"):
             ufrag = ufrag or line.partition(":")[2]
         elif line.startswith("a=max-message-size:"):
-            largest = _number(line)
+            said = _number(line)
+            largest = 0 if said == LIBWEBRTC_BYTES else said
         kept.append(line)
     if candidates > most_candidates:
         raise BadDescription(f"{candidates} candidates; the limit is {most_candidates} (webrtc.candidates)")
@@ -104,7 +101,7 @@ def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Descript
     if not ufrag:
         raise BadDescription("the session description has no `a=ice-ufrag`")
     _check_sections(kept)
-    return Description("\r\n".join(kept) + "\r\n", tuple(media), candidates, ufrag, _largest_message(largest))
+    return Description("\r\n".join(kept) + "\r\n", tuple(media), candidates, ufrag, largest)
 
 
 _NAMES: Final = frozenset(
@@ -213,14 +210,6 @@ def _number(line: str) -> int:
     if not text.isascii() or not text.isdecimal() or len(text) > 19:
         raise BadDescription(f"not a number: {line[:80]!a}")
     return int(text)
-
-
-def _largest_message(said: int) -> int:
-    """Return the maximum size of a message to send (RFC 8841 section 6).
-
-    libwebrtc always announces 256 KiB but accepts megabytes, on which roslib relies.
-    """
-    return 0 if said == LIBWEBRTC_BYTES else said
 
 
 def _is_usable(attribute: str) -> bool:

@@ -68,10 +68,6 @@ class Peers:
         terms: what each may take.
         bounds: what all of them may take.
         find_servers: asks for the servers that help to find a path.
-
-    Attributes:
-        terms: as given.
-        find_servers: as given.
     """
 
     def __init__(self, terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers) -> None:
@@ -91,7 +87,6 @@ class Peers:
         return len(self._peers)
 
     def find(self, identifier: str) -> Peer | None:
-        """Return the open peer with that identifier."""
         return self._peers.get(identifier)
 
     async def open(
@@ -105,7 +100,6 @@ class Peers:
 
         Args:
             accept: makes the endpoint of each of its data channels.
-            address: address of the client.
             answer: brings the peer so far that it has an answer, which it returns.
             size: bytes of the offer, which are kept while it waits.
 
@@ -202,28 +196,22 @@ class Peers:
         self._notify()
 
     def _notify(self) -> None:
-        """Let the offers that wait look again."""
         changed, self._changed = self._changed, anyio.Event()
         changed.set()
 
     async def watch(self) -> None:
         """Check the time-outs of every connection, until cancelled."""
         while True:
-            self._tick()
+            for peer in tuple(self._peers.values()):
+                peer.tick()
+            self._notify()
             await anyio.sleep(TICK_SECONDS)
 
-    def _tick(self) -> None:
-        for peer in tuple(self._peers.values()):
-            peer.tick()
-        self._notify()
-
     async def close(self) -> None:
-        """Close every peer."""
         self._closing = True
         await asyncio.gather(*(peer.close() for peer in tuple(self._peers.values())))
 
     def metrics(self) -> Iterable[MetricFamily]:
-        """Return the metrics."""
         peers = tuple(self._peers.values())
         connected = sum(peer.connected for peer in peers)
         states = [({"state": "connected"}, connected), ({"state": "connecting"}, len(peers) - connected)]
@@ -369,6 +357,6 @@ async def answering(
     try:
         return await handler(request)
     except Refused as refused:
-        return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+        return HttpResponse.refusing(refused)
     except BadDescription as error:
         return HttpResponse(f"{error}\n".encode(), 400)

@@ -70,8 +70,6 @@ class StunHead:
     """Part of a message that decides whether it is parsed.
 
     Attributes:
-        kind: class of the message.
-        transaction: identifier of the transaction.
         username: USERNAME attribute; empty if there is none.
     """
 
@@ -82,11 +80,6 @@ class StunHead:
 
 def check_stun(data: bytes, methods: Container[int] = (_BINDING,), most_bytes: int = MAX_BYTES) -> StunHead:
     """Check the structure of a message.
-
-    Args:
-        data: the message.
-        methods: methods that are possible.
-        most_bytes: maximum size of the message.
 
     Raises:
         BadStun: it is not one of these messages, or a length is invalid, or a request lacks an attribute that

@@ -21,14 +21,9 @@ _SWITCHING = b"101"
 class ClientHandshake:
     """Opening handshake of a client.
 
-    Args:
-        headers: request headers beside those of the handshake.
-
     Attributes:
         request: request to send first.
     """
-
-    __slots__ = ("_head", "_protocol", "_refusal", "_silent", "_where", "request")
 
     def __init__(self, target: WebSocketURI, headers: Mapping[str, str]) -> None:
         self._where = f"{target.host}:{target.port}"

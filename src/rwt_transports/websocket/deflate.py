@@ -12,13 +12,13 @@ itself, which makes small messages much smaller and costs time and memory for ea
 from __future__ import annotations
 
 import zlib
-from collections.abc import Generator, Iterator
-from functools import cache
+from collections.abc import Callable, Generator, Iterator
+from functools import cache, partial
 from itertools import count
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import Framing, TakeSteps, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import TakeSteps, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import INVALID_DATA, TOO_BIG
 from rwt_transports.websocket.extensions import DeflateTerms
@@ -90,19 +90,16 @@ def shared_framing(bits: int) -> Framing:
         packed = _Deflater(bits).pack(frame)
         return server_whole(frame) if len(packed) >= frame.size else _compressed_frame(packed, frame.binary)
 
+    return _framing(whole, shared=True)
+
+
+def _framing(whole: Callable[[Frame], bytes], *, shared: bool) -> Framing:
     def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        return server_pieces(frame) if frame.size > LARGEST_BYTES else (frame.framed(whole),)
+        if frame.size > LARGEST_BYTES:
+            return server_pieces(frame)
+        return (frame.framed(whole) if shared else whole(frame),)
 
-    return Framing(whole, pieces)
-
-
-def _framing_with_context(bits: int) -> Framing:
-    whole = _Deflater(bits).whole
-
-    def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        return server_pieces(frame) if frame.size > LARGEST_BYTES else (whole(frame),)
-
-    return Framing(whole, pieces, shared=False)
+    return Framing(whole, pieces, shared)
 
 
 class _Inflater:
@@ -182,20 +179,14 @@ class DeflateWire(WebSocketWire):
     __slots__ = ("_compressed", "_inflater", "take_steps")
 
     def __init__(
-        self,
-        events: WireEvents,
-        terms: DeflateTerms,
-        *,
-        max_size: int,
-        strict_utf8: bool = False,
-        buffers: ReceiveBufferPool | None = None,
+        self, terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
     ) -> None:
-        super().__init__(events, max_size=max_size, strict_utf8=strict_utf8, buffers=buffers)
+        super().__init__(events, limits, buffers)
         self.take_steps: TakeSteps | None = None
         self._compressed = False  # the message under way is
-        self._inflater = _Inflater(terms.peer_keeps_context, max_size)
+        self._inflater = _Inflater(terms.peer_keeps_context, self._max_size)
         self.framing = (
-            _framing_with_context(terms.window_bits)
+            _framing(_Deflater(terms.window_bits).whole, shared=False)
             if terms.keeps_context
             else shared_framing(terms.window_bits)
         )
@@ -235,10 +226,7 @@ class DeflateWire(WebSocketWire):
         assert take is not None  # Else all steps are taken.
         self._is_held = True
         self._buffers.count_unread(self, len(payload))
-        take(self._deliver_later(steps, binary), self._may_inflate)
-
-    def _may_inflate(self) -> bool:
-        return self._buffers.may_inflate(self, self._max_size)
+        take(self._deliver_later(steps, binary), partial(self._buffers.may_inflate, self, self._max_size))
 
     def _deliver_later(self, steps: Generator[None, None, bytes], binary: bool) -> Iterator[None]:
         try:
@@ -247,12 +235,3 @@ class DeflateWire(WebSocketWire):
             super()._deliver(message, binary)
         except ProtocolViolation as violation:
             self._fail(violation.code, str(violation))
-
-
-def deflate_server(
-    terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
-) -> DeflateWire:
-    """Return the wire of a client that agreed to `terms`."""
-    return DeflateWire(
-        events, terms, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
-    )

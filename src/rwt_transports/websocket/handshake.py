@@ -54,12 +54,7 @@ def answer_handshake(
     deflate: Deflate = Deflate.OFF,
     subprotocols: Collection[str] = (),
 ) -> HandshakeAnswer:
-    """Check an upgrade request and return the response (RFC 6455 section 4.2).
-
-    Args:
-        deflate: supported compression.
-        subprotocols: supported subprotocols besides rosbridge.
-    """
+    """Check an upgrade request and return the response (RFC 6455 section 4.2)."""
     extensions = extension_factories(deflate)
     select = _selector(subprotocols)
     protocol = ServerProtocol(logger=_quiet, select_subprotocol=select, extensions=extensions)
@@ -95,12 +90,7 @@ def _selector(
 
 
 def choose_subprotocol(offered: Iterable[str], spoken: Collection[str]) -> str | None:
-    """Return the first offered subprotocol that is supported; None if there is none.
-
-    Args:
-        offered: in the client's order.
-        spoken: supported subprotocols besides rosbridge.
-    """
+    """Return the first offered subprotocol that is supported; None if there is none."""
     return next((each for each in offered if each == SUBPROTOCOL or each in spoken), None)
 
 

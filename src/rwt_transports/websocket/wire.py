@@ -22,8 +22,8 @@ try:
 except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents, drop_message
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents, drop_message
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (
     INVALID_DATA,
@@ -268,7 +268,6 @@ class WebSocketWire:
 
     Args:
         server: True for the server's side: incoming frames must be masked, outgoing ones are not.
-        strict_utf8: end the connection with 1007 when a text message is not UTF-8.
     """
 
     __slots__ = (
@@ -278,20 +277,14 @@ class WebSocketWire:
     )  # fmt: skip
 
     def __init__(
-        self,
-        events: WireEvents,
-        *,
-        max_size: int,
-        server: bool = True,
-        strict_utf8: bool = False,
-        buffers: ReceiveBufferPool | None = None,
+        self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool, *, server: bool = True
     ) -> None:
         self._events = events
-        self._max_size = max_size
+        self._max_size = limits.message_bytes
         self._server = server
         self.framing = SERVER_FRAMING if server else CLIENT_FRAMING
-        self._strict = strict_utf8
-        self._buffers = ReceiveBufferPool() if buffers is None else buffers
+        self._strict = limits.strict_utf8
+        self._buffers = buffers
         self.message: Callable[[bytes, bool], None] = drop_message
         self._state = _WireState.OPEN
         self._progress = _Progress.NONE
@@ -359,7 +352,6 @@ class WebSocketWire:
         self._is_held = True
 
     def go_on(self) -> None:
-        """Read the bytes received meanwhile."""
         self._is_held = False
         self.feed(b"")
 
@@ -645,17 +637,3 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
         return code, payload[2:].decode()
     except UnicodeDecodeError:
         raise ProtocolViolation(INVALID_DATA, "the reason of a close frame must be UTF-8") from None
-
-
-def websocket_server(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> WebSocketWire:
-    """Return the wire of a client that connected to this server."""
-    return WebSocketWire(
-        events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
-    )
-
-
-def websocket_client(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> WebSocketWire:
-    """Return the wire of a server that this side connected to."""
-    return WebSocketWire(
-        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, buffers=buffers
-    )

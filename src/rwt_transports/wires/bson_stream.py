@@ -10,8 +10,8 @@ import logging
 import struct
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -25,15 +25,25 @@ _LENGTH: Final = struct.Struct("<i")
 SMALLEST: Final = 5
 
 
+def _pieces(frame: Frame) -> tuple[Buffer, ...]:
+    if frame.binary:
+        return frame.parts
+    logger.warning("a text message of %d bytes has no place on a BSON stream; left out", frame.size)
+    return ()
+
+
+DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
+
+
 class BsonStreamWire(StreamWire):
     """Documents of one connection."""
 
     __slots__ = ("_to_skip",)
 
-    def __init__(
-        self, events: WireEvents, *, max_size: int, buffers: ReceiveBufferPool | None = None
-    ) -> None:
-        super().__init__(events, max_size, DOCUMENTS, buffers)
+    framing = DOCUMENTS
+
+    def __init__(self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> None:
+        super().__init__(events, limits, buffers)
         self._to_skip = 0
 
     def _step(self) -> bool:
@@ -68,18 +78,3 @@ class BsonStreamWire(StreamWire):
             f"a message of {length} bytes; the limit is {self._max_size} (max_message_size)",
         )
         return False
-
-
-def _pieces(frame: Frame) -> tuple[Buffer, ...]:
-    if frame.binary:
-        return frame.parts
-    logger.warning("a text message of %d bytes has no place on a BSON stream; left out", frame.size)
-    return ()
-
-
-DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
-
-
-def bson_documents(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> BsonStreamWire:
-    """Return the wire of a peer that sends BSON on a stream."""
-    return BsonStreamWire(events, max_size=limits.message_bytes, buffers=buffers)

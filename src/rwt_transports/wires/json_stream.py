@@ -16,8 +16,8 @@ from __future__ import annotations
 import logging
 import re
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import DATAGRAM_BYTES, Limits
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -39,20 +39,50 @@ _IN_STRING = re.compile(rb'["\\]')
 _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
 
 
+def _framing(end: bytes) -> Framing:
+    def pieces(frame: Frame) -> tuple[Buffer, ...]:
+        if frame.binary:
+            logger.warning("a binary message of %d bytes has no place on a JSON stream; left out", frame.size)
+            return ()
+        return (*frame.parts, end) if end else frame.parts
+
+    return Framing(lambda frame: b"".join(pieces(frame)), pieces)
+
+
+PLAIN = _framing(b"")
+"""Objects with nothing between them, as clients of ROS 1's TCP server expect (TCP-02)."""
+LINES = _framing(b"\n")
+"""One object per line, for programs that read lines."""
+
+
+def _datagram(frame: Frame) -> tuple[Buffer, ...]:
+    if frame.binary:
+        logger.warning("a binary message of %d bytes has no place in a JSON datagram; left out", frame.size)
+    elif frame.size > DATAGRAM_BYTES:
+        logger.warning(
+            "a message of %d bytes does not fit a datagram and was left out: the limit is %d; ask for "
+            "`fragment_size`, or connect by tcp://",
+            frame.size,
+            DATAGRAM_BYTES,
+        )
+    else:
+        return (*frame.parts, END)
+    return ()
+
+
+DATAGRAMS = Framing(lambda frame: b"".join(_datagram(frame)), _datagram)
+"""One frame, and where it ends."""
+
+
 class JsonStreamWire(StreamWire):
-    """Objects of one connection."""
+    """Objects of one connection over TCP."""
 
     __slots__ = ("_depth", "_fresh", "_in_string", "_scanned", "_skipping")
 
-    def __init__(
-        self,
-        events: WireEvents,
-        *,
-        max_size: int,
-        framing: Framing,
-        buffers: ReceiveBufferPool | None = None,
-    ) -> None:
-        super().__init__(events, max_size, framing, buffers)
+    framing = PLAIN
+
+    def __init__(self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> None:
+        super().__init__(events, limits, buffers)
         self._scanned = 0  # bytes of the buffer that were scanned
         self._depth = 0
         self._in_string = False
@@ -140,10 +170,20 @@ class JsonStreamWire(StreamWire):
             self._end(TOO_BIG, reason)
 
 
-class JsonDatagramWire(JsonStreamWire):
-    """Objects of one peer in datagrams; arguments as for the stream."""
+class JsonLinesWire(JsonStreamWire):
+    """Objects of one connection over a Unix socket or standard input and output."""
 
     __slots__ = ()
+
+    framing = LINES
+
+
+class JsonDatagramWire(JsonStreamWire):
+    """Objects of one peer in datagrams."""
+
+    __slots__ = ()
+
+    framing = DATAGRAMS
 
     def feed(self, data: bytes) -> None:
         """Read one datagram; an object that is not whole is delivered, so that the endpoint can reject it."""
@@ -153,53 +193,3 @@ class JsonDatagramWire(JsonStreamWire):
         self._buffer.clear()
         self._scanned = self._depth = 0
         self._in_string = self._skipping = False
-
-
-def _framing(end: bytes) -> Framing:
-    def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        if frame.binary:
-            logger.warning("a binary message of %d bytes has no place on a JSON stream; left out", frame.size)
-            return ()
-        return (*frame.parts, end) if end else frame.parts
-
-    return Framing(lambda frame: b"".join(pieces(frame)), pieces)
-
-
-PLAIN = _framing(b"")
-"""Objects with nothing between them, as clients of ROS 1's TCP server expect (TCP-02)."""
-LINES = _framing(b"\n")
-"""One object per line, for programs that read lines."""
-
-
-def json_over_tcp(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
-    """Return the wire of a peer over TCP."""
-    return JsonStreamWire(events, max_size=limits.message_bytes, framing=PLAIN, buffers=buffers)
-
-
-def json_lines(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
-    """Return the wire of a peer over a Unix socket or standard input and output."""
-    return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES, buffers=buffers)
-
-
-def _datagram(frame: Frame) -> tuple[Buffer, ...]:
-    if frame.binary:
-        logger.warning("a binary message of %d bytes has no place in a JSON datagram; left out", frame.size)
-    elif frame.size > DATAGRAM_BYTES:
-        logger.warning(
-            "a message of %d bytes does not fit a datagram and was left out: the limit is %d; ask for "
-            "`fragment_size`, or connect by tcp://",
-            frame.size,
-            DATAGRAM_BYTES,
-        )
-    else:
-        return (*frame.parts, END)
-    return ()
-
-
-DATAGRAMS = Framing(lambda frame: b"".join(_datagram(frame)), _datagram)
-"""One frame, and where it ends."""
-
-
-def json_datagrams(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonDatagramWire:
-    """Return the wire of a peer over UDP."""
-    return JsonDatagramWire(events, max_size=limits.message_bytes, framing=DATAGRAMS)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
-from rwt_transports.api import Framing, WireEvents, drop_message
+from rwt_protocol.frames import Framing
+from rwt_transports.api import WireEvents, drop_message
+from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
@@ -14,25 +17,17 @@ PART_BYTES = 64 * 1024
 
 
 class StreamWire(ABC):
-    """Buffer of received bytes, from which a subclass takes messages.
+    """Buffer of received bytes, from which a subclass takes messages."""
 
-    Args:
-        events: receiver of the wire's events, except messages.
-        max_size: largest message in bytes.
-        framing: conversion of outgoing frames to bytes.
-        buffers: pool that counts the bytes of incomplete large messages.
-    """
+    __slots__ = ("_buffer", "_buffers", "_events", "_max_size", "_over", "_part", "message")
 
-    __slots__ = ("_buffer", "_buffers", "_events", "_max_size", "_over", "_part", "framing", "message")
+    framing: ClassVar[Framing]
 
-    def __init__(
-        self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
-    ) -> None:
-        self._buffers = ReceiveBufferPool() if buffers is None else buffers
+    def __init__(self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> None:
+        self._buffers = buffers
         self._part: bytearray | None = None  # where the next bytes of a large message are received
         self._events = events
-        self._max_size = max_size
-        self.framing = framing
+        self._max_size = limits.message_bytes
         self.message: Callable[[bytes, bool], None] = drop_message
         self._buffer = bytearray()
         self._over = False

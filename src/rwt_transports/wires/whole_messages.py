@@ -14,8 +14,8 @@ from collections.abc import Callable
 from struct import Struct
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -37,14 +37,14 @@ WHOLE_MESSAGES = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
 class MessageWire(StreamWire):
-    """Messages of one peer; arguments as for a stream."""
+    """Messages of one peer."""
 
     __slots__ = ("_kind", "_size", "_wanted")
 
-    def __init__(
-        self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
-    ) -> None:
-        super().__init__(events, max_size, framing, buffers)
+    framing = WHOLE_MESSAGES
+
+    def __init__(self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> None:
+        super().__init__(events, limits, buffers)
         self._wanted = -1  # bytes that follow the header; -1 before it
         self._size = 0
         self._kind = TEXT
@@ -79,11 +79,6 @@ class MessageWire(StreamWire):
             self._events.oversized_head(self._size, data)
         else:
             self._hand_on(data, self._kind == BINARY)
-
-
-def whole_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> MessageWire:
-    """Return the wire of a channel that keeps message boundaries."""
-    return MessageWire(events, limits.message_bytes, WHOLE_MESSAGES, buffers)
 
 
 class MessageCutter:

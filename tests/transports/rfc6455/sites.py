@@ -28,7 +28,7 @@ from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.limits import Deflate
 from rwt_transports.listener import Listener
-from rwt_transports.websocket.wire import websocket_server
+from rwt_transports.websocket.wire import WebSocketWire
 from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.case import Case
 from tests.transports.rfc6455.closing import LIMIT
@@ -169,7 +169,7 @@ def in_memory(site: str, request: bytes, pieces: Sequence[bytes], done: Done | N
     """A pipe without sockets, loop or time."""
     chosen = SITES[site]
     state = ListenerState(
-        chosen.accept, websocket_server, chosen.limits, partial(HttpConnection, Routes()), "ws"
+        chosen.accept, WebSocketWire, chosen.limits, partial(HttpConnection, Routes()), "ws"
     )
     pipe = MemoryPipe(state.attach, "memory", 0)
     pipe.send(request)

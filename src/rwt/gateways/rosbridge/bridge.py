@@ -16,7 +16,8 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_protocol import ops
-from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
+from rwt_protocol.codecs import CODECS, Encoding, bson_codec, encoding_of
+from rwt_protocol.codecs.base import Codec
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.limits import WireLimits

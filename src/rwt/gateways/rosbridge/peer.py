@@ -16,8 +16,7 @@ from rwt.gateways.rosbridge.ops.services import PeerServices
 from rwt.gateways.rosbridge.ops.topics import PeerTopics
 from rwt.gateways.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
-from rwt_protocol.codecs.quick_calls import UsualCall, split_call
-from rwt_protocol.codecs.quick_publish import PUBLISH_STARTS, split_publish
+from rwt_protocol.codecs.quick_frames import PUBLISH_STARTS, UsualCall, split_call, split_publish
 from rwt_protocol.errors import ProtocolError, Refused
 from rwt_protocol.ops import OPS, Auth, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal

@@ -26,7 +26,7 @@ from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
-    from rwt_protocol.codecs import Codec
+    from rwt_protocol.codecs.base import Codec
     from rwt_protocol.frames import Frame
     from rwt_transports.endpoint import Accept, Endpoint, Flow, PeerInfo, Sink, Traffic
 

@@ -94,7 +94,6 @@ class Probe:
 
     @property
     def count(self) -> int:
-        """Packets that were sent."""
         return len(self.sent) + len(self.arrived)
 
 
@@ -108,8 +107,6 @@ class CongestionController:
       last decrease may have been for a short stall).
 
     Args:
-        start: first rate in bits per second.
-        least: minimum rate.
         most: maximum rate: that of the best encoding.
         now: time in seconds of a steady clock, as in all methods.
     """
@@ -209,7 +206,6 @@ class CongestionController:
             self._target = min(max(bits, self._least), self._most)
 
     def acknowledged(self, feedback: Feedback, now: float) -> None:
-        """Handle transport-wide feedback."""
         was_silent = self._is_silent(now)
         self._noticed_at = None
         origin = self._origin(feedback.reference)

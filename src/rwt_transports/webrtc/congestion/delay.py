@@ -38,11 +38,7 @@ class Usage(Enum):
 
 
 class OveruseDetector:
-    """Detector of growing delay.
-
-    Attributes:
-        usage: state of the link.
-    """
+    """Detector of growing delay."""
 
     def __init__(self) -> None:
         self.usage = Usage.NORMAL
@@ -115,7 +111,6 @@ class QueueDelay:
         self._recent: deque[tuple[float, float]] = deque()
 
     def add(self, sent: float, arrived: float) -> None:
-        """Add a packet."""
         delay = arrived - sent
         for window, seconds in ((self._base, BASE_SECONDS), (self._recent, STANDING_SECONDS)):
             # Minimum of a sliding window: what is not less than a newer value never becomes the least.
@@ -127,5 +122,4 @@ class QueueDelay:
 
     @property
     def seconds(self) -> float:
-        """Delay of the queue."""
         return self._recent[0][1] - self._base[0][1] if self._recent else 0.0

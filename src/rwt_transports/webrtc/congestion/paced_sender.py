@@ -19,9 +19,9 @@ from aiortc.mediastreams import MediaStreamError
 from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
 from aiortc.rtp import RTP_HISTORY_SIZE, HeaderExtensions, RtcpRtpfbPacket, RtpPacket, wrap_rtx
 
+from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
 from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
-from rwt_transports.webrtc.congestion.pacing import Pacer
 from rwt_transports.webrtc.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
 
 if TYPE_CHECKING:
@@ -33,6 +33,14 @@ if TYPE_CHECKING:
 
 TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-wide-cc-extensions-01"
 TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")
+FACTOR: Final = 2.5
+"""Maximum rate of the packets of a frame, as a multiple of the average rate."""
+BURST_SECONDS: Final = 0.005
+"""Time that a late packet may be caught up with."""
+AHEAD_SECONDS: Final = 0.1
+"""Time by which frames may exceed the average rate: key frames are large."""
+MOST_DEBT_SECONDS: Final = 1.0
+"""Maximum time for which frames wait, whatever was sent."""
 LEAST_SLEEP_SECONDS: Final = 0.002
 """Delay below which a packet is sent at once: timers are not more precise."""
 FRAME_WAIT_SECONDS: Final = 0.03
@@ -45,8 +53,40 @@ PACKET_OVERHEAD_BYTES: Final = 70
 """IP, UDP, RTP with its extensions, and the authentication tag of SRTP."""
 
 
-def _ignore(*arguments: object) -> None:
-    """No-op: the peer has ended."""
+class Pacer:
+    """Time at which packets and frames may be sent, in seconds of a steady clock."""
+
+    def __init__(self) -> None:
+        self._packet_at = 0.0
+        self._debt_bits = 0.0
+        self._rate = 1.0
+        self._at = 0.0
+
+    def sent(self, size: int, rate: float, now: float, burst_rate: float | None = None) -> None:
+        """Count a packet.
+
+        Args:
+            burst_rate: bits per second now; None for :data:`FACTOR` times the average.
+        """
+        bits = 8 * size
+        self._packet_at = max(self._packet_at, now - BURST_SECONDS) + bits / (burst_rate or FACTOR * rate)
+        self._pay(rate, now)
+        self._debt_bits = min(self._debt_bits + bits, MOST_DEBT_SECONDS * rate)
+
+    def _pay(self, rate: float, now: float) -> None:
+        # What is owed at a higher rate is in the queue of the link, which lowers the rate while it drains.
+        owed = self._debt_bits * min(1.0, rate / self._rate)
+        self._debt_bits = max(0.0, owed - rate * (now - self._at))
+        self._rate, self._at = rate, now
+
+    def packet_delay(self, now: float) -> float:
+        """Return the seconds until the next packet."""
+        return max(0.0, self._packet_at - now)
+
+    def frame_delay(self, rate: float, now: float) -> float:
+        """Return the seconds until the next frame at an average rate."""
+        self._pay(rate, now)
+        return max(0.0, self._debt_bits / rate - AHEAD_SECONDS)
 
 
 class PacedSender(RTCRtpSender):
@@ -67,8 +107,6 @@ class PacedSender(RTCRtpSender):
         """Convert the sender of a peer connection, before it starts.
 
         Args:
-            sender: sender of the track.
-            controller: determines the rate.
             on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
             on_keyframe: called if the receiver needs a key frame.
         """
@@ -91,7 +129,7 @@ class PacedSender(RTCRtpSender):
 
     def release(self) -> None:
         """Forget the track, which refers to its peer."""
-        self._on_packet = self._on_keyframe = _ignore
+        self._on_packet = self._on_keyframe = ignore
 
     async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
         if isinstance(packet, RtcpRtpfbPacket):

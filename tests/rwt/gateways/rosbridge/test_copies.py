@@ -19,7 +19,7 @@ from rwt_protocol.frames import Buffer
 from rwt_transports.api import DriverCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.wire import TEXT, pack, websocket_server
+from rwt_transports.websocket.wire import TEXT, WebSocketWire, pack
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 SIZE = 1_000_000
@@ -60,9 +60,7 @@ class Wire:
     def __init__(self, type: str, compressions: list[str]) -> None:
         self.clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
         bridge = Bridge(MemoryGraph(registry=Registry(), clock=self.clock), Settings())
-        state = ListenerState(
-            bridge.accept, websocket_server, Limits(), None, "ws", buffers=ReceiveBufferPool()
-        )
+        state = ListenerState(bridge.accept, WebSocketWire, Limits(), None, "ws", buffers=ReceiveBufferPool())
         self._state = state
         self.sender = self._connect()
         self._say(self.sender, {"op": "advertise", "topic": "/t", "type": type})

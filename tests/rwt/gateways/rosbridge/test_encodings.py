@@ -24,7 +24,8 @@ from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_protocol import codecs
-from rwt_protocol.codecs import CODECS, Encoding, PublishEncoder
+from rwt_protocol.codecs import CODECS, Encoding
+from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import PublishedMessage
 from tests.rwt.gateways.rosbridge.recording_client import Client

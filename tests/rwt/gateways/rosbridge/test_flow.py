@@ -14,7 +14,7 @@ from rwt_transports import Limits
 from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import DropReason
 from rwt_transports.limits import READY_BYTES
-from rwt_transports.wires.json_stream import json_over_tcp
+from rwt_transports.wires.json_stream import JsonStreamWire
 from tests.memory_pipe import MemoryPipe
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
@@ -26,7 +26,7 @@ class SlowClient:
     """A client of the JSON wire that reads when it is told to."""
 
     def __init__(self, bridge: Bridge, limits: Limits) -> None:
-        self.state = ListenerState(bridge.accept, json_over_tcp, limits, None, "tcp")
+        self.state = ListenerState(bridge.accept, JsonStreamWire, limits, None, "tcp")
         self.pipe = MemoryPipe(self.state.attach, "10.0.0.7", 4321)
 
     def say(self, op: str, **fields: object) -> None:

@@ -18,7 +18,8 @@ from websockets.asyncio.client import connect as connect_websocket
 from rwt import Server
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_protocol import codecs
-from rwt_protocol.codecs import CODECS, PublishEncoder
+from rwt_protocol.codecs import CODECS
+from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import PublishedMessage
 from rwt_transports.drivers.asyncio_protocol import WATCHED_BYTES

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from rwt_transports.webrtc.congestion.controller import CongestionController, Probe
 from rwt_transports.webrtc.congestion.feedback import REFERENCE_SECONDS, Feedback
-from rwt_transports.webrtc.congestion.pacing import Pacer
+from rwt_transports.webrtc.congestion.paced_sender import Pacer
 
 STEP = 0.001
 HZ = 30

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES
+from rwt_transports.limits import Limits
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES, MessageCutter, MessageWire
 
 MESSAGES = st.lists(st.tuples(st.binary(max_size=300), st.booleans()), max_size=12)
@@ -36,7 +38,7 @@ class Events:
 
 
 def _wire(events: Events, max_size: int = 1000) -> tuple[MessageWire, list[tuple[bytes, bool]]]:
-    wire = MessageWire(events, max_size, WHOLE_MESSAGES)
+    wire = MessageWire(events, Limits(message_bytes=max_size), ReceiveBufferPool())
     got: list[tuple[bytes, bool]] = []
     wire.message = lambda data, binary: got.append((data, binary))
     return wire, got

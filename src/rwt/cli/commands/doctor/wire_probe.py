@@ -13,8 +13,8 @@ from typing import Any, Final
 
 import anyio
 
-from rwt_protocol.codecs import CODECS, SELECTABLE, Codec
-from rwt_protocol.codecs.base import DecodeFailure
+from rwt_protocol.codecs import CODECS, SELECTABLE
+from rwt_protocol.codecs.base import Codec, DecodeFailure
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded

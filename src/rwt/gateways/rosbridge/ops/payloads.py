@@ -9,7 +9,7 @@ import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
 from rwt_interfaces.payload import LARGE_BYTES, Payload
-from rwt_interfaces.serialise.large_json import MAX_LENIENT_VALUES, has_many_values
+from rwt_interfaces.serialise.json import MAX_LENIENT_VALUES, has_many_values
 from rwt_interfaces.steps import finished
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
-    from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse
+    from rwt_protocol.codecs.quick_frames import UsualCall, UsualResponse
     from rwt_protocol.dispatcher import Steps
     from rwt_protocol.payloads import Encodable
 

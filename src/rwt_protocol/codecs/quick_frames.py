@@ -1,4 +1,6 @@
-"""Fast path for common small `publish` frames: matches both ends, without a parse.
+"""Fast paths for common small frames.
+
+Frames of `publish` are matched at both ends, without a parse.
 
 Nine of ten messages to a server are small ones on known topics, spelled as one of a few libraries does:
 
@@ -8,12 +10,17 @@ Nine of ten messages to a server are small ones on known topics, spelled as one 
 The head is matched from the first byte to the colon after ``"msg"`` and holds each member once; the tail is
 one of a few. If the payload, which is unvalidated, is one JSON value, the frame is valid JSON with these
 members. Otherwise the frame must be parsed in full; the strict decoder of the message type detects that.
+
+Frames of `call_service` and `service_response` take one strict parse. Those with other members that have an
+effect, or with members of other types, take the general path.
 """
 
 from __future__ import annotations
 
 import re
 from typing import Final
+
+import msgspec
 
 QUICK: Final = 4096
 """Maximum bytes of a frame for the fast path; larger frames are dominated by their payload."""
@@ -49,3 +56,45 @@ def split_publish(data: bytes) -> tuple[bytes, bytes] | None:
     if data.endswith(_LATCH):
         return head[1], data[head.end() : 1 - len(_LATCH)]
     return (head[1], data[head.end() : 1 - len(_SPACED_LATCH)]) if data.endswith(_SPACED_LATCH) else None
+
+
+class UsualCall(msgspec.Struct, tag_field="op", tag="call_service", forbid_unknown_fields=True, frozen=True):
+    """Call without a timeout or other options; `type` is ignored, since the service has one (SRV-03)."""
+
+    service: str
+    id: str | None = None
+    args: msgspec.Raw = msgspec.Raw(b"{}")
+    type: str | None = None
+
+
+class UsualResponse(
+    msgspec.Struct, tag_field="op", tag="service_response", forbid_unknown_fields=True, frozen=True
+):
+    """Response of a service that succeeded."""
+
+    service: str
+    id: str
+    values: msgspec.Raw
+    result: bool = True
+
+
+_CALL_STARTS: Final = tuple(
+    b'{"op":%b"%b"' % (space, op) for op in (b"call_service", b"service_response") for space in (b"", b" ")
+)
+_decode_call: Final = msgspec.json.Decoder(UsualCall | UsualResponse).decode
+
+
+def split_call(data: bytes) -> UsualCall | UsualResponse | None:
+    """Return a text frame as a call or response; None if it is not in a known form.
+
+    Only the brackets of the payload are checked; its strings are validated when it is decoded as a type.
+    """
+    if not data.startswith(_CALL_STARTS) or len(data) > QUICK or not data.isascii():
+        return None
+    try:
+        found = _decode_call(data)
+    except (msgspec.DecodeError, RecursionError):
+        return None
+    if type(found) is UsualCall:
+        return found if bytes(found.args)[:1] == b"{" else None
+    return found if found.result and bytes(found.values)[:1] == b"{" else None
