@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-import anyio
+from rwt_participant.handles import QUEUE_BYTES, MessageQueue
 
 logger = logging.getLogger("rwt_client")
 
@@ -43,8 +42,6 @@ class ConnectionEvent:
 
 class Events:
     """Listeners of the events of a connection."""
-
-    __slots__ = ("_callbacks", "_streams")
 
     def __init__(self) -> None:
         self._callbacks: list[Callable[[ConnectionEvent], object]] = []
@@ -82,17 +79,13 @@ class Events:
 class EventStream:
     """Async iterator over the events of a connection; ends after ``closed``."""
 
-    __slots__ = ("_awake", "_ended", "_events")
-
     def __init__(self) -> None:
-        self._events: deque[ConnectionEvent] = deque(maxlen=_MOST_QUEUED)
-        self._awake = anyio.Event()
+        self._events = MessageQueue[ConnectionEvent]("connection events", _MOST_QUEUED, QUEUE_BYTES)
         self._ended = False
 
     def put(self, event: ConnectionEvent) -> None:
         """Queue an event; drops the oldest if too many are queued."""
-        self._events.append(event)
-        self._awake.set()
+        self._events.put(event, 0)
 
     def __aiter__(self) -> EventStream:
         return self
@@ -101,8 +94,7 @@ class EventStream:
         if self._ended:
             raise StopAsyncIteration
         while not self._events:
-            self._awake = anyio.Event()
-            await self._awake.wait()
-        event = self._events.popleft()
+            await self._events.wait()
+        event = self._events.pop()
         self._ended = event.kind == "closed"
         return event

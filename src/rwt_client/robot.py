@@ -7,20 +7,23 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import anyio
 import msgspec
 
 from rwt_client.endpoints.action_server import ActionServer
-from rwt_client.endpoints.actionlib import send_over_topics
-from rwt_client.endpoints.goals import SentGoals
+from rwt_client.endpoints.goals import ActionlibGoal, WireGoal
 from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
-from rwt_client.endpoints.raw_subscription import RawSubscription
 from rwt_client.endpoints.remote_handle import Offered
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.services import Calls, ServiceServer
-from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOptions, SubscriptionTable
+from rwt_client.endpoints.subscriptions import (
+    Connection,
+    RawSubscription,
+    RemoteSubscription,
+    SubscribeOptions,
+)
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
@@ -51,7 +54,6 @@ from rwt_participant.messages import (
     to_payload,
     type_of,
 )
-from rwt_participant.qos import QoS
 from rwt_participant.rosapi_parameters import UNANSWERED, RosapiParameters
 from rwt_participant.timers import PeriodicTimer, RobotClock, Timer
 from rwt_protocol.dispatcher import Dispatcher
@@ -64,7 +66,6 @@ from rwt_protocol.ops import (
     Direction,
     Op,
     Publish,
-    Qos,
     SendActionGoal,
     ServiceResponse,
     Status,
@@ -90,18 +91,6 @@ _ACTION_TOPICS: Final = (
 )  # fmt: skip
 
 
-class SubscribeKeywords(TypedDict, total=False):
-    """Keyword arguments of everything that subscribes; see `SubscribeOptions`."""
-
-    arrays: ArrayKind
-    compression: str
-    throttle: float
-    queue_size: int
-    queue_bytes: int
-    fragment_size: int | None
-    qos: QoS | Qos | None
-
-
 class Robot(RobotApi):
     """Connection to a robot; made by :func:`rwt_client.connect`.
 
@@ -124,16 +113,19 @@ class Robot(RobotApi):
         binary: bool,
     ) -> None:
         self.url = url
-        self.types = RemoteTypes(self._ask)
-        self.api = RosApi(self._ask)
-        self.params = RosapiParameters(self._ask)
+        self._calls = Calls(session)
+        ask = partial(self._ask, timeout)
+        brief = IDENTIFY_SECONDS if timeout is None else min(timeout, IDENTIFY_SECONDS)
+        self._identifying = RosApi(partial(self._ask, brief))
+        self.types = RemoteTypes(ask)
+        self.api = RosApi(ask)
+        self.params = RosapiParameters(ask)
         self._session = session
         self._tasks = tasks
         self._drained = drained
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
-        self._identifying = RosApi(self._ask_briefly)
-        self._table = SubscriptionTable(session, self.types, tasks, binary=binary)
+        self._connection = Connection(session, self.types, tasks, binary)
         self._tf = RemoteTransforms(
             partial(self.subscribe, compression="none"),
             self._subscribe_compact,
@@ -143,8 +135,6 @@ class Robot(RobotApi):
             timeout,
         )
         session.events.listen(self._tf.on_event)
-        self._calls = Calls(session)
-        self._goals = SentGoals(session, tasks, self.types.meant)
         self._services: Offered[ServiceServer] = Offered()
         self._actions: Offered[ActionServer] = Offered()
         self._publishers: dict[str, RemotePublisher] = {}
@@ -261,18 +251,17 @@ class Robot(RobotApi):
     # -- topics ----------------------------------------------------------------------------------------------
 
     def topic(
-        self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
+        self, topic: str, type: str | None = None, **options: Unpack[SubscribeOptions]
     ) -> RemoteSubscription:
         check_arguments("topic(topic, type)", type)
-        subscription = RemoteSubscription(self._table, topic, self._options(options), None)
-        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        return self._subscribe(topic, None, type, options)
 
     def subscribe(
         self,
         topic: str,
         callback: MessageCallback,
         type: str | None = None,
-        **options: Unpack[SubscribeKeywords],
+        **options: Unpack[SubscribeOptions],
     ) -> RemoteSubscription:
         """Call `callback` with each message of a topic; see :meth:`RobotApi.subscribe`.
 
@@ -280,7 +269,13 @@ class Robot(RobotApi):
             options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
         check_arguments("subscribe(topic, callback, type)", type, callback)
-        subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
+        return self._subscribe(topic, callback, type, options)
+
+    def _subscribe(
+        self, topic: str, callback: MessageCallback | None, type: str | None, options: SubscribeOptions
+    ) -> RemoteSubscription:
+        options.setdefault("arrays", self._arrays)
+        subscription = RemoteSubscription(self._connection, topic, callback, **options)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
     def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
@@ -293,7 +288,7 @@ class Robot(RobotApi):
                     await self.types.refresh()
             return await self.types.message(name)
 
-        subscription = RawSubscription(self._table, topic, callback)
+        subscription = RawSubscription(self._connection, topic, callback)
         return subscription.open(self.types.known_message(type), ask, self._tasks)
 
     async def once(
@@ -302,7 +297,7 @@ class Robot(RobotApi):
         type: str | None = None,
         *,
         timeout: Timeout = USUAL,
-        **options: Unpack[SubscribeKeywords],
+        **options: Unpack[SubscribeOptions],
     ) -> Message:
         """Return the next message of a topic, or the one that it retains; see :meth:`RobotApi.once`.
 
@@ -351,7 +346,7 @@ class Robot(RobotApi):
 
     def _subscribe_compact(self, topic: str, callback: MessageCallback, type: str, /) -> RemoteSubscription:
         return self.subscribe(
-            topic, callback, type, compression="cbor" if self._table.cbor_offered else "none"
+            topic, callback, type, compression="cbor" if self._connection.cbor_offered else "none"
         )
 
     # -- services --------------------------------------------------------------------------------------------
@@ -400,20 +395,27 @@ class Robot(RobotApi):
         check_arguments("send_goal(action, goal, type)", type)
         action_type = await self.types.action_of(action, type)
         payload = to_payload(action_type.goal, {} if goal is None else goal)
-        sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
-            return await send_over_topics(self.subscribe, self.advertise, sent, action_type, payload)
-        readers = (
+            goal_id = self._session.next_id("send_action_goal", action)
+            over_topics = ActionlibGoal(action, goal_id, on_feedback)
+            await over_topics.send(self.subscribe, self.advertise, action_type, payload)
+            return over_topics
+        sent = WireGoal(self._session, self._tasks, self.types.meant, action, on_feedback)
+        sent.send(
+            self._interface_name(action_type),
+            RawJson(payload.json()),
             self.types.reader(action_type.feedback, self._arrays),
             self.types.reader(action_type.result, self._arrays),
         )
-        return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
+        return sent
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
         if self.types.registry.distro.action_transport == "topics":
             self.publish(f"{action}/cancel", {"id": goal_id}, "actionlib_msgs/GoalID")
+        elif isinstance(sent := self._session.find(goal_id), WireGoal):
+            sent.cancel()
         else:
-            self._goals.cancel(action, goal_id)
+            self._session.send(CancelActionGoal(id=goal_id, action=action))
 
     def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
         check_arguments("advertise_action(action, type, execute)", type, execute)
@@ -476,8 +478,8 @@ class Robot(RobotApi):
                 Status: _nothing,
                 ServiceResponse: self._calls.on_response,
                 CallService: lambda _, op: self._services.find(op.service).on_call(op),
-                ActionFeedback: self._goals.on_feedback,
-                ActionResult: self._goals.on_result,
+                ActionFeedback: self._on_goal_op,
+                ActionResult: self._on_goal_op,
                 SendActionGoal: lambda _, op: self._actions.find(op.action).on_goal(op),
                 CancelActionGoal: lambda _, op: self._actions.find(op.action).on_cancel(op),
             },
@@ -486,24 +488,17 @@ class Robot(RobotApi):
             Direction.TO_CLIENT,
         )
 
-    async def _ask(self, question: str, args: Mapping[str, object]) -> Any:
-        return await self._question(question, args, self._timeout)
+    def _on_goal_op(self, _: None, op: ActionFeedback | ActionResult) -> None:
+        if isinstance(sent := self._session.find(op.id), WireGoal):
+            sent.receive(op)
 
-    async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
-        return await self._question(question, args, patience)
-
-    async def _question(self, question: str, args: Mapping[str, object], patience: float | None) -> Any:
+    async def _ask(self, timeout: float | None, question: str, args: Mapping[str, object]) -> Any:
         request = RawJson(msgspec.json.encode(args))
-        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, patience)
+        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, timeout)
         try:
             return answer.plain()
         except MalformedPayload as error:
             raise ServiceFailed(f"the answer of {_ROSAPI}/{question} cannot be read: {error}") from None
-
-    def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
-        options: SubscribeKeywords = {"arrays": self._arrays, **given}
-        return SubscribeOptions(**options)
 
     def _patience(self, timeout: Timeout) -> float | None:
         return self._timeout if timeout is USUAL else timeout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any, TypeVar
 
 import msgspec
@@ -208,7 +209,8 @@ class _TypeDef(msgspec.Struct):
     constvalues: list[str] = []
 
     def info(self) -> TypeInfo:
-        columns = zip(self.fieldnames, self.fieldtypes, self.fieldarraylen, self.examples, strict=False)
+        examples = chain(self.examples, repeat(""))
+        columns = zip(self.fieldnames, self.fieldtypes, self.fieldarraylen, examples, strict=False)
         return TypeInfo(
             self.type,
             tuple(FieldInfo(*column) for column in columns),
