@@ -1,20 +1,7 @@
-"""Actions in memory, and the state machine of a goal.
+"""Actions in memory, and the state machine of a goal, which is ROS 2's: :data:`TRANSITIONS`.
 
-The machine is ROS 2's, written as a table. A goal is proposed (`UNKNOWN`), then accepted and executed,
-perhaps asked to cancel, and ends in one of three states:
-
-========== =========== ========== ========== ========== ========== ==========
-state      ACCEPT      EXECUTE    CANCEL     SUCCEED    CANCELED   ABORT, LOSE
-========== =========== ========== ========== ========== ========== ==========
-UNKNOWN    ACCEPTED    -          -          -          -          -, ABORTED
-ACCEPTED   -           EXECUTING  CANCELING  -          -          ABORTED
-EXECUTING  -           -          CANCELING  SUCCEEDED  -          ABORTED
-CANCELING  -           -          CANCELING  SUCCEEDED  CANCELED   ABORTED
-========== =========== ========== ========== ========== ========== ==========
-
-`CANCEL` is the request; the server that grants it ends the goal with `CANCELED`, one that finishes first with
-`SUCCEED`. `LOSE` is the server's going away. A cancel of a goal that is still proposed waits for its
-acceptance.
+A goal is proposed (`UNKNOWN`), then accepted and executed, perhaps asked to cancel, and ends in one of three
+states. A cancel of a goal that is still proposed waits for its acceptance.
 """
 
 from __future__ import annotations
@@ -52,34 +39,28 @@ _GOAL_ID = re.compile(r"[0-9a-f]{32}\Z")
 
 
 class GoalEvent(Enum):
-    """An event in the life of a goal, see the table."""
+    """An event in the life of a goal."""
 
     ACCEPT = auto()
     EXECUTE = auto()
-    CANCEL = auto()
+    CANCEL = auto()  # the request
     SUCCEED = auto()
-    CANCELED = auto()
+    CANCELED = auto()  # the server has granted the request
     ABORT = auto()
-    LOSE = auto()
+    LOSE = auto()  # the server has left
 
 
-#: (state, event) → state; other combinations are invalid.
-TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
-    (GoalStatus.UNKNOWN, GoalEvent.ACCEPT): GoalStatus.ACCEPTED,
-    (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
-    (GoalStatus.ACCEPTED, GoalEvent.CANCEL): GoalStatus.CANCELING,
-    (GoalStatus.EXECUTING, GoalEvent.CANCEL): GoalStatus.CANCELING,
-    (GoalStatus.CANCELING, GoalEvent.CANCEL): GoalStatus.CANCELING,
-    (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
-    (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
-    (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
-    (GoalStatus.ACCEPTED, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.UNKNOWN, GoalEvent.LOSE): GoalStatus.ABORTED,
-    (GoalStatus.ACCEPTED, GoalEvent.LOSE): GoalStatus.ABORTED,
-    (GoalStatus.EXECUTING, GoalEvent.LOSE): GoalStatus.ABORTED,
-    (GoalStatus.CANCELING, GoalEvent.LOSE): GoalStatus.ABORTED,
+_RUNNING = (GoalStatus.ACCEPTED, GoalStatus.EXECUTING, GoalStatus.CANCELING)
+
+#: States in which each event is possible, and the state that follows.
+TRANSITIONS: dict[GoalEvent, tuple[tuple[GoalStatus, ...], GoalStatus]] = {
+    GoalEvent.ACCEPT: ((GoalStatus.UNKNOWN,), GoalStatus.ACCEPTED),
+    GoalEvent.EXECUTE: ((GoalStatus.ACCEPTED,), GoalStatus.EXECUTING),
+    GoalEvent.CANCEL: (_RUNNING, GoalStatus.CANCELING),
+    GoalEvent.SUCCEED: ((GoalStatus.EXECUTING, GoalStatus.CANCELING), GoalStatus.SUCCEEDED),
+    GoalEvent.CANCELED: ((GoalStatus.CANCELING,), GoalStatus.CANCELED),
+    GoalEvent.ABORT: (_RUNNING, GoalStatus.ABORTED),
+    GoalEvent.LOSE: ((GoalStatus.UNKNOWN, *_RUNNING), GoalStatus.ABORTED),
 }
 
 #: Event that ends a goal in a state.
@@ -168,8 +149,8 @@ class MemoryGoal(ServerGoal, ClientGoal):
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
     def _step(self, event: GoalEvent) -> None:
-        after = TRANSITIONS.get((self.status, event))
-        if after is None:
+        before, after = TRANSITIONS[event]
+        if self.status not in before:
             raise InvalidTransition(
                 f"goal {self.id} of {self.action} is {self.status.name}: {event.name} is not possible"
             )
@@ -295,31 +276,22 @@ class MemoryActionServer(Provider):
     def __init__(
         self, actions: Actions, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> None:
-        self.name = name
+        super().__init__(name, owner)
         self.type = interface
-        self.node = owner.name
-        self._owner = owner
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
-        self.closed = False
         self.on_close: Callable[[], None] | None = None
         self.watcher: GoalWatcher | None = None
         self._actions = actions
 
-    def close(self) -> None:
-        if self.closed:
-            return
-        self.closed = True
-        self._owner.drop(self)
+    def withdraw(self) -> None:
         self._actions.remove(self)
         # Break the reference cycle, so that both are freed without the garbage collector.
         on_close, self.on_close = self.on_close, None
         if on_close is not None:
             on_close()
-        self.lose_goals()
 
-    def lose_goals(self) -> None:
-        """End all goals: this server no longer runs them."""
+    def end_requests(self) -> None:
         while self.goals:
             self.goals.popitem()[1].lose()
 
@@ -344,10 +316,9 @@ class Actions(ProviderTable[MemoryActionServer]):
         """Offer an action; a server of the same name is displaced (ACT-18) until this one closes."""
         server = MemoryActionServer(self, name, interface, owner, on_goal)
         old = self.put(server)
-        owner.add(server, server.close)
         if old is not None:
             logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)
-            old.lose_goals()
+            old.end_requests()
         return server
 
     def send(

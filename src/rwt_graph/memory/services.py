@@ -169,27 +169,18 @@ class MemoryProvider(Provider):
     def __init__(
         self, services: Services, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> None:
-        self.name = name
+        super().__init__(name, owner)
         self.type = interface
-        self.node = owner.name
         # Cached: a bridge reads it before every call.
         self.info = ServiceInfo(name, interface, owner.name)
-        self.owner = owner
         self.on_call = on_call
         self.open: set[MemoryCall] = set()
-        self.closed = False
         self._services = services
 
-    def close(self) -> None:
-        if self.closed:
-            return
-        self.closed = True
-        self.owner.drop(self)
+    def withdraw(self) -> None:
         self._services.withdrawn(self)
-        self.end_calls()
 
-    def end_calls(self) -> None:
-        """End the pending calls: this provider no longer answers them."""
+    def end_requests(self) -> None:
         while self.open:
             self.open.pop().end_with(self.gone())
 
@@ -221,7 +212,6 @@ class Services(ProviderTable[MemoryProvider]):
         """Offer a service; a provider of the same name is displaced (SVP-07) until this one closes."""
         provider = MemoryProvider(self, name, interface, owner, on_call)
         old = self.put(provider)
-        owner.add(provider, provider.close)
         if old is not None:
             if self.remote is not None:
                 self.remote.withdrawn(old)
@@ -229,14 +219,14 @@ class Services(ProviderTable[MemoryProvider]):
                 logger.warning(
                     "service %s of node %s replaces the one of node %s", name, owner.name, old.node
                 )
-                old.end_calls()
+                old.end_requests()
         if self.remote is not None:
             self.remote.offered(provider)
         return provider
 
     def others(self, provider: MemoryProvider) -> list[MemoryProvider]:
         """Return the services of other nodes that a service has displaced."""
-        return [each for each in self.displaced(provider.name) if each.owner is not provider.owner]
+        return [each for each in self._displaced.get(provider.name, ()) if each.owner is not provider.owner]
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Remove a closed provider; the one that it displaced answers again."""

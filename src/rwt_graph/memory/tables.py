@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from functools import wraps
 from typing import Generic, Protocol, TypeVar
@@ -80,7 +81,26 @@ class NodeResources:
 class Provider(Registration):
     """Service or action that a node of this process offers."""
 
-    node: str
+    def __init__(self, name: str, owner: NodeResources) -> None:
+        self.name = name
+        self.node = owner.name
+        self.owner = owner
+        self.closed = False
+
+    def close(self) -> None:
+        if not self.closed:
+            self.closed = True
+            self.owner.drop(self)
+            self.withdraw()
+            self.end_requests()
+
+    @abstractmethod
+    def withdraw(self) -> None:
+        """Remove it from its table."""
+
+    @abstractmethod
+    def end_requests(self) -> None:
+        """End pending calls or goals: this provider no longer answers them."""
 
 
 P = TypeVar("P", bound=Provider)
@@ -110,14 +130,11 @@ class ProviderTable(Generic[P]):
     def __init__(self, changes: Changes) -> None:
         self.changes = changes
         self.current: dict[str, P] = {}
+        #: Displaced providers of each name, the oldest first.
         self._displaced: dict[str, list[P]] = {}
 
     def __iter__(self) -> Iterator[P]:
         return iter(tuple(self.current.values()))
-
-    def displaced(self, name: str) -> list[P]:
-        """Return the displaced providers of a name, oldest first."""
-        return self._displaced.get(name, [])
 
     def names(self) -> list[str]:
         """Return all names, sorted."""
@@ -132,6 +149,7 @@ class ProviderTable(Generic[P]):
 
     def put(self, provider: P) -> P | None:
         """Make a provider the current one; return the one that it displaces."""
+        provider.owner.add(provider, provider.close)
         old = self.current.get(provider.name)
         self.current[provider.name] = provider
         self.changes.note()
