@@ -12,18 +12,13 @@ from typing import TYPE_CHECKING, Any, Final, Unpack
 import anyio
 import msgspec
 
-from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.goals import ActionlibGoal, WireGoal
 from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
-from rwt_client.endpoints.remote_handle import Offered
+from rwt_client.endpoints.remote_handle import Connection
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import Calls, ServiceServer
-from rwt_client.endpoints.subscriptions import (
-    Connection,
-    RawSubscription,
-    RemoteSubscription,
-    SubscribeOptions,
-)
+from rwt_client.endpoints.servers import ActionServer, Offered, ServiceServer
+from rwt_client.endpoints.services import Calls
+from rwt_client.endpoints.subscriptions import RawSubscription, RemoteSubscription, SubscribeOptions
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
@@ -121,11 +116,9 @@ class Robot(RobotApi):
         self.api = RosApi(ask)
         self.params = RosapiParameters(ask)
         self._session = session
-        self._tasks = tasks
-        self._drained = drained
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
-        self._connection = Connection(session, self.types, tasks, binary)
+        self._connection = Connection(session, self.types, tasks, drained, binary)
         self._tf = RemoteTransforms(
             partial(self.subscribe, compression="none"),
             self._subscribe_compact,
@@ -189,7 +182,7 @@ class Robot(RobotApi):
 
     async def drain(self) -> None:
         """Wait until the network has taken everything that was sent."""
-        await self._drained()
+        await self._connection.drained()
 
     # -- listings --------------------------------------------------------------------------------------------
 
@@ -276,7 +269,7 @@ class Robot(RobotApi):
     ) -> RemoteSubscription:
         options.setdefault("arrays", self._arrays)
         subscription = RemoteSubscription(self._connection, topic, callback, **options)
-        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        return subscription.open(self.types.known_message(type), self._message_type(topic, type))
 
     def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
         check_arguments("subscribe_raw(topic, callback, type)", type, callback)
@@ -289,7 +282,7 @@ class Robot(RobotApi):
             return await self.types.message(name)
 
         subscription = RawSubscription(self._connection, topic, callback)
-        return subscription.open(self.types.known_message(type), ask, self._tasks)
+        return subscription.open(self.types.known_message(type), ask)
 
     async def once(
         self,
@@ -323,8 +316,8 @@ class Robot(RobotApi):
         return self._advertise(topic, type, options)
 
     def _advertise(self, topic: str, type: str | None, options: AdvertiseOptions) -> RemotePublisher:
-        publisher = RemotePublisher(self._session, self.types, topic, options, self._drained)
-        return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        publisher = RemotePublisher(self._connection, topic, options)
+        return publisher.open(self.types.known_message(type), self._message_type(topic, type))
 
     def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
@@ -377,10 +370,8 @@ class Robot(RobotApi):
 
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
         check_arguments("advertise_service(service, type, handler)", type, handler)
-        server = ServiceServer(
-            self._session, service, self._interface_name, self._services, handler, self._tasks
-        )
-        return server.open(self.types.known_service(type), partial(self.types.service, type), self._tasks)
+        server = ServiceServer(self._connection, service, self._services, handler)
+        return server.open(self.types.known_service(type), partial(self.types.service, type))
 
     # -- actions ---------------------------------------------------------------------------------------------
 
@@ -400,9 +391,9 @@ class Robot(RobotApi):
             over_topics = ActionlibGoal(action, goal_id, on_feedback)
             await over_topics.send(self.subscribe, self.advertise, action_type, payload)
             return over_topics
-        sent = WireGoal(self._session, self._tasks, self.types.meant, action, on_feedback)
+        sent = WireGoal(self._connection, action, on_feedback)
         sent.send(
-            self._interface_name(action_type),
+            self.types.wire_name(action_type),
             RawJson(payload.json()),
             self.types.reader(action_type.feedback, self._arrays),
             self.types.reader(action_type.result, self._arrays),
@@ -419,10 +410,8 @@ class Robot(RobotApi):
 
     def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
         check_arguments("advertise_action(action, type, execute)", type, execute)
-        server = ActionServer(
-            self._session, action, self._interface_name, self._actions, execute, self._tasks
-        )
-        return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
+        server = ActionServer(self._connection, action, self._actions, execute)
+        return server.open(self.types.known_action(type), partial(self.types.action, type))
 
     # -- time ------------------------------------------------------------------------------------------------
 
@@ -502,9 +491,6 @@ class Robot(RobotApi):
 
     def _patience(self, timeout: Timeout) -> float | None:
         return self._timeout if timeout is USUAL else timeout
-
-    def _interface_name(self, interface: Any) -> str:
-        return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
 
 
 class _ClientClock:

@@ -16,14 +16,13 @@ from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, Sen
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Callable
 
-    from rwt_client.wire.session import ReconnectingSession
+    from rwt_client.endpoints.remote_handle import Connection
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType
     from rwt_participant.handles import Handle, Publisher
     from rwt_participant.transforms import SubscribeVerb
-    from rwt_transports.background import TaskStarter
 
 
 class RemoteGoal(Goal):
@@ -35,24 +34,14 @@ class RemoteGoal(Goal):
 
 
 class WireGoal(RemoteGoal):
-    """Goal that is sent as an op; satisfies :class:`rwt_client.wire.session.Restorable`.
-
-    Args:
-        meant: asks the robot for a suggestion, for the error about an action that does not exist.
-    """
+    """Goal that is sent as an op; satisfies :class:`rwt_client.wire.session.Restorable`."""
 
     def __init__(
-        self,
-        session: ReconnectingSession,
-        tasks: TaskStarter,
-        meant: Callable[[str, str], Awaitable[str]],
-        action: str,
-        on_feedback: Callable[[Message], object] | None,
+        self, connection: Connection, action: str, on_feedback: Callable[[Message], object] | None
     ) -> None:
-        super().__init__(action, session.next_id("send_action_goal", action), on_feedback)
-        self._session = session
-        self._tasks = tasks
-        self._meant = meant
+        super().__init__(action, connection.session.next_id("send_action_goal", action), on_feedback)
+        self._connection = connection
+        self._session = connection.session
 
     def send(self, action_type: str, args: RawJson, feedback: MessageReader, result: MessageReader) -> None:
         """Send the goal (ACT-01).
@@ -91,7 +80,7 @@ class WireGoal(RemoteGoal):
             text = failure_text(op.values, f"{self.action} failed and gave no reason")
             error = call_error(text, self.action, CallFailed if op.status else GoalRejected)
             if isinstance(error, ProviderNotFound):
-                self._tasks.start_soon(self._end_with_advice, error)
+                self._connection.tasks.start_soon(self._end_with_advice, error)
             else:
                 self.end(error)
         else:
@@ -101,7 +90,8 @@ class WireGoal(RemoteGoal):
                 self.end(error)
 
     async def _end_with_advice(self, error: ProviderNotFound) -> None:
-        self.end(ProviderNotFound(f"{error}{await self._meant('action', self.action)}"))
+        meant = await self._connection.types.meant("action", self.action)
+        self.end(ProviderNotFound(f"{error}{meant}"))
 
 
 _ENDED: Final = {

@@ -101,9 +101,9 @@ class RemoteTypes:
         """Return a reader for messages of that type."""
         return MessageReader(message_type, arrays, trusted=self.distro is not None)
 
-    def wire_name(self, name: str) -> str:
-        """Return the server's name of a message type."""
-        return name if self.distro is None else self.registry.type_name(self.registry.message(name))
+    def wire_name(self, interface: MessageType | ServiceType | ActionType) -> str:
+        """Return the server's name of a type."""
+        return interface.name if self.distro is None else self.registry.type_name(interface)
 
     def full_text(self, name: str) -> str:
         """Return the definition of a known message and all it contains, as one text (API-06)."""

@@ -3,39 +3,27 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_client.endpoints.remote_handle import Offered, RemoteServer
 from rwt_client.errors import ConnectionLost
-from rwt_client.wire.decoding import request_of
-from rwt_interfaces.structs import ServiceType
 from rwt_participant.errors import (
     CallFailed,
     CallTimeout,
-    InvalidMessage,
     ProviderNotFound,
-    RobotError,
     ServiceFailed,
 )
 from rwt_participant.future import Future
-from rwt_participant.messages import ServiceHandler, call_handler
-from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
+from rwt_protocol.ops import CallService, ServiceResponse
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
 _TIMEOUT = "Timeout exceeded while waiting for service response"
-
-HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
 class WireCall:
@@ -125,51 +113,3 @@ def failure_text(values: Encodable | str, otherwise: str) -> str:
         data = values.data if isinstance(values, RawJson) else values.json()
         text = bytes(data).decode("utf-8", "replace")
     return otherwise if text in ("", "{}", "null") else text
-
-
-class ServiceServer(RemoteServer[ServiceType]):
-    """Service of this program, until :meth:`close`; advertised again after a reconnection."""
-
-    def __init__(
-        self,
-        session: ReconnectingSession,
-        name: str,
-        wire_name: Callable[[ServiceType], str],
-        offered: Offered[ServiceServer],
-        handler: ServiceHandler,
-        tasks: TaskStarter,
-    ) -> None:
-        super().__init__(session, "advertise_service", name, wire_name, offered)
-        self._handler = handler
-        self._tasks = tasks
-
-    def advertise(self, wire_type: str) -> AdvertiseService:
-        return AdvertiseService(type=wire_type, service=self.name, id=self.id)
-
-    def withdrawal(self) -> UnadvertiseService:
-        return UnadvertiseService(service=self.name, id=self.id)
-
-    # -- calls -----------------------------------------------------------------------------------------------
-
-    def on_call(self, op: CallService) -> None:
-        """Answer one call, now or from a task."""
-        try:
-            request = request_of(self.type.request, op.args)
-        except Exception as error:
-            self._fail(op, error)
-            return
-        reply, fail = partial(self._reply, op), partial(self._fail, op)
-        call_handler(self._handler, request, self.type.response, reply, fail, self._tasks.start_soon)
-
-    def _reply(self, op: CallService, response: Payload) -> None:
-        self._session.send_if_connected(
-            ServiceResponse(service=op.service, values=RawJson(response.json()), result=True, id=op.id)
-        )
-
-    def _fail(self, op: CallService, error: Exception) -> None:
-        if not isinstance(error, ServiceFailed | InvalidMessage):
-            logger.error("the handler of %s failed", self.name, exc_info=error)
-        reason = str(error) if isinstance(error, RobotError) else HANDLER_FAILED
-        self._session.send_if_connected(
-            ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
-        )

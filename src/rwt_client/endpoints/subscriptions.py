@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+from typing import Any, Final, TypedDict, Unpack
 
 import anyio
 
 from rwt_client.endpoints.publisher import wire_qos
-from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.endpoints.remote_handle import Connection, RemoteHandle
 from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
 from rwt_client.wire.decoding import UnparsedMessage
@@ -32,11 +31,6 @@ from rwt_participant.qos import QoS
 from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
-
-if TYPE_CHECKING:
-    from rwt_client.endpoints.remote_types import RemoteTypes
-    from rwt_client.wire.session import ReconnectingSession
-    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -80,20 +74,6 @@ def _check_compression(name: str) -> None:
         raise ValueError(f"compression: expected one of {known}, got {name!r}")
 
 
-@dataclass(slots=True)
-class Connection:
-    """Connection of a client, as its subscriptions use it.
-
-    Attributes:
-        cbor_offered: True if the transport carries CBOR (TCP-05), and the server has not rejected it.
-    """
-
-    session: ReconnectingSession
-    types: RemoteTypes
-    tasks: TaskStarter
-    cbor_offered: bool
-
-
 class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     """Messages of one topic.
 
@@ -127,12 +107,11 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         if callback is None or is_coroutine_function(callback):
             limits = options.get("queue_size", 1000), options.get("queue_bytes", QUEUE_BYTES)
             queue = MessageQueue[UnparsedMessage](name, *limits)
-        RemoteHandle.__init__(self, connection.session, "subscribe", name)
+        RemoteHandle.__init__(self, connection, "subscribe", name)
         Subscription.__init__(self, queue, has_callback=callback is not None, within=anyio.move_on_after)
         self.received = 0
         self.received_bytes = 0
         self.invalid = 0
-        self._connection = connection
         self._options = options
         self._compression = "none"
         self._callback = callback
@@ -205,7 +184,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             given["fragment_size"] = fragment_size
         if (qos := options.get("qos")) is not None:
             given["qos"] = wire_qos(qos)
-        wire_type = self._connection.types.wire_name(self.type.name)
+        wire_type = self._connection.types.wire_name(self.type)
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
 
     def refused(self, text: str) -> None:

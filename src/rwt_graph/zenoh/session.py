@@ -76,7 +76,16 @@ def configuration(options: ZenohOptions) -> zenoh.Config:
     Raises:
         ZenohError: the file cannot be read, or Zenoh rejects a value.
     """
-    config = _from_file(options.config) if options.config is not None else zenoh.Config()
+    config = zenoh.Config()
+    if options.config is not None:
+        name = fspath(options.config)
+        try:
+            config = zenoh.Config.from_file(name)
+        except Exception as error:  # The binding raises its own exceptions, Python's and Rust's.
+            raise ZenohError(
+                f"the Zenoh configuration {name} cannot be used: it is not there, or not JSON5 as Zenoh"
+                " writes it"
+            ) from error
     for key, (own, zenohs) in _DEFAULTS.items():
         if json.loads(config.get_json(key)) == zenohs:
             _insert(config, key, own)
@@ -92,16 +101,6 @@ def configuration(options: ZenohOptions) -> zenoh.Config:
         if value is not None:
             _insert(config, key, value)
     return config
-
-
-def _from_file(path: str | PathLike[str]) -> zenoh.Config:
-    name = fspath(path)
-    try:
-        return zenoh.Config.from_file(name)
-    except Exception as error:  # The binding raises its own exceptions, Python's and Rust's.
-        raise ZenohError(
-            f"the Zenoh configuration {name} cannot be used: it is not there, or not JSON5 as Zenoh writes it"
-        ) from error
 
 
 def _insert(config: zenoh.Config, key: str, value: object) -> None:
