@@ -119,14 +119,7 @@ class Robot(RobotApi):
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
         self._connection = Connection(session, self.types, tasks, drained, binary)
-        self._tf = RemoteTransforms(
-            partial(self.subscribe, compression="none"),
-            self._subscribe_compact,
-            self.advertise,
-            self.call,
-            tasks.start_soon,
-            timeout,
-        )
+        self._tf = RemoteTransforms(self._connection, self.subscribe, self.advertise, self.call, timeout)
         session.events.listen(self._tf.on_event)
         self._services: Offered[ServiceServer] = Offered()
         self._actions: Offered[ActionServer] = Offered()
@@ -337,11 +330,6 @@ class Robot(RobotApi):
 
         return ask
 
-    def _subscribe_compact(self, topic: str, callback: MessageCallback, type: str, /) -> RemoteSubscription:
-        return self.subscribe(
-            topic, callback, type, compression="cbor" if self._connection.cbor_offered else "none"
-        )
-
     # -- services --------------------------------------------------------------------------------------------
 
     async def call(
@@ -447,16 +435,13 @@ class Robot(RobotApi):
             logger.info("the robot does not answer rosapi's questions: its version of ROS is not known")
             return None
         except UNANSWERED:
-            return NOETIC if await self._has_rosapi() else None
+            try:
+                await self._identifying.time_ns()
+            except UNANSWERED:
+                logger.info("the robot has no rosapi: its version of ROS is not known")
+                return None
+            return NOETIC
         return closest_distro(found.distro, found.version) if found.version else None
-
-    async def _has_rosapi(self) -> bool:
-        try:
-            await self._identifying.time_ns()
-        except UNANSWERED:
-            logger.info("the robot has no rosapi: its version of ROS is not known")
-            return False
-        return True
 
     # -- parts -----------------------------------------------------------------------------------------------
 

@@ -98,7 +98,6 @@ class Charges:
             self._by_name[name] = charge
 
     def drop(self, name: str) -> None:
-        """Release the charge of a value."""
         charge = self._by_name.pop(name, None)
         if charge is not None:
             charge.end()

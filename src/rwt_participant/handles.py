@@ -134,13 +134,11 @@ class MessageQueue(Generic[T]):
         self.wake()
 
     def pop(self) -> T:
-        """Return the oldest message."""
         message, size = self._messages.popleft()
         self._bytes -= size
         return message
 
     def clear(self) -> None:
-        """Discard all messages."""
         self._messages.clear()
         self._bytes = 0
 

@@ -98,7 +98,6 @@ class RemoteTypes:
             self.registry = Registry(wanted)
 
     def reader(self, message_type: MessageType, arrays: ArrayKind = "list") -> MessageReader:
-        """Return a reader for messages of that type."""
         return MessageReader(message_type, arrays, trusted=self.distro is not None)
 
     def wire_name(self, interface: MessageType | ServiceType | ActionType) -> str:

@@ -63,13 +63,10 @@ class MessageReader:
         elif isinstance(arrived, dict):
             message = self._from_plain(arrived)
         elif isinstance(arrived, Decoded):
-            message = self._from_values(arrived.value)
+            message = Payload.from_value(self.type, arrived.value).value()
         else:
             message = self._from_text(arrived)
         return message if self._finish is None else self._finish(message)
-
-    def _from_values(self, value: object) -> msgspec.Struct:
-        return Payload.from_value(self.type, value).value()
 
     def _from_text(self, arrived: Encodable) -> msgspec.Struct:
         if self._trusted:

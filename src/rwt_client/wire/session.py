@@ -114,7 +114,6 @@ class ReconnectingSession:
 
     @property
     def connected(self) -> bool:
-        """True if messages can be sent now."""
         return self._sink is not None
 
     @property
@@ -155,7 +154,6 @@ class ReconnectingSession:
         return self._restorables.get(id) if isinstance(id, str) else None
 
     def remove(self, id: str) -> None:  # as on the wire
-        """Remove the restorable of that id."""
         self._restorables.pop(id, None)
 
     def send(self, op: Op) -> None:
@@ -206,7 +204,6 @@ class ReconnectingSession:
         return self
 
     async def ended(self) -> None:
-        """Wait until the connection is lost."""
         await self._ended.wait()
 
     def closed(self, code: int, reason: str) -> None:

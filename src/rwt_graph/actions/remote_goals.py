@@ -92,7 +92,6 @@ class Ros2Actions:
         self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
 
     def want_feedback(self, goal: RemoteGoal) -> None:
-        """Subscribe to the feedback of a goal."""
         key = (goal.client, goal.action)
         reader = self._readers.get(key)
         if reader is None:
@@ -113,7 +112,6 @@ class Ros2Actions:
         client: NodeResources,
         on_reply: Callable[[Payload | CallFailed], None],
     ) -> None:
-        """Call the action's cancel service."""
         request = self.registry.service("action_msgs/CancelGoal").request
         info = {"goal_info": {"goal_id": {"uuid": bytes.fromhex(goal_id)}}}
         name = ActionNames(action).cancel_goal
@@ -136,7 +134,6 @@ class FeedbackReader:
         goal.client.add(self, self.close)
 
     def add(self, goal: RemoteGoal) -> None:
-        """Receive the feedback of a goal."""
         self._goals[goal.id] = goal
         self._cancel_timer()
 
@@ -151,7 +148,6 @@ class FeedbackReader:
             self.close()
 
     def close(self) -> None:
-        """Unsubscribe."""
         self._cancel_timer()
         self._client.drop(self)
         self.on_close()
@@ -255,7 +251,6 @@ class RemoteGoal(ClientGoal):
             self._end(self.status, failure)
 
     def on_feedback(self, message: Any) -> None:
-        """Receive a feedback message of this goal."""
         if self._events is not None and (on_feedback := self._events.on_feedback) is not None:
             feedback = Payload.from_value(self.type.feedback, message.feedback)
             self._run_callback(lambda: on_feedback(feedback))

@@ -346,7 +346,6 @@ class Actions(ProviderTable[MemoryActionServer]):
         goal_id: str,
         client: NodeResources,
     ) -> ClientGoal:
-        """Send a goal to a server of this process."""
         action = server.name
         if goal_id in server.goals:
             return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))

@@ -200,7 +200,6 @@ class MemoryGraph(Runtime, Graph):
         return MemoryParticipant(self, name)
 
     def left(self, participant: MemoryParticipant) -> None:
-        """Remove a closed participant."""
         if participant in self._participants:
             del self._participants[participant]
             self.node_left(participant.name)
@@ -211,7 +210,6 @@ class MemoryGraph(Runtime, Graph):
         self.changes.note()
 
     def node_left(self, name: str) -> None:
-        """Remove a participant of that name from the count."""
         self._nodes[name] -= 1
         self.changes.note()
         if not self._nodes[name]:
@@ -274,11 +272,9 @@ class MemoryGraph(Runtime, Graph):
         )
 
     def topic_names(self) -> Sequence[str]:
-        """Return the names of all topics, unsorted."""
         return tuple(topic.name for topic in self.topic_table.all())
 
     def action_names(self) -> Sequence[str]:
-        """Return the names of all actions."""
         return self.action_table.names()
 
     def observe_calls(self, observer: CallObserver | None) -> bool:

@@ -88,7 +88,6 @@ class MemoryCall(ServiceCall, PendingCall):
             self._call_back(on_reply, failure)
 
     def expire(self) -> None:
-        """End the call with :exc:`CallTimeout`."""
         self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
 
     def caller_closed(self) -> None:
@@ -185,7 +184,6 @@ class MemoryProvider(Provider):
             self.open.pop().end_with(self.gone())
 
     def gone(self) -> ProviderGone:
-        """Return the error with which pending calls end."""
         return ProviderGone(f"Service {self.name} was unadvertised")
 
 

@@ -21,7 +21,6 @@ class Changes:
         self.count = 0
 
     def note(self) -> None:
-        """Count a change."""
         self.count += 1
 
 
@@ -68,7 +67,6 @@ class NodeResources:
         self._release[resource] = release
 
     def drop(self, resource: object) -> None:
-        """Remove a released resource."""
         self._release.pop(resource, None)
 
     def release_all(self) -> None:
@@ -137,11 +135,9 @@ class ProviderTable(Generic[P]):
         return iter(tuple(self.current.values()))
 
     def names(self) -> list[str]:
-        """Return all names, sorted."""
         return sorted(self.current.keys() | (self.remote.names() if self.remote is not None else set()))
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node with each of its services or actions."""
         for provider in self:
             yield provider.node, provider.name
         if self.remote is not None:

@@ -88,7 +88,6 @@ class Tracked:
 
     @property
     def status(self) -> ActionlibStatus:
-        """Current state."""
         if self.ended is not None:
             return self.ended
         return ActionlibStatus.ACTIVE if self.goal is None else STATUS[self.goal.status]

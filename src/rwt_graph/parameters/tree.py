@@ -24,7 +24,7 @@ from rwt_participant.messages import ParameterValue
 T = TypeVar("T")
 
 #: Called with a value before it is stored; raises `ParameterRejected` to reject it.
-Watch: TypeAlias = Callable[[ParameterValue], None]
+Watch: TypeAlias = Callable[[ParameterValue], object]
 
 
 #: Default limits of a tree: levels, names and bytes.

@@ -163,7 +163,6 @@ class Client:
             self._link.session.put(abandoned_key(self._link.domain, session), note)
 
     def close(self) -> None:
-        """Undeclare the client."""
         self._presence.end()
         if self._listener is not None:
             self._listener.undeclare()

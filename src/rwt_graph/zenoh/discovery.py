@@ -75,7 +75,6 @@ class Discovery:
         )
 
     def close(self) -> None:
-        """Ignore tokens from now on."""
         self._link = None
 
     def _heard(self, sample: zenoh.Sample) -> None:

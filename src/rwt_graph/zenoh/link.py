@@ -28,7 +28,6 @@ class Presence:
     _own_gids: set[bytes]
 
     def end(self) -> None:
-        """Undeclare the token."""
         self._own_gids.discard(self.gid)
         self._token.undeclare()
 
@@ -69,7 +68,6 @@ class ZenohLink:
         return zenoh.handlers.Callback(receive, drop, indirect=False)
 
     def declare_node(self, owner: NodeResources) -> Presence:
-        """Declare the token of a node."""
         number = self._node(owner)
         return self._declare(Token(self.domain, self.id, number, number, EntityKind.NODE, owner.name))
 
@@ -84,7 +82,6 @@ class ZenohLink:
         return number
 
     def declare(self, kind: EntityKind, owner: NodeResources, endpoint: TokenEndpoint) -> Presence:
-        """Declare the token of an endpoint of a node."""
         node, entity = self._node(owner), next(self._next)
         return self._declare(Token(self.domain, self.id, node, entity, kind, owner.name, endpoint))
 

@@ -108,7 +108,6 @@ class ReceiveQueue:
             self._on_sample(reply.ok)
 
     def close(self) -> None:
-        """Receive nothing more."""
         if not self._closed:
             self._closed = True
             self._undeclare()

@@ -50,7 +50,6 @@ class ZenohServices:
         self._callers = NodeResources("/_remote", private=True)
 
     def open(self, link: ZenohLink) -> None:
-        """Declare every service of this process."""
         self._link = link
         self._abandonments = link.session.declare_subscriber(
             abandoned_key(link.domain, link.id),

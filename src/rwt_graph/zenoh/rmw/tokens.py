@@ -70,7 +70,6 @@ class Token:
     enclave: str = "/"
 
     def key(self) -> str:
-        """Key of the token."""
         namespace, _, name = self.node.rpartition("/")
         ids = f"{_PREFIX}/{self.domain}/{self.session}/{self.node_id}/{self.entity_id}/{self.kind.value}"
         key = f"{ids}/{mangle(self.enclave)}/{mangle(namespace)}/{name}"
