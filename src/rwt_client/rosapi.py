@@ -31,8 +31,8 @@ class NodeDetails:
 class RosVersion:
     """Version of ROS, 1 or 2, and the distribution, for example ``jazzy``."""
 
-    version: int
-    distro: str
+    version: int = 0
+    distro: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +166,8 @@ class RosApi:
         return seconds * NANOSECONDS + now.get("nanosec", now.get("nsecs", 0))
 
     async def ros_version(self) -> RosVersion:
-        """Return the robot's version of ROS; many ROS 1 robots fail this call."""
-        answer = await self._answer("get_ros_version", {}, _Version)
-        return RosVersion(answer.version, answer.distro)
+        """Return the robot's version of ROS (API-05); many ROS 1 robots fail this call."""
+        return await self._answer("get_ros_version", {}, RosVersion)
 
     # -- results ---------------------------------------------------------------------------------------------
 
@@ -188,13 +187,6 @@ class RosApi:
     async def _types(self, question: str, type_name: str) -> tuple[TypeInfo, ...]:
         answer = await self._answer(question, {"type": type_name}, dict[str, list[_TypeDef]])
         return tuple(each.info() for each in answer.get("typedefs", ()))
-
-
-class _Version(msgspec.Struct):
-    """Version of ROS (API-05)."""
-
-    version: int = 0
-    distro: str = ""
 
 
 class _TypeDef(msgspec.Struct):

@@ -75,11 +75,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self._invalid: InvalidMessage | None = None
 
     def publish(self, message: MessageLike) -> None:
-        """Publish one message without waiting; if the network is slower, the oldest queued ones are dropped.
-
-        Args:
-            message: an instance of the type's class, a mapping or a dataclass instance. Missing fields get
-                their defaults, a header without a stamp the current time.
+        """Publish one message, as :meth:`Publisher.publish`. A slow network drops the oldest queued ones.
 
         Raises:
             InvalidMessage: it does not fit the type; raised by `await` while the type is unknown.

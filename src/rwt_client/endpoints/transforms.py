@@ -22,14 +22,7 @@ _ARRAY: Final = "tf2_web_republisher/TFArray"
 
 
 class RemoteTransforms(Transforms):
-    """Tree of frames of a robot, over a connection that may be lost and restored.
-
-    Args:
-        subscribe: verb of the robot.
-        advertise: verb of the robot.
-        call: verb of the robot, which calls the republisher.
-        timeout: default timeout of lookups in seconds; None waits without limit.
-    """
+    """Tree of frames of a robot, over a connection that may be lost and restored."""
 
     def __init__(
         self,

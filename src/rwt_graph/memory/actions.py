@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Protocol
 from uuid import uuid4
@@ -297,14 +297,10 @@ class MemoryActionServer(Provider):
 
 
 class Actions(ProviderTable[MemoryActionServer]):
-    """Actions of one graph.
+    """Actions of one graph. Those of other processes count as services in `changes`.
 
     Attributes:
-        remote: actions of other processes; None in a graph of one process.
         observer: observer of every goal of this process's actions.
-
-    Args:
-        changes: counter of changes in this process; actions of other processes count as services.
     """
 
     remote: RemoteActions | None = None
@@ -387,7 +383,7 @@ class Actions(ProviderTable[MemoryActionServer]):
     def cancel_every(self, action: str, client: NodeResources) -> Iterator[None]:
         server = self.current.get(action)
         if server is not None:
-            return _cancel_in_steps(tuple(server.goals.values()))
+            return map(MemoryGoal.cancel, tuple(server.goals.values()))
         if self.remote is not None:
             self.remote.cancel_every(action, client)
         return iter(())
@@ -397,12 +393,6 @@ class Actions(ProviderTable[MemoryActionServer]):
         if server is not None:
             return ActionInfo(name, server.type, server.node)
         return None if self.remote is None else self.remote.info(name)
-
-
-def _cancel_in_steps(goals: Iterable[MemoryGoal]) -> Iterator[None]:
-    for goal in goals:
-        goal.cancel()
-        yield
 
 
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> ClientGoal:

@@ -173,7 +173,10 @@ class MemoryGraph(Runtime, Graph):
         super().__init__(clock or WallClock())
         self.parameters = ParameterTree()
         if self.distro.master_version is not None:
-            self._set_master_parameters(self.distro.master_version)
+            # As ROS 1's core sets them; line ends are those of its commands.
+            self.parameters.set("/rosdistro", f"{self.distro.name}\n")
+            self.parameters.set("/rosversion", f"{self.distro.master_version}\n")
+            self.parameters.set("/run_id", str(uuid.uuid1()))
         self.changes = changes = Changes()
         self.dds_rules = dds_rules
         self.topic_table = Topics(registry, self.clock, changes, dds_rules=dds_rules)
@@ -182,12 +185,6 @@ class MemoryGraph(Runtime, Graph):
         self._nodes: Counter[str] = Counter()
         self._participants: dict[MemoryParticipant, None] = {}
         self._system = SystemTopics(self)
-
-    def _set_master_parameters(self, version: str) -> None:
-        """Set the parameters that ROS 1's core sets; line ends are those of its commands."""
-        self.parameters.set("/rosdistro", f"{self.distro.name}\n")
-        self.parameters.set("/rosversion", f"{version}\n")
-        self.parameters.set("/run_id", str(uuid.uuid1()))
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = self.make_participant(validate(name))

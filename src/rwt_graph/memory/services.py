@@ -191,7 +191,6 @@ class Services(ProviderTable[MemoryProvider]):
     """Services of one graph.
 
     Attributes:
-        remote: services of other processes; None in a graph of one process.
         observer: observer of every call of this process's services.
         dds_rules: True if every provider of a name receives each request, and the first response counts.
     """

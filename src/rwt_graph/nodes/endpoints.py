@@ -36,14 +36,10 @@ class TopicPublisher(Publisher):
         self.now_ns = graph.clock.time_ns
 
     def publish(self, message: MessageLike) -> None:
-        """Send one message to every subscriber.
+        """Publish one message; see :meth:`Publisher.publish`.
 
         The message is checked in the caller's thread, then passed to the graph's; messages of one thread stay
         in order.
-
-        Raises:
-            InvalidMessage: the message does not fit the topic's type.
-            HandleClosed: this publisher or its node was closed.
         """
         if self._publisher.is_closed:
             raise HandleClosed(f"the publisher on {self.name} was closed")
@@ -62,11 +58,7 @@ class TopicPublisher(Publisher):
 
 
 class TopicSubscription(Subscription):
-    """Subscription of a program in the graph.
-
-    Attributes:
-        name: absolute name of the topic.
-    """
+    """Subscription of a program in the graph."""
 
     def __init__(
         self,
@@ -103,7 +95,6 @@ class TopicSubscription(Subscription):
         return self._subscription.type
 
     def close(self) -> None:
-        """Leave the topic. No callback is called after this, and iterators end."""
         self._graph.soon(self._close)
 
     def _close(self) -> None:

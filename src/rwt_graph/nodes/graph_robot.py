@@ -50,11 +50,7 @@ T = TypeVar("T")
 
 
 class GraphServer(Handle):
-    """Service or action that a program offers in a graph.
-
-    Attributes:
-        name: absolute name.
-    """
+    """Service or action that a program offers in a graph."""
 
     def __init__(self, graph: Graph, name: str, *withdraw: Callable[[], object]) -> None:
         self.name = name
@@ -374,16 +370,8 @@ class GraphVerbs(RobotApi):
 class GraphRobot(GraphVerbs):
     """Participant of a graph with every verb of a robot program.
 
-    A :class:`~rwt_graph.nodes.node.Node` without what every node of ROS offers: log, parameters, services.
-
-    Args:
-        graph: any backend.
-        name: name of the participant (`recorder`), or its absolute one.
-        namespace: namespace that relative names are resolved in.
-        timeout: default timeout of calls and queries; see :class:`GraphVerbs`.
-
-    Attributes:
-        params: parameters of all nodes.
+    A :class:`~rwt_graph.nodes.node.Node`, with the same arguments, without what every node of ROS offers:
+    log, parameters, services.
 
     Raises:
         InvalidGraphName: ROS does not allow the name or the namespace.
