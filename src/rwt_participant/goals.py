@@ -130,12 +130,12 @@ class Goal(ABC):
             NotConnected: there is no connection now.
         """
         if not self.done:
-            self.send_cancel()
+            self._send_cancel()
             self._status = GoalStatus.CANCELING
 
     @abstractmethod
-    def send_cancel(self) -> None:
-        """Send the request to the action server."""
+    def _send_cancel(self) -> None:
+        """Request the cancellation of a goal that has not ended."""
 
     @abstractmethod
     def abandon(self) -> None:

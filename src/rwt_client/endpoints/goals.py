@@ -55,7 +55,7 @@ class WireGoal(RemoteGoal):
         self._session.send(op)
         self._session.add(self.id, self)
 
-    def send_cancel(self) -> None:
+    def _send_cancel(self) -> None:
         self._session.send(CancelActionGoal(id=self.id, action=self.action))
 
     def abandon(self) -> None:
@@ -126,7 +126,7 @@ class ActionlibGoal(RemoteGoal):
         stamp = NOETIC.time(time.time_ns())
         goals.publish({"goal_id": {"id": self.id, "stamp": stamp}, "goal": payload.value()})
 
-    def send_cancel(self) -> None:
+    def _send_cancel(self) -> None:
         self._cancels.publish({"id": self.id})
 
     def abandon(self) -> None:

@@ -75,7 +75,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self._invalid: InvalidMessage | None = None
 
     def publish(self, message: MessageLike) -> None:
-        """Publish one message, as :meth:`Publisher.publish`. A slow network drops the oldest queued ones.
+        """Publish one message without waiting; if the network is slower, the oldest queued ones are dropped.
 
         Raises:
             InvalidMessage: it does not fit the type; raised by `await` while the type is unknown.

@@ -138,6 +138,11 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     def withdrawal(self) -> Unsubscribe:
         return Unsubscribe(topic=self.name, id=self.id)
 
+    @property
+    def error(self) -> RobotError | None:
+        """Error that ended the subscription; None while it is active."""
+        return self._error
+
     def __repr__(self) -> str:
         return f"<Subscription {self.name}>"
 

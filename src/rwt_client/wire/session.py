@@ -14,12 +14,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
 
 import anyio
-import msgspec
 
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
-from rwt_client.wire.decoding import UnparsedMessage
+from rwt_client.wire.decoding import REJECTIONS, UnparsedMessage, read_envelope
 from rwt_protocol.codecs import CODECS
 from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
@@ -66,17 +65,6 @@ class Destination(Protocol):
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """Receive one message of `size` bytes."""
 
-
-class _PublishEnvelope(msgspec.Struct, gc=False):
-    """Op of nearly every small frame: one published message."""
-
-    op: str = ""
-    topic: str = ""
-    msg: msgspec.Raw = msgspec.Raw(b"")
-
-
-_read_envelope = msgspec.json.Decoder(_PublishEnvelope).decode
-_NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
 """Beginning of a published message. The rest up to the last brace is the message, if it is one JSON value:
@@ -256,8 +244,8 @@ class ReconnectingSession:
     def _receive_small(self, data: bytes) -> bool:
         """Handle a published message in a small frame; False if it is anything else, or invalid."""
         try:
-            found = _read_envelope(data)
-        except _NOT_AN_ENVELOPE:
+            found = read_envelope(data)
+        except REJECTIONS:
             # Possibly another op with a member of that name; the full parser decides.
             return False
         if found.op != "publish" or not found.msg:

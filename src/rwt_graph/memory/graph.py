@@ -5,6 +5,7 @@ from __future__ import annotations
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import wraps
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from rwt_graph.api import (
@@ -31,7 +32,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
-from rwt_graph.memory.tables import Changes, NodeResources, cached_listing
+from rwt_graph.memory.tables import Changes, NodeResources
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.nodes.node import Node
@@ -155,6 +156,22 @@ class SystemTopics:
         self._participant.close()
 
 
+def _cached(make: Callable[[MemoryGraph], T]) -> Callable[[MemoryGraph], T]:
+    """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
+    attribute = f"_cached_{make.__name__}"
+
+    @wraps(make)
+    def listing(graph: MemoryGraph) -> T:
+        count = graph.changes.count
+        cached: tuple[int, T] | None = getattr(graph, attribute, None)
+        if cached is None or cached[0] != count:
+            cached = (count, make(graph))
+            setattr(graph, attribute, cached)
+        return cached[1]
+
+    return listing
+
+
 class MemoryGraph(Runtime, Graph):
     """Graph with all nodes in this process.
 
@@ -228,14 +245,14 @@ class MemoryGraph(Runtime, Graph):
     def version(self) -> int:
         return self.changes.count
 
-    @cached_listing
+    @_cached
     def topics(self) -> tuple[TopicInfo, ...]:
         return _infos(self.topic_table.names(), self.topic_table.info)
 
     def topic(self, name: str) -> TopicInfo | None:
         return self.topic_table.info(name)
 
-    @cached_listing
+    @_cached
     def services(self) -> tuple[ServiceInfo, ...]:
         return _infos(self.service_table.names(), self.service_table.info)
 
@@ -247,14 +264,14 @@ class MemoryGraph(Runtime, Graph):
         others = [] if provider is None else self.service_table.others(provider)
         return super().count_services(name) + len(others)
 
-    @cached_listing
+    @_cached
     def actions(self) -> tuple[ActionInfo, ...]:
         return _infos(self.action_table.names(), self.action_table.info)
 
     def action(self, name: str) -> ActionInfo | None:
         return self.action_table.info(name)
 
-    @cached_listing
+    @_cached
     def nodes(self) -> tuple[NodeInfo, ...]:
         topics = self.topic_table.all()
         kinds = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from functools import wraps
 from typing import Generic, Protocol, TypeVar
 
 from rwt_graph.api import Registration
@@ -22,29 +21,6 @@ class Changes:
 
     def note(self) -> None:
         self.count += 1
-
-
-class _HasChanges(Protocol):
-    changes: Changes
-
-
-G = TypeVar("G", bound=_HasChanges)
-
-
-def cached_listing(make: Callable[[G], T]) -> Callable[[G], T]:
-    """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
-    attribute = f"_cached_{make.__name__}"
-
-    @wraps(make)
-    def listing(graph: G) -> T:
-        count = graph.changes.count
-        cached: tuple[int, T] | None = getattr(graph, attribute, None)
-        if cached is None or cached[0] != count:
-            cached = (count, make(graph))
-            setattr(graph, attribute, cached)
-        return cached[1]
-
-    return listing
 
 
 class NodeResources:

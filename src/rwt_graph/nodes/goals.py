@@ -151,7 +151,7 @@ class GraphGoal(Goal):
     def reason(self) -> str:
         return "" if self._goal is None else self._goal.reason
 
-    def send_cancel(self) -> None:
+    def _send_cancel(self) -> None:
         if self._goal is not None:
             self._goal.cancel()
 
