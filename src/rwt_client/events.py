@@ -45,7 +45,6 @@ class Events:
 
     def __init__(self) -> None:
         self._callbacks: list[Callable[[ConnectionEvent], object]] = []
-        self._streams: list[EventStream] = []
 
     def publish(self, event: ConnectionEvent) -> None:
         """Pass `event` to all listeners, at once."""
@@ -54,10 +53,6 @@ class Events:
                 callback(event)
             except Exception:
                 logger.exception("a callback for connection events failed on %s", event)
-        for stream in tuple(self._streams):
-            stream.put(event)
-            if event.kind == "closed":
-                self._streams.remove(stream)
 
     def listen(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
         """Call `callback` with each event from now on; returns a function that ends this."""
@@ -72,7 +67,7 @@ class Events:
     def stream(self) -> EventStream:
         """Return the events from now on, as an async iterator."""
         stream = EventStream()
-        self._streams.append(stream)
+        self._callbacks.append(stream.put)
         return stream
 
 

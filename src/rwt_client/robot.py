@@ -17,7 +17,7 @@ from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
 from rwt_client.endpoints.remote_handle import Connection
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.servers import ActionServer, Offered, ServiceServer
-from rwt_client.endpoints.services import Calls
+from rwt_client.endpoints.services import WireCall, call_service
 from rwt_client.endpoints.subscriptions import RawSubscription, RemoteSubscription, SubscribeOptions
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
@@ -108,14 +108,13 @@ class Robot(RobotApi):
         binary: bool,
     ) -> None:
         self.url = url
-        self._calls = Calls(session)
+        self._session = session
         ask = partial(self._ask, timeout)
         brief = IDENTIFY_SECONDS if timeout is None else min(timeout, IDENTIFY_SECONDS)
         self._identifying = RosApi(partial(self._ask, brief))
         self.types = RemoteTypes(ask)
         self.api = RosApi(ask)
         self.params = RosapiParameters(ask)
-        self._session = session
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
         self._connection = Connection(session, self.types, tasks, drained, binary)
@@ -351,7 +350,7 @@ class Robot(RobotApi):
         service_type = await self.types.service_of(service, type)
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         try:
-            answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
+            answer = await call_service(self._session, service, args, self._patience(timeout), repeat=repeat)
         except ProviderNotFound as error:
             raise ProviderNotFound(f"{error}{await self.types.meant('service', service)}") from None
         return self.types.reader(service_type.response, self._arrays).read(answer)
@@ -448,9 +447,10 @@ class Robot(RobotApi):
     def _dispatcher(self) -> Dispatcher[None]:
         return Dispatcher(
             {
-                Publish: _nothing,
-                Status: _nothing,
-                ServiceResponse: self._calls.on_response,
+                # Published messages and status messages are handled by the session.
+                Publish: lambda _, op: None,
+                Status: lambda _, op: None,
+                ServiceResponse: self._on_response,
                 CallService: lambda _, op: self._services.find(op.service).on_call(op),
                 ActionFeedback: self._on_goal_op,
                 ActionResult: self._on_goal_op,
@@ -462,13 +462,19 @@ class Robot(RobotApi):
             Direction.TO_CLIENT,
         )
 
+    def _on_response(self, _: None, op: ServiceResponse) -> None:
+        if isinstance(sent := self._session.find(op.id), WireCall):
+            sent.receive(op)
+        else:
+            logger.debug("an answer of %s comes too late or was not asked for", op.service)
+
     def _on_goal_op(self, _: None, op: ActionFeedback | ActionResult) -> None:
         if isinstance(sent := self._session.find(op.id), WireGoal):
             sent.receive(op)
 
     async def _ask(self, timeout: float | None, question: str, args: Mapping[str, object]) -> Any:
         request = RawJson(msgspec.json.encode(args))
-        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, timeout)
+        answer = await call_service(self._session, f"{_ROSAPI}/{question}", request, timeout)
         try:
             return answer.plain()
         except MalformedPayload as error:
@@ -534,10 +540,6 @@ class _TimerTask(Timer):
         self._call = None
         if self._scope is not None:
             self._scope.cancel()
-
-
-def _nothing(_: None, op: Op) -> None:
-    """No-op: the session itself handles published messages and status messages."""
 
 
 def _log_failure(_: None, op: Op, error: Exception) -> None:

@@ -130,32 +130,6 @@ class MemoryParticipant(Participant):
             self._graph.left(self)
 
 
-class SystemTopics:
-    """Topics of the graph itself: `/rosout`, and `/clock` if time is simulated.
-
-    Viewers derive the ROS version from the type of `/rosout`, so it must exist before any node logs.
-    """
-
-    def __init__(self, graph: MemoryGraph) -> None:
-        self._distro = graph.distro
-        self._listeners: list[Callable[[int], None]] = []
-        self._participant = participant = MemoryParticipant(graph, graph.distro.graph_node, private=True)
-        participant.advertise("/rosout", graph.registry.message(graph.distro.rosout_type))
-        if isinstance(graph.clock, SimulatedClock):
-            self._clock = participant.advertise("/clock", graph.registry.message("rosgraph_msgs/Clock"))
-            self._listeners = graph.clock.listeners
-            self._listeners.append(self._tick)
-
-    def _tick(self, now_ns: int) -> None:
-        self._clock.publish(Payload.from_value(self._clock.type, {"clock": self._distro.time(now_ns)}))
-
-    def close(self) -> None:
-        """Stop publishing the clock, and leave."""
-        if self._tick in self._listeners:
-            self._listeners.remove(self._tick)
-        self._participant.close()
-
-
 def _cached(make: Callable[[MemoryGraph], T]) -> Callable[[MemoryGraph], T]:
     """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
     attribute = f"_cached_{make.__name__}"
@@ -201,7 +175,17 @@ class MemoryGraph(Runtime, Graph):
         self.action_table = Actions(changes)
         self._nodes: Counter[str] = Counter()
         self._participants: dict[MemoryParticipant, None] = {}
-        self._system = SystemTopics(self)
+        # Topics of the graph itself. Viewers derive the ROS version from the type of `/rosout`, so it must
+        # exist before any node logs.
+        self._system = MemoryParticipant(self, self.distro.graph_node, private=True)
+        self._system.advertise("/rosout", registry.message(self.distro.rosout_type))
+        if isinstance(self.clock, SimulatedClock):
+            self._clock_topic = self._system.advertise("/clock", registry.message("rosgraph_msgs/Clock"))
+            self.clock.listeners.append(self._publish_clock)
+
+    def _publish_clock(self, now_ns: int) -> None:
+        time = {"clock": self.distro.time(now_ns)}
+        self._clock_topic.publish(Payload.from_value(self._clock_topic.type, time))
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = self.make_participant(validate(name))
@@ -314,6 +298,8 @@ class MemoryGraph(Runtime, Graph):
     def _close_participants(self) -> None:
         for participant in tuple(reversed(self._participants)):
             participant.close()
+        if isinstance(self.clock, SimulatedClock) and self._publish_clock in self.clock.listeners:
+            self.clock.listeners.remove(self._publish_clock)
         self._system.close()
 
 
