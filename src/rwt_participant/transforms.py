@@ -240,13 +240,11 @@ class Transforms:
                 await self._changed.wait()
         if self._ended is not None:
             raise self._ended
-        raise TransformUnavailable(self._text(failure, patience)) from failure
-
-    def _text(self, failure: LookupFailed | None, patience: float | None) -> str:
         waited = "" if patience is None else f" within {patience:g} s"
+        text = f"no transform came on {self._topics}{waited}: does the robot publish any?"
         if self._feed.taken:
-            return f"the transform was not available{waited}: {failure}"
-        return f"no transform came on {self._topics}{waited}: does the robot publish any?"
+            text = f"the transform was not available{waited}: {failure}"
+        raise TransformUnavailable(text) from failure
 
 
 def _nanoseconds(time: When) -> int | None:

@@ -86,13 +86,10 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         """
         if self._error is not None:
             raise self._error
-        if self._flow is None:
-            self._publish_later(message)
+        if self._flow is not None:
+            self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
+            self.sent += 1
             return
-        self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
-        self.sent += 1
-
-    def _publish_later(self, message: MessageLike) -> None:
         if self._type is not None:
             raise self._session.not_connected()
         if len(self._pending) == _MOST_PENDING:

@@ -17,14 +17,13 @@ from rwt_client.wire.decoding import UnparsedMessage
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
-from rwt_participant.handles import QUEUE_BYTES, MessageQueue, Subscription
+from rwt_participant.handles import QUEUE_BYTES, Subscription
 from rwt_participant.messages import (
     HELD_SECONDS,
     Message,
     MessageCallback,
     RawCallback,
     RawMessage,
-    is_coroutine_function,
     warn_of_held_loop,
 )
 from rwt_participant.qos import QoS
@@ -103,18 +102,14 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._asked = options.get("compression", "auto")
         check_kind(self._arrays)
         _check_compression(self._asked)
-        queue = None
-        if callback is None or is_coroutine_function(callback):
-            limits = options.get("queue_size", 1000), options.get("queue_bytes", QUEUE_BYTES)
-            queue = MessageQueue[UnparsedMessage](name, *limits)
+        limits = options.get("queue_size", 1000), options.get("queue_bytes", QUEUE_BYTES)
         RemoteHandle.__init__(self, connection, "subscribe", name)
-        Subscription.__init__(self, queue, has_callback=callback is not None, within=anyio.move_on_after)
+        Subscription.__init__(self, name, callback, *limits, anyio.move_on_after)
         self.received = 0
         self.received_bytes = 0
         self.invalid = 0
         self._options = options
         self._compression = "none"
-        self._callback = callback
 
     def take_type(self, type: MessageType) -> None:
         self._compression = self._asked if self._asked != "auto" else self._best_compression(type)

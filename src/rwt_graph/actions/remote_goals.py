@@ -223,15 +223,9 @@ class RemoteGoal(ClientGoal):
         if self._events is not None:
             if self._events.on_accepted is not None:
                 self._run_callback(self._events.on_accepted)
-            self._ask_result()
-
-    def _ask_result(self) -> None:
-        request = self._actions.registry.service(f"{self.type.name}_GetResult").request
-        self._call(
-            self._names.get_result,
-            struct_payload(request, goal_id=uuid_struct(request, self.id)),
-            self._on_result,
-        )
+            request = self._actions.registry.service(f"{self.type.name}_GetResult").request
+            payload = struct_payload(request, goal_id=uuid_struct(request, self.id))
+            self._call(self._names.get_result, payload, self._on_result)
 
     def _on_result(self, answer: Payload | CallFailed) -> None:
         if isinstance(answer, CallFailed):

@@ -195,11 +195,7 @@ class Topic:
         return (*self.subscribers, *self.remote_subscribers)
 
     def establish(self, wanted: MessageType, registry: Registry) -> None:
-        """Set the type of the topic, or check it against the present one.
-
-        Raises:
-            TypeConflict: the topic has another type.
-        """
+        """Set the type of the topic. Raises :exc:`TypeConflict` if it has another one."""
         known = self.known_type
         if known is not None and known is not wanted and known.name != wanted.name:
             raise TypeConflict(self.name, registry.type_name(wanted), registry.type_name(known))

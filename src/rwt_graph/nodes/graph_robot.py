@@ -70,8 +70,7 @@ class GraphVerbs(RobotApi):
     Args:
         graph: any backend; its clock, thread and tasks are used.
         listings: topics, services and actions that the program sees.
-        timeout: default timeout of calls and queries, in seconds of the graph's clock; None waits without
-            limit, as in ROS.
+        timeout: as for :class:`~rwt_graph.nodes.node.Node`.
 
     Attributes:
         namespace: namespace that relative names are resolved in.

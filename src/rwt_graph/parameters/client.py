@@ -64,12 +64,9 @@ class ParameterClient(Parameters):
             return default
 
     async def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
-        """Return the result of a function of a parameter's value.
+        """Return the result of a function of a parameter's value; raises as :meth:`get`.
 
         The value is not copied, because the tree may be large: the function must not change or keep it.
-
-        Raises:
-            RobotError: as :meth:`get`.
         """
         node, parameter = self._place(name)
         if not node:

@@ -103,11 +103,7 @@ def _named(kind: ParameterType) -> str:
 
 
 def encode(value: ParameterValue) -> dict[str, object]:
-    """Return a value as fields of `rcl_interfaces/ParameterValue`; None is NOT_SET.
-
-    Raises:
-        ParameterRejected: ROS 2 has no such type.
-    """
+    """Return the fields of `rcl_interfaces/ParameterValue`; None is NOT_SET. Raises as :func:`type_of`."""
     kind = type_of(value)
     if kind is ParameterType.NOT_SET:
         return {"type": 0}
@@ -119,8 +115,7 @@ def encode(value: ParameterValue) -> dict[str, object]:
 def decode(message: Message) -> ParameterValue:
     """Return the value of an `rcl_interfaces/ParameterValue`; None for NOT_SET.
 
-    Raises:
-        ParameterRejected: its type is unknown to ROS 2.
+    Raises :exc:`ParameterRejected` for an unknown type.
     """
     try:
         kind = ParameterType(message.type)

@@ -114,11 +114,7 @@ class ZenohGraph(MemoryGraph):
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def _join(self) -> None:
-        """Connect to the other processes.
-
-        Raises:
-            ZenohError: an endpoint or the configuration file cannot be used.
-        """
+        """Connect to the other processes. Raises :exc:`ZenohError`."""
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
         link = ZenohLink(session, self.options.domain, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)

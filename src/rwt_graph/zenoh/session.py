@@ -71,11 +71,7 @@ class ZenohOptions:
 
 
 def configuration(options: ZenohOptions) -> zenoh.Config:
-    """Return the session's configuration.
-
-    Raises:
-        ZenohError: the file cannot be read, or Zenoh rejects a value.
-    """
+    """Return the session's configuration. Raises :exc:`ZenohError` for a file or a value that is invalid."""
     config = zenoh.Config()
     if options.config is not None:
         name = fspath(options.config)
@@ -118,11 +114,7 @@ class ZenohSession:
         self._lock = threading.Lock()
 
     def open(self, options: ZenohOptions) -> zenoh.Session:
-        """Open the session; blocks until it is connected.
-
-        Raises:
-            ZenohError: an endpoint cannot be used.
-        """
+        """Open the session; blocks until it is connected. Raises :exc:`ZenohError`."""
         config = configuration(options)
         # Set before opening, so that an exception in between cannot leave the session open.
         atexit.register(self.close)
