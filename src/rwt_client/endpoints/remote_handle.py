@@ -115,7 +115,6 @@ class RemoteHandle(Handle, Generic[T]):
     def withdrawal(self) -> Op:
         """Return the op that withdraws it from the server."""
 
-    @abstractmethod
     def take_type(self, type: T) -> None:
         """Prepare what depends on the type."""
 

@@ -71,9 +71,6 @@ class RemoteServer(RemoteHandle[T]):
         if self._offered.get(self.name) is self:
             del self._offered[self.name]
 
-    def take_type(self, type: T) -> None:
-        """No-op: nothing else depends on the type."""
-
     def restore(self) -> None:
         self._session.send(self.advertise(self._connection.types.wire_name(self.type)))
 

@@ -106,6 +106,14 @@ class RemoteActions(RemoteProviders, Protocol):
         """Request cancellation of all goals of an action in another process."""
 
 
+def run_callback(goal: ClientGoal, callback: Callable[[], None]) -> None:
+    """Run a callback of a goal; log its exceptions."""
+    try:
+        callback()
+    except Exception:
+        logger.exception("a callback of goal %s of %s failed", goal.id, goal.action)
+
+
 class MemoryGoal(ServerGoal, ClientGoal):
     """Goal as both sides see it, with its state."""
 
@@ -164,7 +172,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self._step(GoalEvent.ACCEPT)
         self._step(GoalEvent.EXECUTE)
         if self._events is not None and self._events.on_accepted is not None:
-            self._run_callback(self._events.on_accepted)
+            run_callback(self, self._events.on_accepted)
         if self.cancel_requested:
             self.cancel()
 
@@ -182,7 +190,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         if not running:
             return
         if self._listening and events is not None and (on_feedback := events.on_feedback) is not None:
-            self._run_callback(lambda: on_feedback(feedback))
+            run_callback(self, lambda: on_feedback(feedback))
         if self._server.watcher is not None:
             self._server.watcher.fed_back(self.id, feedback)
 
@@ -201,7 +209,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         on_end = self.on_end
         self._end(gone, str(gone))
         if on_end is not None:
-            self._run_callback(lambda: on_end(gone))
+            run_callback(self, lambda: on_end(gone))
 
     def _end(self, outcome: Payload | CallFailed, reason: str) -> None:
         self.reason = reason
@@ -211,7 +219,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
             result = None if isinstance(outcome, CallFailed) else outcome
             self._server.watcher.ended(self.id, self.status, result, reason)
         if events is not None:
-            self._run_callback(lambda: events.on_result(self.status, outcome))
+            run_callback(self, lambda: events.on_result(self.status, outcome))
 
     def cancel(self) -> None:
         """Pass a cancel request to the server, once, after the goal was accepted (ACT-07)."""
@@ -223,7 +231,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self._step(GoalEvent.CANCEL)
         if self.on_cancel is not None and not self._cancel_notified:
             self._cancel_notified = True
-            self._run_callback(self.on_cancel)
+            run_callback(self, self.on_cancel)
 
     def client_closed(self) -> None:
         """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
@@ -231,7 +239,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self.abandon()
         if events is not None:
             why = CallFailed(f"node {self._client.name} was closed")
-            self._run_callback(lambda: events.on_result(self.status, why))
+            run_callback(self, lambda: events.on_result(self.status, why))
 
     def want_feedback(self, wanted: bool) -> None:
         self._listening = wanted
@@ -239,12 +247,6 @@ class MemoryGoal(ServerGoal, ClientGoal):
     def abandon(self) -> None:
         self._events = None
         self._client.drop(self)
-
-    def _run_callback(self, callback: Callable[[], None]) -> None:
-        try:
-            callback()
-        except Exception:
-            logger.exception("a callback of goal %s of %s failed", self.id, self.action)
 
 
 class _RefusedGoal(ClientGoal):
@@ -396,11 +398,9 @@ class Actions(ProviderTable[MemoryActionServer]):
 
 
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> ClientGoal:
-    try:
-        events.on_result(GoalStatus.UNKNOWN, why)
-    except Exception:
-        logger.exception("the client of action %s failed on its result", action)
-    return _RefusedGoal(goal_id, action)
+    goal = _RefusedGoal(goal_id, action)
+    run_callback(goal, lambda: events.on_result(GoalStatus.UNKNOWN, why))
+    return goal
 
 
 #: Return codes of `action_msgs/CancelGoal`.

@@ -87,9 +87,6 @@ class MemoryCall(ServiceCall, PendingCall):
         if on_reply is not None:
             self._call_back(on_reply, failure)
 
-    def expire(self) -> None:
-        self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
-
     def caller_closed(self) -> None:
         """End the call because its caller's node leaves."""
         self.end_with(CallFailed(f"node {self._caller.name} was closed"))
@@ -139,7 +136,7 @@ class Deadlines:
         now = math.floor(self._clock.monotonic() * TICKS + 1e-6)
         while self._order and self._order[0] <= now:
             for call in tuple(self._ticks.pop(heappop(self._order))):
-                call.expire()
+                call.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
         if self._order and self._timer is None:
             self._arm()
 
