@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final, Protocol, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import anyio
 
@@ -35,11 +35,8 @@ SubscribeVerb: TypeAlias = Callable[[str, Callable[[Any], None], str], Handle]
 """Verb `subscribe` of :class:`~rwt_participant.api.RobotApi`, with topic, callback and type."""
 
 
-class AdvertiseVerb(Protocol):
-    """Verb `advertise` of :class:`~rwt_participant.api.RobotApi`."""
-
-    def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
-        """Advertise; `latch` keeps the last message for late joiners."""
+AdvertiseVerb: TypeAlias = Callable[..., Publisher]
+"""Verb `advertise` of :class:`~rwt_participant.api.RobotApi`."""
 
 
 class Transforms:

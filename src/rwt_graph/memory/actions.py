@@ -351,7 +351,11 @@ class Actions(ProviderTable[MemoryActionServer]):
             full = f"{action} has {MOST_GOALS} goals that have not ended, which is the limit"
             return _refused(goal_id, action, events, GoalRejected(full))
         if self.observer is not None:
-            events = self._observed(self.observer, server, goal_id, payload, events)
+            info = ActionInfo(action, server.type, server.node)
+            try:
+                events = self.observer.on_goal(info, goal_id, payload, events)
+            except Exception:
+                logger.exception("a goal of %s could not be observed", action)
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
         client.add(goal, goal.client_closed)
         try:
@@ -362,17 +366,6 @@ class Actions(ProviderTable[MemoryActionServer]):
                 goal.reject("internal error")
         goal.taken()
         return goal
-
-    @staticmethod
-    def _observed(
-        observer: CallObserver, server: MemoryActionServer, goal_id: str, goal: Payload, events: GoalEvents
-    ) -> GoalEvents:
-        info = ActionInfo(server.name, server.type, server.node)
-        try:
-            return observer.on_goal(info, goal_id, goal, events)
-        except Exception:
-            logger.exception("a goal of %s could not be observed", server.name)
-            return events
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
         server = self.current.get(action)

@@ -238,7 +238,10 @@ class Services(ProviderTable[MemoryProvider]):
         if provider is None:
             return self._call_remote(name, request, on_reply, timeout, caller)
         if self.observer is not None:
-            on_reply = self._observed(self.observer, provider.info, request, on_reply)
+            try:
+                on_reply = self.observer.on_call(provider.info, request, on_reply)
+            except Exception:
+                logger.exception("a call of %s could not be observed", name)
         call = MemoryCall(name, request, on_reply)
         others = self.others(provider) if self.dds_rules else ()
         for each in (provider, *others):
@@ -266,16 +269,6 @@ class Services(ProviderTable[MemoryProvider]):
         call = MemoryCall(name, request, on_reply)
         call.end_with(ProviderNotFound(f"Service {name} does not exist"))
         return call
-
-    @staticmethod
-    def _observed(
-        observer: CallObserver, service: ServiceInfo, request: Payload, on_reply: OnReply
-    ) -> OnReply:
-        try:
-            return observer.on_call(service, request, on_reply)
-        except Exception:
-            logger.exception("a call of %s could not be observed", service.name)
-            return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
         provider = self.current.get(name)

@@ -111,20 +111,17 @@ class ZenohServices:
             self._asked.setdefault(sent.gid, {})[sent.sequence] = call
 
     def _answer(self, key: str, query: zenoh.Query, sent: Attachment, answer: Payload | CallFailed) -> None:
-        self._forget(sent)
+        calls = self._asked.get(sent.gid)
+        if calls is not None:
+            calls.pop(sent.sequence, None)
+            if not calls:
+                del self._asked[sent.gid]
         if isinstance(answer, CallFailed):
             _refuse(query, str(answer), GONE if isinstance(answer, ProviderGone) else FAILED)
             return
         echo = Attachment(sent.sequence, self._time_ns(), sent.gid)
         query.reply(key, answer.cdr(), attachment=echo.encode())
         query.drop()
-
-    def _forget(self, sent: Attachment) -> None:
-        calls = self._asked.get(sent.gid)
-        if calls is not None:
-            calls.pop(sent.sequence, None)
-            if not calls:
-                del self._asked[sent.gid]
 
     def _on_abandoned(self, sample: zenoh.Sample) -> None:
         gid, number = read_abandoned(sample.payload.to_bytes())
