@@ -8,12 +8,10 @@
 """
 
 from rwt_client.connection import connect
-from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.publisher import RemotePublisher
-from rwt_client.endpoints.raw_subscription import RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import ServiceServer
-from rwt_client.endpoints.subscriptions import RemoteSubscription
+from rwt_client.endpoints.servers import ActionServer, ServiceServer
+from rwt_client.endpoints.subscriptions import RawSubscription, RemoteSubscription
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import (
     BadAddress,

@@ -196,16 +196,7 @@ class BlockingRobot(BlockingVerbs[Robot]):
 
 
 def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> BlockingRobot:
-    """Connect to a robot; use it as a context manager, or close it when done.
-
-    Args:
-        target: as for :func:`rwt_client.connect`.
-        options: as for :func:`rwt_client.connect`.
-
-    Raises:
-        BadAddress: the URL is invalid.
-        CannotConnect: the connection failed; with the reason.
-    """
+    """Connect to a robot, as :func:`rwt_client.connect`; use it in a `with` block, or close it when done."""
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal())
         connecting = portal.wrap_async_context_manager(connection.connect(target, **options))

@@ -27,7 +27,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.schemes import carries_binary
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup, TaskStatus
+    from anyio.abc import TaskStatus
 
 RECONNECT = Backoff()
 """Default of :func:`connect`: retries without limit."""
@@ -112,22 +112,18 @@ async def connect(
             name, session, starter, reconnector.drain, timeout=timeout, arrays=arrays, binary=binary
         )
         try:
-            await _begin(reconnector, tasks)
+            try:
+                await tasks.start(reconnector.run)
+            except BadUrl as error:
+                raise BadAddress(str(error)) from error
+            except TransportError as error:
+                raise CannotConnect(str(error)) from error
             await robot.identify(ros_version, fetch_types)
             yield robot
         finally:
             with anyio.move_on_after(_FAREWELL_SECONDS):
                 await reconnector.drain()
             session.close(ConnectionClosed("the connection was closed by this program"))
-
-
-async def _begin(reconnector: _Reconnector, tasks: TaskGroup) -> None:
-    try:
-        await tasks.start(reconnector.run)
-    except BadUrl as error:
-        raise BadAddress(str(error)) from error
-    except TransportError as error:
-        raise CannotConnect(str(error)) from error
 
 
 def _dial(
@@ -179,13 +175,15 @@ class _Reconnector:
             await anyio.lowlevel.checkpoint()
             return
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(self._cancel_when_lost, tasks.cancel_scope)
-            await self._drained()
-            tasks.cancel_scope.cancel()
+            scope = tasks.cancel_scope
 
-    async def _cancel_when_lost(self, scope: anyio.CancelScope) -> None:
-        await self._session.ended()
-        scope.cancel()
+            async def cancel_when_lost() -> None:
+                await self._session.ended()
+                scope.cancel()
+
+            tasks.start_soon(cancel_when_lost)
+            await self._drained()
+            scope.cancel()
 
     async def _stay_connected(self, begun: Callable[[], object]) -> None:
         async with self._dial(self._session.accept) as self._drained:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-import anyio
+from rwt_participant.handles import QUEUE_BYTES, MessageQueue
 
 logger = logging.getLogger("rwt_client")
 
@@ -44,11 +43,8 @@ class ConnectionEvent:
 class Events:
     """Listeners of the events of a connection."""
 
-    __slots__ = ("_callbacks", "_streams")
-
     def __init__(self) -> None:
         self._callbacks: list[Callable[[ConnectionEvent], object]] = []
-        self._streams: list[EventStream] = []
 
     def publish(self, event: ConnectionEvent) -> None:
         """Pass `event` to all listeners, at once."""
@@ -57,10 +53,6 @@ class Events:
                 callback(event)
             except Exception:
                 logger.exception("a callback for connection events failed on %s", event)
-        for stream in tuple(self._streams):
-            stream.put(event)
-            if event.kind == "closed":
-                self._streams.remove(stream)
 
     def listen(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
         """Call `callback` with each event from now on; returns a function that ends this."""
@@ -75,24 +67,20 @@ class Events:
     def stream(self) -> EventStream:
         """Return the events from now on, as an async iterator."""
         stream = EventStream()
-        self._streams.append(stream)
+        self._callbacks.append(stream.put)
         return stream
 
 
 class EventStream:
     """Async iterator over the events of a connection; ends after ``closed``."""
 
-    __slots__ = ("_awake", "_ended", "_events")
-
     def __init__(self) -> None:
-        self._events: deque[ConnectionEvent] = deque(maxlen=_MOST_QUEUED)
-        self._awake = anyio.Event()
+        self._events = MessageQueue[ConnectionEvent]("connection events", _MOST_QUEUED, QUEUE_BYTES)
         self._ended = False
 
     def put(self, event: ConnectionEvent) -> None:
         """Queue an event; drops the oldest if too many are queued."""
-        self._events.append(event)
-        self._awake.set()
+        self._events.put(event, 0)
 
     def __aiter__(self) -> EventStream:
         return self
@@ -101,8 +89,7 @@ class EventStream:
         if self._ended:
             raise StopAsyncIteration
         while not self._events:
-            self._awake = anyio.Event()
-            await self._awake.wait()
-        event = self._events.popleft()
+            await self._events.wait()
+        event = self._events.pop()
         self._ended = event.kind == "closed"
         return event

@@ -7,20 +7,18 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import anyio
 import msgspec
 
-from rwt_client.endpoints.action_server import ActionServer
-from rwt_client.endpoints.actionlib import send_over_topics
-from rwt_client.endpoints.goals import SentGoals
+from rwt_client.endpoints.goals import ActionlibGoal, WireGoal
 from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
-from rwt_client.endpoints.raw_subscription import RawSubscription
-from rwt_client.endpoints.remote_handle import Offered
+from rwt_client.endpoints.remote_handle import Connection
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import Calls, ServiceServer
-from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOptions, SubscriptionTable
+from rwt_client.endpoints.servers import ActionServer, Offered, ServiceServer
+from rwt_client.endpoints.services import WireCall, call_service
+from rwt_client.endpoints.subscriptions import RawSubscription, RemoteSubscription, SubscribeOptions
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
@@ -51,7 +49,6 @@ from rwt_participant.messages import (
     to_payload,
     type_of,
 )
-from rwt_participant.qos import QoS
 from rwt_participant.rosapi_parameters import UNANSWERED, RosapiParameters
 from rwt_participant.timers import PeriodicTimer, RobotClock, Timer
 from rwt_protocol.dispatcher import Dispatcher
@@ -64,7 +61,6 @@ from rwt_protocol.ops import (
     Direction,
     Op,
     Publish,
-    Qos,
     SendActionGoal,
     ServiceResponse,
     Status,
@@ -90,18 +86,6 @@ _ACTION_TOPICS: Final = (
 )  # fmt: skip
 
 
-class SubscribeKeywords(TypedDict, total=False):
-    """Keyword arguments of everything that subscribes; see `SubscribeOptions`."""
-
-    arrays: ArrayKind
-    compression: str
-    throttle: float
-    queue_size: int
-    queue_bytes: int
-    fragment_size: int | None
-    qos: QoS | Qos | None
-
-
 class Robot(RobotApi):
     """Connection to a robot; made by :func:`rwt_client.connect`.
 
@@ -124,27 +108,18 @@ class Robot(RobotApi):
         binary: bool,
     ) -> None:
         self.url = url
-        self.types = RemoteTypes(self._ask)
-        self.api = RosApi(self._ask)
-        self.params = RosapiParameters(self._ask)
         self._session = session
-        self._tasks = tasks
-        self._drained = drained
+        ask = partial(self._ask, timeout)
+        brief = IDENTIFY_SECONDS if timeout is None else min(timeout, IDENTIFY_SECONDS)
+        self._identifying = RosApi(partial(self._ask, brief))
+        self.types = RemoteTypes(ask)
+        self.api = RosApi(ask)
+        self.params = RosapiParameters(ask)
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
-        self._identifying = RosApi(self._ask_briefly)
-        self._table = SubscriptionTable(session, self.types, tasks, binary=binary)
-        self._tf = RemoteTransforms(
-            partial(self.subscribe, compression="none"),
-            self._subscribe_compact,
-            self.advertise,
-            self.call,
-            tasks.start_soon,
-            timeout,
-        )
+        self._connection = Connection(session, self.types, tasks, drained, binary)
+        self._tf = RemoteTransforms(self._connection, self.subscribe, self.advertise, self.call, timeout)
         session.events.listen(self._tf.on_event)
-        self._calls = Calls(session)
-        self._goals = SentGoals(session, tasks, self.types.meant)
         self._services: Offered[ServiceServer] = Offered()
         self._actions: Offered[ActionServer] = Offered()
         self._publishers: dict[str, RemotePublisher] = {}
@@ -199,7 +174,7 @@ class Robot(RobotApi):
 
     async def drain(self) -> None:
         """Wait until the network has taken everything that was sent."""
-        await self._drained()
+        await self._connection.drained()
 
     # -- listings --------------------------------------------------------------------------------------------
 
@@ -261,18 +236,17 @@ class Robot(RobotApi):
     # -- topics ----------------------------------------------------------------------------------------------
 
     def topic(
-        self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
+        self, topic: str, type: str | None = None, **options: Unpack[SubscribeOptions]
     ) -> RemoteSubscription:
         check_arguments("topic(topic, type)", type)
-        subscription = RemoteSubscription(self._table, topic, self._options(options), None)
-        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        return self._subscribe(topic, None, type, options)
 
     def subscribe(
         self,
         topic: str,
         callback: MessageCallback,
         type: str | None = None,
-        **options: Unpack[SubscribeKeywords],
+        **options: Unpack[SubscribeOptions],
     ) -> RemoteSubscription:
         """Call `callback` with each message of a topic; see :meth:`RobotApi.subscribe`.
 
@@ -280,8 +254,14 @@ class Robot(RobotApi):
             options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
         check_arguments("subscribe(topic, callback, type)", type, callback)
-        subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
-        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        return self._subscribe(topic, callback, type, options)
+
+    def _subscribe(
+        self, topic: str, callback: MessageCallback | None, type: str | None, options: SubscribeOptions
+    ) -> RemoteSubscription:
+        options.setdefault("arrays", self._arrays)
+        subscription = RemoteSubscription(self._connection, topic, callback, **options)
+        return subscription.open(self.types.known_message(type), self._message_type(topic, type))
 
     def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
         check_arguments("subscribe_raw(topic, callback, type)", type, callback)
@@ -293,8 +273,8 @@ class Robot(RobotApi):
                     await self.types.refresh()
             return await self.types.message(name)
 
-        subscription = RawSubscription(self._table, topic, callback)
-        return subscription.open(self.types.known_message(type), ask, self._tasks)
+        subscription = RawSubscription(self._connection, topic, callback)
+        return subscription.open(self.types.known_message(type), ask)
 
     async def once(
         self,
@@ -302,7 +282,7 @@ class Robot(RobotApi):
         type: str | None = None,
         *,
         timeout: Timeout = USUAL,
-        **options: Unpack[SubscribeKeywords],
+        **options: Unpack[SubscribeOptions],
     ) -> Message:
         """Return the next message of a topic, or the one that it retains; see :meth:`RobotApi.once`.
 
@@ -328,8 +308,8 @@ class Robot(RobotApi):
         return self._advertise(topic, type, options)
 
     def _advertise(self, topic: str, type: str | None, options: AdvertiseOptions) -> RemotePublisher:
-        publisher = RemotePublisher(self._session, self.types, topic, options, self._drained)
-        return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        publisher = RemotePublisher(self._connection, topic, options)
+        return publisher.open(self.types.known_message(type), self._message_type(topic, type))
 
     def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
@@ -348,11 +328,6 @@ class Robot(RobotApi):
             return await self.types.message(type or await self.types.of_topic(topic))
 
         return ask
-
-    def _subscribe_compact(self, topic: str, callback: MessageCallback, type: str, /) -> RemoteSubscription:
-        return self.subscribe(
-            topic, callback, type, compression="cbor" if self._table.cbor_offered else "none"
-        )
 
     # -- services --------------------------------------------------------------------------------------------
 
@@ -375,17 +350,15 @@ class Robot(RobotApi):
         service_type = await self.types.service_of(service, type)
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         try:
-            answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
+            answer = await call_service(self._session, service, args, self._patience(timeout), repeat=repeat)
         except ProviderNotFound as error:
             raise ProviderNotFound(f"{error}{await self.types.meant('service', service)}") from None
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
         check_arguments("advertise_service(service, type, handler)", type, handler)
-        server = ServiceServer(
-            self._session, service, self._interface_name, self._services, handler, self._tasks
-        )
-        return server.open(self.types.known_service(type), partial(self.types.service, type), self._tasks)
+        server = ServiceServer(self._connection, service, self._services, handler)
+        return server.open(self.types.known_service(type), partial(self.types.service, type))
 
     # -- actions ---------------------------------------------------------------------------------------------
 
@@ -400,27 +373,32 @@ class Robot(RobotApi):
         check_arguments("send_goal(action, goal, type)", type)
         action_type = await self.types.action_of(action, type)
         payload = to_payload(action_type.goal, {} if goal is None else goal)
-        sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
-            return await send_over_topics(self.subscribe, self.advertise, sent, action_type, payload)
-        readers = (
+            goal_id = self._session.next_id("send_action_goal", action)
+            over_topics = ActionlibGoal(action, goal_id, on_feedback)
+            await over_topics.send(self.subscribe, self.advertise, action_type, payload)
+            return over_topics
+        sent = WireGoal(self._connection, action, on_feedback)
+        sent.send(
+            self.types.wire_name(action_type),
+            RawJson(payload.json()),
             self.types.reader(action_type.feedback, self._arrays),
             self.types.reader(action_type.result, self._arrays),
         )
-        return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
+        return sent
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
         if self.types.registry.distro.action_transport == "topics":
             self.publish(f"{action}/cancel", {"id": goal_id}, "actionlib_msgs/GoalID")
+        elif isinstance(sent := self._session.find(goal_id), WireGoal):
+            sent.cancel()
         else:
-            self._goals.cancel(action, goal_id)
+            self._session.send(CancelActionGoal(id=goal_id, action=action))
 
     def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
         check_arguments("advertise_action(action, type, execute)", type, execute)
-        server = ActionServer(
-            self._session, action, self._interface_name, self._actions, execute, self._tasks
-        )
-        return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
+        server = ActionServer(self._connection, action, self._actions, execute)
+        return server.open(self.types.known_action(type), partial(self.types.action, type))
 
     # -- time ------------------------------------------------------------------------------------------------
 
@@ -456,28 +434,26 @@ class Robot(RobotApi):
             logger.info("the robot does not answer rosapi's questions: its version of ROS is not known")
             return None
         except UNANSWERED:
-            return NOETIC if await self._has_rosapi() else None
+            try:
+                await self._identifying.time_ns()
+            except UNANSWERED:
+                logger.info("the robot has no rosapi: its version of ROS is not known")
+                return None
+            return NOETIC
         return closest_distro(found.distro, found.version) if found.version else None
-
-    async def _has_rosapi(self) -> bool:
-        try:
-            await self._identifying.time_ns()
-        except UNANSWERED:
-            logger.info("the robot has no rosapi: its version of ROS is not known")
-            return False
-        return True
 
     # -- parts -----------------------------------------------------------------------------------------------
 
     def _dispatcher(self) -> Dispatcher[None]:
         return Dispatcher(
             {
-                Publish: _nothing,
-                Status: _nothing,
-                ServiceResponse: self._calls.on_response,
+                # Published messages and status messages are handled by the session.
+                Publish: lambda _, op: None,
+                Status: lambda _, op: None,
+                ServiceResponse: self._on_response,
                 CallService: lambda _, op: self._services.find(op.service).on_call(op),
-                ActionFeedback: self._goals.on_feedback,
-                ActionResult: self._goals.on_result,
+                ActionFeedback: self._on_goal_op,
+                ActionResult: self._on_goal_op,
                 SendActionGoal: lambda _, op: self._actions.find(op.action).on_goal(op),
                 CancelActionGoal: lambda _, op: self._actions.find(op.action).on_cancel(op),
             },
@@ -486,30 +462,26 @@ class Robot(RobotApi):
             Direction.TO_CLIENT,
         )
 
-    async def _ask(self, question: str, args: Mapping[str, object]) -> Any:
-        return await self._question(question, args, self._timeout)
+    def _on_response(self, _: None, op: ServiceResponse) -> None:
+        if isinstance(sent := self._session.find(op.id), WireCall):
+            sent.receive(op)
+        else:
+            logger.debug("an answer of %s comes too late or was not asked for", op.service)
 
-    async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
-        return await self._question(question, args, patience)
+    def _on_goal_op(self, _: None, op: ActionFeedback | ActionResult) -> None:
+        if isinstance(sent := self._session.find(op.id), WireGoal):
+            sent.receive(op)
 
-    async def _question(self, question: str, args: Mapping[str, object], patience: float | None) -> Any:
+    async def _ask(self, timeout: float | None, question: str, args: Mapping[str, object]) -> Any:
         request = RawJson(msgspec.json.encode(args))
-        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, patience)
+        answer = await call_service(self._session, f"{_ROSAPI}/{question}", request, timeout)
         try:
             return answer.plain()
         except MalformedPayload as error:
             raise ServiceFailed(f"the answer of {_ROSAPI}/{question} cannot be read: {error}") from None
 
-    def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
-        options: SubscribeKeywords = {"arrays": self._arrays, **given}
-        return SubscribeOptions(**options)
-
     def _patience(self, timeout: Timeout) -> float | None:
         return self._timeout if timeout is USUAL else timeout
-
-    def _interface_name(self, interface: Any) -> str:
-        return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
 
 
 class _ClientClock:
@@ -568,10 +540,6 @@ class _TimerTask(Timer):
         self._call = None
         if self._scope is not None:
             self._scope.cancel()
-
-
-def _nothing(_: None, op: Op) -> None:
-    """No-op: the session itself handles published messages and status messages."""
 
 
 def _log_failure(_: None, op: Op, error: Exception) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any, TypeVar
 
 import msgspec
@@ -30,8 +31,8 @@ class NodeDetails:
 class RosVersion:
     """Version of ROS, 1 or 2, and the distribution, for example ``jazzy``."""
 
-    version: int
-    distro: str
+    version: int = 0
+    distro: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +166,8 @@ class RosApi:
         return seconds * NANOSECONDS + now.get("nanosec", now.get("nsecs", 0))
 
     async def ros_version(self) -> RosVersion:
-        """Return the robot's version of ROS; many ROS 1 robots fail this call."""
-        answer = await self._answer("get_ros_version", {}, _Version)
-        return RosVersion(answer.version, answer.distro)
+        """Return the robot's version of ROS (API-05); many ROS 1 robots fail this call."""
+        return await self._answer("get_ros_version", {}, RosVersion)
 
     # -- results ---------------------------------------------------------------------------------------------
 
@@ -189,13 +189,6 @@ class RosApi:
         return tuple(each.info() for each in answer.get("typedefs", ()))
 
 
-class _Version(msgspec.Struct):
-    """Version of ROS (API-05)."""
-
-    version: int = 0
-    distro: str = ""
-
-
 class _TypeDef(msgspec.Struct):
     """Type description of rosapi (API-03)."""
 
@@ -208,7 +201,8 @@ class _TypeDef(msgspec.Struct):
     constvalues: list[str] = []
 
     def info(self) -> TypeInfo:
-        columns = zip(self.fieldnames, self.fieldtypes, self.fieldarraylen, self.examples, strict=False)
+        examples = chain(self.examples, repeat(""))
+        columns = zip(self.fieldnames, self.fieldtypes, self.fieldarraylen, examples, strict=False)
         return TypeInfo(
             self.type,
             tuple(FieldInfo(*column) for column in columns),

@@ -22,14 +22,7 @@ class WorkAccount(Protocol):
     """Account of the client whose request a program of the robot handles."""
 
     def hold(self, size: int) -> Release:
-        """Keep the request charged until it is released.
-
-        Args:
-            size: bytes to charge; 0 for a request that is charged already.
-
-        Raises:
-            CallFailed: the account has no room for that many bytes.
-        """
+        """Keep the request charged until it is released; see :func:`hold_for_asker`."""
 
 
 WORK_ACCOUNT: Final[ContextVar[WorkAccount | None]] = ContextVar("work account", default=None)
@@ -98,7 +91,6 @@ class Charges:
             self._by_name[name] = charge
 
     def drop(self, name: str) -> None:
-        """Release the charge of a value."""
         charge = self._by_name.pop(name, None)
         if charge is not None:
             charge.end()

@@ -70,7 +70,6 @@ class TimerHeap:
         return len(self._heap) - self._cancelled
 
     def push(self, due: float, call: Callable[[], None]) -> HeapTimer:
-        """Add a timer."""
         self._order += 1
         timer = HeapTimer(due, self._order, call, self)
         heappush(self._heap, timer)

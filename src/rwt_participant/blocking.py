@@ -20,7 +20,6 @@ from rwt_participant.transforms import Transforms
 
 P = ParamSpec("P")
 T = TypeVar("T")
-Held = TypeVar("Held", bound=Handle)
 Face = TypeVar("Face")
 Inner = TypeVar("Inner")
 Robot = TypeVar("Robot", bound=RobotApi)
@@ -93,52 +92,26 @@ def runs(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Block
 
 
 def holds(
-    method: Callable[Concatenate[Any, P], Held], face: Callable[[LoopThread, Held], Face]
+    method: Callable[Concatenate[Any, P], Awaitable[T]], face: Callable[[LoopThread, T], Face]
 ) -> Callable[Concatenate[Blocking[Any], P], Face]:
-    """Return a method that wraps the handle of the same method by `face`, once it is ready.
+    """Return a method that wraps the handle or goal of the same method by `face`, once it is ready.
 
-    In callbacks it does not wait for that.
+    In callbacks it does not wait for handles.
     """
-    name = method.__name__
+    name, is_handle = method.__name__, not inspect.iscoroutinefunction(method)
 
     @_named_as(method)
     def hold(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
         make = functools.partial(getattr(self._inner, name), *args, **kwargs)
 
-        async def begin() -> Held:
-            held: Held = make()
-            await held.ready()
-            return held
+        async def begin() -> T:
+            made: T = await make()
+            return made
 
-        return face(self._loop, self._loop.run(make) if self._loop.here else self._loop.wait(begin))
+        at_once = is_handle and self._loop.here
+        return face(self._loop, self._loop.run(make) if at_once else self._loop.wait(begin))
 
     return hold
-
-
-def gives(
-    method: Callable[Concatenate[Any, P], Awaitable[T]], face: Callable[[LoopThread, T], Face]
-) -> Callable[Concatenate[Blocking[Any], P], Face]:
-    """Return a method that blocks for the same coroutine method, and wraps its result by `face`."""
-    wait = waits(method)
-
-    @_named_as(method)
-    def give(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
-        return face(self._loop, wait(self, *args, **kwargs))
-
-    return give
-
-
-def makes(
-    method: Callable[Concatenate[Any, P], T], face: Callable[[LoopThread, T], Face]
-) -> Callable[Concatenate[Blocking[Any], P], Face]:
-    """Return a method that runs the same plain method in the loop's thread and wraps the result."""
-    run = runs(method)
-
-    @_named_as(method)
-    def make(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
-        return face(self._loop, run(self, *args, **kwargs))
-
-    return make
 
 
 class BlockingTimer(Blocking[PeriodicTimer]):
@@ -275,7 +248,11 @@ class BlockingVerbs(Blocking[Robot], Generic[Robot]):
     interface = waits(RobotApi.interface)
     subscribe_raw = holds(RobotApi.subscribe_raw, BlockingHandle)
     advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
-    send_goal = gives(RobotApi.send_goal, BlockingGoal)
+    send_goal = holds(RobotApi.send_goal, BlockingGoal)
     cancel_goal = runs(RobotApi.cancel_goal)
-    create_timer = makes(RobotApi.create_timer, BlockingTimer)
     time_ns = waits(RobotApi.time_ns)
+
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> BlockingTimer:
+        """Call `callback` periodically in the loop's thread; see :meth:`RobotApi.create_timer`."""
+        make = functools.partial(self._inner.create_timer, period, callback)
+        return BlockingTimer(self._loop, self._loop.run(make))

@@ -130,7 +130,14 @@ class DiagnosticUpdater:
             logger.debug("the diagnostics of %s are not published: %s", self._name, error)
 
     def _status(self, name: str, check: Check) -> dict[str, Any]:
-        found = self._ask(name, check)
+        try:
+            found = check()
+            self._failing.discard(name)
+        except Exception as error:
+            if name not in self._failing:
+                self._failing.add(name)
+                logger.exception("the diagnostic check %s of %s failed", name, self._name)
+            found = DiagnosticStatus(DiagnosticLevel.ERROR, f"the check failed: {error}")
         return {
             "level": int(found.level),
             "name": f"{self._name}: {name}",
@@ -138,14 +145,3 @@ class DiagnosticUpdater:
             "hardware_id": self._hardware_id,
             "values": [{"key": key, "value": str(value)} for key, value in found.values.items()],
         }
-
-    def _ask(self, name: str, check: Check) -> DiagnosticStatus:
-        try:
-            found = check()
-        except Exception as error:
-            if name not in self._failing:
-                self._failing.add(name)
-                logger.exception("the diagnostic check %s of %s failed", name, self._name)
-            return DiagnosticStatus(DiagnosticLevel.ERROR, f"the check failed: {error}")
-        self._failing.discard(name)
-        return found

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
+from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable
 from enum import IntEnum
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import anyio
 
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.future import Future, Within
+from rwt_participant.handles import QUEUE_BYTES, MessageQueue
 from rwt_participant.messages import Message, MessageLike
 
 logger = logging.getLogger(__name__)
@@ -53,17 +54,7 @@ class GoalResult(NamedTuple):
         return self.status is GoalStatus.SUCCEEDED
 
 
-class GoalChannel(Protocol):
-    """Connection of a goal that was sent to its action server."""
-
-    def send_cancel(self) -> None:
-        """Request that the goal be canceled."""
-
-    def forget(self) -> None:
-        """Receive nothing more of the goal."""
-
-
-class Goal:
+class Goal(ABC):
     """Goal that was sent: feedback, result, cancellation.
 
     Iterate over it for the feedback, unless it was sent with `on_feedback`.
@@ -83,11 +74,9 @@ class Goal:
         self.action = action
         self.id = id
         self._status = GoalStatus.ACCEPTED
-        self.channel: GoalChannel | None = None
         self._on_feedback = on_feedback
         self._within = within
-        self._feedback: deque[Message] = deque(maxlen=_FEEDBACK_KEPT)
-        self._awake: anyio.Event | None = None
+        self._feedback = MessageQueue[Message](action, _FEEDBACK_KEPT, QUEUE_BYTES)
         self._end: Future[GoalResult] = Future()
         self._reason = ""
 
@@ -125,12 +114,11 @@ class Goal:
         """Yield the feedback until the goal ends. Raises what :meth:`result` raises."""
         while True:
             while self._feedback:
-                yield self._feedback.popleft()
+                yield self._feedback.pop()
             if self._end.done:
                 await self._end.wait()
                 return
-            self._awake = anyio.Event()
-            await self._awake.wait()
+            await self._feedback.wait()
 
     def __aiter__(self) -> AsyncIterator[Message]:
         return self.feedback()
@@ -141,14 +129,17 @@ class Goal:
         Raises:
             NotConnected: there is no connection now.
         """
-        if not self.done and self.channel is not None:
-            self.channel.send_cancel()
+        if not self.done:
+            self._send_cancel()
             self._status = GoalStatus.CANCELING
 
+    @abstractmethod
+    def _send_cancel(self) -> None:
+        """Request the cancellation of a goal that has not ended."""
+
+    @abstractmethod
     def abandon(self) -> None:
         """Receive nothing more of the goal; it goes on, and `result` never returns."""
-        if self.channel is not None:
-            self.channel.forget()
 
     def __repr__(self) -> str:
         return f"<Goal {self.id} of {self.action}: {self.status.name}>"
@@ -162,8 +153,7 @@ class Goal:
         if self._status is GoalStatus.ACCEPTED:
             self._status = GoalStatus.EXECUTING
         if self._on_feedback is None:
-            self._feedback.append(message)
-            self._wake()
+            self._feedback.put(message, 0)
             return
         try:
             self._on_feedback(message)
@@ -176,13 +166,7 @@ class Goal:
         if isinstance(outcome, GoalResult):
             self._status = outcome.status
         self._end.set(outcome)
-        self._wake()
-        if self.channel is not None:
-            self.channel.forget()
-
-    def _wake(self) -> None:
-        if self._awake is not None:
-            self._awake.set()
+        self._feedback.wake()
 
 
 class ReceivedGoal:

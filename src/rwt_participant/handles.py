@@ -13,7 +13,7 @@ import anyio
 
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
 from rwt_participant.future import Within
-from rwt_participant.messages import Message, MessageCallback, MessageLike
+from rwt_participant.messages import Message, MessageCallback, MessageLike, is_coroutine_function
 
 logger = logging.getLogger(__name__)
 
@@ -134,13 +134,11 @@ class MessageQueue(Generic[T]):
         self.wake()
 
     def pop(self) -> T:
-        """Return the oldest message."""
         message, size = self._messages.popleft()
         self._bytes -= size
         return message
 
     def clear(self) -> None:
-        """Discard all messages."""
         self._messages.clear()
         self._bytes = 0
 
@@ -166,9 +164,14 @@ class Subscription(Handle):
     #: Errors after which an iteration ends; any other is raised.
     _ends: tuple[type[RobotError], ...] = (HandleClosed,)
 
-    def __init__(self, queue: MessageQueue[Any] | None, *, has_callback: bool, within: Within) -> None:
-        self._queue = queue
-        self._has_callback = has_callback
+    def __init__(
+        self, name: str, callback: MessageCallback | None, queue_size: int, queue_bytes: int, within: Within
+    ) -> None:
+        self.name = name
+        self._callback = callback
+        self._queue: MessageQueue[Any] | None = None
+        if callback is None or is_coroutine_function(callback):
+            self._queue = MessageQueue(name, queue_size, queue_bytes)
         self._within = within
         self._error: RobotError | None = None
 
@@ -209,7 +212,7 @@ class Subscription(Handle):
         """Return the message of what was queued; None if it is to be skipped."""
 
     def _iterable(self) -> MessageQueue[Any]:
-        if self._queue is None or self._has_callback:
+        if self._queue is None or self._callback is not None:
             raise RuntimeError(f"the subscription to {self.name} has a callback: use `topic` to iterate")
         return self._queue
 

@@ -181,13 +181,13 @@ def open_compressed(message: Message, most_pixels: int | None = None) -> Image.I
     start = max(data.find(b"\x89PNG"), 0) if "compressedDepth" in message.format else 0
     try:
         image = Image.open(io.BytesIO(data[start:] if start else data), formats=_FORMATS)
-        if most_pixels is not None and image.width * image.height > most_pixels:
-            raise ImageFormat(f"a compressed picture of {image.width}x{image.height} is too large")
-        image.load()
-    except ImageFormat:
-        raise
+        too_large = most_pixels is not None and image.width * image.height > most_pixels
+        if not too_large:
+            image.load()
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         raise ImageFormat(f'a compressed picture of format "{message.format}" cannot be read') from None
+    if too_large:
+        raise ImageFormat(f"a compressed picture of {image.width}x{image.height} is too large")
     return image
 
 
@@ -246,8 +246,7 @@ def image_from_pillow(
     """Return a Pillow image as a `sensor_msgs/Image` to publish; modes without an encoding become RGB.
 
     Args:
-        frame_id: frame of the header: the camera's optical frame.
-        stamp_ns: stamp of the header in nanoseconds; None: the time of publishing.
+        frame_id, stamp_ns: as for :func:`image_from_numpy`.
     """
     import numpy as np
 
@@ -269,8 +268,7 @@ def compressed_image(
     Args:
         picture: image; an array has rows x columns of grey, or x 3 or 4 values, red first.
         kind: `jpeg` or `png`.
-        frame_id: frame of the header: the camera's optical frame.
-        stamp_ns: stamp of the header in nanoseconds; None: the time of publishing.
+        frame_id, stamp_ns: as for :func:`image_from_numpy`.
         quality: JPEG quality, 1 to 95.
 
     Raises:

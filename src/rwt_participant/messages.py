@@ -124,12 +124,7 @@ def check_arguments(verb: str, type: object = None, function: object = len) -> N
 
 
 def warn_of_held_loop(callback: object, what: str, took: float) -> None:
-    """Log a warning about a callback that has run for at least :data:`HELD_SECONDS`.
-
-    Args:
-        what: kind of the callback, with its topic or service.
-        took: its duration in seconds.
-    """
+    """Log a warning about a callback, named by `what`, that took at least :data:`HELD_SECONDS`."""
     logger.warning(
         "%s %s took %.1f s and held the event loop: make it an `async def` function, and await"
         " `anyio.to_thread.run_sync(…)` for work that blocks",

@@ -59,14 +59,7 @@ class TimerLoop(Protocol):
 
 
 class PeriodicTimer(Timer):
-    """Timer that calls back every `period` seconds of a clock, on a grid that does not drift.
-
-    Args:
-        period: seconds, from :data:`SHORTEST_PERIOD` to :data:`LONGEST_DELAY`.
-
-    Raises:
-        ValueError: `period` is out of range.
-    """
+    """Timer of :meth:`~rwt_participant.api.RobotApi.create_timer`, on a grid that does not drift."""
 
     def __init__(
         self,

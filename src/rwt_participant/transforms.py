@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final, Protocol, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import anyio
 
@@ -35,11 +35,8 @@ SubscribeVerb: TypeAlias = Callable[[str, Callable[[Any], None], str], Handle]
 """Verb `subscribe` of :class:`~rwt_participant.api.RobotApi`, with topic, callback and type."""
 
 
-class AdvertiseVerb(Protocol):
-    """Verb `advertise` of :class:`~rwt_participant.api.RobotApi`."""
-
-    def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
-        """Advertise; `latch` keeps the last message for late joiners."""
+AdvertiseVerb: TypeAlias = Callable[..., Publisher]
+"""Verb `advertise` of :class:`~rwt_participant.api.RobotApi`."""
 
 
 class Transforms:
@@ -240,13 +237,11 @@ class Transforms:
                 await self._changed.wait()
         if self._ended is not None:
             raise self._ended
-        raise TransformUnavailable(self._text(failure, patience)) from failure
-
-    def _text(self, failure: LookupFailed | None, patience: float | None) -> str:
         waited = "" if patience is None else f" within {patience:g} s"
+        text = f"no transform came on {self._topics}{waited}: does the robot publish any?"
         if self._feed.taken:
-            return f"the transform was not available{waited}: {failure}"
-        return f"no transform came on {self._topics}{waited}: does the robot publish any?"
+            text = f"the transform was not available{waited}: {failure}"
+        raise TransformUnavailable(text) from failure
 
 
 def _nanoseconds(time: When) -> int | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Final
 
 from rwt_tf2.errors import (
@@ -48,7 +48,7 @@ class Verdict:
         return not self.reason
 
 
-_Path = tuple[tuple[Track, ...], tuple[Track, ...]]
+TrackPath = tuple[tuple[Track, ...], tuple[Track, ...]]
 """Path from a source up to the common ancestor, and from the target up to it."""
 
 
@@ -83,7 +83,9 @@ class Buffer:
         """
         parent, child = bare(stamped.parent), bare(stamped.child)
         transform = checked(parent, child, stamped.transform)
-        self._check_room(parent, child)
+        new = {parent, child} - self._names
+        if new and len(self._names) + len(new) > MOST_FRAMES:
+            raise InvalidTransform(f"{parent} <- {child}: there are {MOST_FRAMES} frames already")
         track = self._tracks.get(child)
         if track is None or track.latest.parent != parent:
             self._check_loop(parent, child)
@@ -93,7 +95,9 @@ class Buffer:
         elif isinstance(track, MovingTrack):
             if not track.add(stamped.stamp_ns, edge):
                 raise StaleTransform(
-                    _too_old(parent, child, stamped.stamp_ns, track.latest_ns, self.cache_ns)
+                    f"{parent} <- {child} at {seconds(stamped.stamp_ns)} s is more than "
+                    f"{self.cache_ns / NANOSECONDS:g} s older than the latest, "
+                    f"which is of {seconds(track.latest_ns)} s"
                 )
         else:
             track = self._tracks[child] = MovingTrack(self.cache_ns)
@@ -101,13 +105,8 @@ class Buffer:
         self._names.add(parent)
         self._names.add(child)
 
-    def _check_room(self, parent: str, child: str) -> None:
-        new = {parent, child} - self._names
-        if new and len(self._names) + len(new) > MOST_FRAMES:
-            raise InvalidTransform(f"{parent} <- {child}: there are {MOST_FRAMES} frames already")
-
     def _check_loop(self, parent: str, child: str) -> None:
-        """Raise if a transform closes a loop. Only the path up from `parent` can: a frame has one parent."""
+        # Only the path up from `parent` can close a loop: a frame has one parent.
         way, frame = [parent], parent
         while (track := self._tracks.get(frame)) is not None and frame != child:
             frame = track.latest.parent
@@ -145,7 +144,7 @@ class Buffer:
         target, source = self._known(target), self._known(source)
         time_ns = time_ns or self._latest_common_time(target, source)
         path = self._path_at(target, source, time_ns)
-        return StampedTransform(target, source, time_ns, _along(path, lambda track: track.at(time_ns)))
+        return StampedTransform(target, source, time_ns, self.along(path, lambda track: track.at(time_ns)))
 
     def lookup_transform_full(
         self, target: str, target_time_ns: int | None, source: str, source_time_ns: int | None, fixed: str
@@ -198,9 +197,13 @@ class Buffer:
         target, source = self._known(target), self._known(source)
         return self._latest_of(target) if target == source else self._latest_common_time(target, source)
 
-    def tracks_between(
-        self, target: str, source: str, time_ns: int
-    ) -> tuple[tuple[Track, ...], tuple[Track, ...]]:
+    @staticmethod
+    def along(path: TrackPath, transform_of: Callable[[Track], Transform]) -> Transform:
+        """Return the transform along a path, composed of those of its histories."""
+        from_source, from_target = path
+        return _up(from_target, transform_of).inverse() @ _up(from_source, transform_of)
+
+    def tracks_between(self, target: str, source: str, time_ns: int) -> TrackPath:
         """Return the histories on the path up from the source and up from the target, at some time.
 
         Raises:
@@ -251,15 +254,35 @@ class Buffer:
 
     def all_frames_as_yaml(self) -> str:
         """Return every frame with its parent, rate and times, in the format of tf2's `/tf2_frames`."""
-        return _as_yaml(self._tracks, self.cache_ns)
+        entries = (_entry(child, track, self.cache_ns) for child, track in sorted(self._tracks.items()))
+        return "".join(entries) or "{}\n"
 
     def all_frames_as_dot(self) -> str:
         """Return the tree as a graph for Graphviz."""
-        return _as_dot(self._tracks)
+        arrows = (
+            f"  {_quoted(track.latest.parent)} -> {_quoted(child)} [label={_quoted(_label(track))}];\n"
+            for child, track in sorted(self._tracks.items())
+        )
+        return f"digraph frames {{\n{''.join(arrows)}}}\n"
 
     def tree(self) -> str:
         """Return the tree as indented text."""
-        return _as_tree(self._tracks, self._names)
+        tracks = self._tracks
+        children: dict[str, list[str]] = {}
+        for child in sorted(tracks):
+            children.setdefault(tracks[child].latest.parent, []).append(child)
+        waiting = [(root, "", "") for root in sorted(self._names - tracks.keys(), reverse=True)]
+        lines = []
+        while waiting:
+            frame, before, indent = waiting.pop()
+            track = tracks.get(frame)
+            lines.append(f"{before}{frame}" + ("\n" if track is None else f" ({_label(track)})\n"))
+            below = children.get(frame, [])
+            waiting.extend(
+                (child, f"{indent}{'└─ ' if last else '├─ '}", f"{indent}{'   ' if last else '│  '}")
+                for child, last in zip(reversed(below), (True, *(False,) * len(below)), strict=False)
+            )
+        return "".join(lines)
 
     # Paths
 
@@ -277,9 +300,9 @@ class Buffer:
         path = self._path(target, source, lambda track: track.latest.parent)
         if path is None:
             raise ConnectivityError(target, source, self._root(target), self._root(source))
-        return _earliest_latest(path)
+        return min((track.latest_ns for track in chain(*path) if not track.is_static), default=0)
 
-    def _path_at(self, target: str, source: str, time_ns: int) -> _Path:
+    def _path_at(self, target: str, source: str, time_ns: int) -> TrackPath:
         path = self._path(
             target, source, lambda track: track.parent_at(time_ns) if track.covers(time_ns) else None
         )
@@ -289,16 +312,17 @@ class Buffer:
             self._explain_gap(target, source, frame, time_ns)
         raise ConnectivityError(target, source, self._root(target), self._root(source))
 
-    def _path(self, target: str, source: str, parent_of: Callable[[Track], str | None]) -> _Path | None:
+    def _path(self, target: str, source: str, parent_of: Callable[[Track], str | None]) -> TrackPath | None:
         up = self._way_up(source, target, parent_of)
         down = self._way_up(target, "", parent_of) if target not in up else {target: 0}
         meeting = next((frame for frame in down if frame in up), None)
         if meeting is None:
             return None
-        return (
-            tuple(self._tracks[frame] for frame in _before(up, meeting)),
-            tuple(self._tracks[frame] for frame in _before(down, meeting)),
+        source_side, target_side = (
+            tuple(self._tracks[frame] for frame in takewhile(lambda frame: frame != meeting, way))
+            for way in (up, down)
         )
+        return source_side, target_side
 
     def _way_up(self, frame: str, end: str, parent_of: Callable[[Track], str | None]) -> dict[str, int]:
         way = {frame: 0}
@@ -327,28 +351,11 @@ class Buffer:
         return frame
 
 
-def _before(way: dict[str, int], end: str) -> Iterable[str]:
-    for frame in way:
-        if frame == end:
-            return
-        yield frame
-
-
-def _along(path: _Path, transform_of: Callable[[Track], Transform]) -> Transform:
-    from_source, from_target = path
-    return _up(from_target, transform_of).inverse() @ _up(from_source, transform_of)
-
-
 def _up(tracks: tuple[Track, ...], transform_of: Callable[[Track], Transform]) -> Transform:
     way = IDENTITY
     for track in tracks:
         way = transform_of(track) @ way
     return way
-
-
-def _earliest_latest(path: _Path) -> int:
-    moving = (track.latest_ns for track in chain(*path) if not track.is_static)
-    return min(moving, default=0)
 
 
 def _verdict(ask: Callable[[], object]) -> Verdict:
@@ -357,19 +364,6 @@ def _verdict(ask: Callable[[], object]) -> Verdict:
     except LookupFailed as error:
         return Verdict(str(error))
     return Verdict()
-
-
-def _too_old(parent: str, child: str, stamp_ns: int, latest_ns: int, cache_ns: int) -> str:
-    return (
-        f"{parent} <- {child} at {seconds(stamp_ns)} s is more than {cache_ns / NANOSECONDS:g} s older "
-        f"than the latest, which is of {seconds(latest_ns)} s"
-    )
-
-
-def _as_yaml(tracks: Mapping[str, Track], cache_ns: int) -> str:
-    if not tracks:
-        return "{}\n"
-    return "".join(_entry(child, tracks[child], cache_ns) for child in sorted(tracks))
 
 
 def _entry(child: str, track: Track, cache_ns: int) -> str:
@@ -388,32 +382,6 @@ def _entry(child: str, track: Track, cache_ns: int) -> str:
 def _quoted(name: str) -> str:
     # Frame names may be any string; YAML and Graphviz both read JSON strings.
     return json.dumps(name, ensure_ascii=False)
-
-
-def _as_dot(tracks: Mapping[str, Track]) -> str:
-    arrows = (
-        f"  {_quoted(track.latest.parent)} -> {_quoted(child)} [label={_quoted(_label(track))}];\n"
-        for child, track in sorted(tracks.items())
-    )
-    return f"digraph frames {{\n{''.join(arrows)}}}\n"
-
-
-def _as_tree(tracks: Mapping[str, Track], names: Collection[str]) -> str:
-    children: dict[str, list[str]] = {}
-    for child in sorted(tracks):
-        children.setdefault(tracks[child].latest.parent, []).append(child)
-    waiting = [(root, "", "") for root in sorted(set(names) - set(tracks), reverse=True)]
-    lines = []
-    while waiting:
-        frame, before, indent = waiting.pop()
-        track = tracks.get(frame)
-        lines.append(f"{before}{frame}" + ("\n" if track is None else f" ({_label(track)})\n"))
-        below = children.get(frame, [])
-        waiting.extend(
-            (child, f"{indent}{'└─ ' if last else '├─ '}", f"{indent}{'   ' if last else '│  '}")
-            for child, last in zip(reversed(below), (True, *(False,) * len(below)), strict=False)
-        )
-    return "".join(lines)
 
 
 def _label(track: Track) -> str:

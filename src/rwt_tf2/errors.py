@@ -27,26 +27,19 @@ class UnknownFrame(LookupFailed):
 
 
 class ConnectivityError(LookupFailed):
-    """The two frames are in different trees.
-
-    Attributes:
-        target, source: frames of the lookup.
-    """
+    """The two frames are in different trees."""
 
     def __init__(self, target: str, source: str, target_root: str, source_root: str) -> None:
         super().__init__(
             f"no chain of transforms joins {target} and {source}: "
             f"the tree of {target} ends at {target_root}, that of {source} at {source_root}"
         )
-        self.target = target
-        self.source = source
 
 
 class ExtrapolationError(LookupFailed):
     """The requested time is before the earliest or after the latest data.
 
     Attributes:
-        target, source: frames of the lookup.
         parent, child: transform on the path whose data does not cover the time.
         requested_ns: requested time.
         nearest_ns: nearest available time.
@@ -63,8 +56,6 @@ class ExtrapolationError(LookupFailed):
         super().__init__(
             f"{target} <- {source} at {seconds(requested_ns)} s needs {parent} <- {child} extrapolated {why}"
         )
-        self.target = target
-        self.source = source
         self.parent = parent
         self.child = child
         self.requested_ns = requested_ns

@@ -55,13 +55,10 @@ class Feed:
             self.buffer.set_transform(read_transform(message), static=static)
         except InvalidTransform as error:
             self.refused += 1
-            self._log_once(message.child_frame_id, error)
+            frame = message.child_frame_id
+            if frame not in self._logged and len(self._logged) < _MOST_REMEMBERED:
+                self._logged.add(frame)
+                logger.warning("transform rejected: %s", error)
             return not isinstance(error, StaleTransform)
         self.taken += 1
         return True
-
-    def _log_once(self, frame: str, error: InvalidTransform) -> None:
-        if frame in self._logged or len(self._logged) >= _MOST_REMEMBERED:
-            return
-        self._logged.add(frame)
-        logger.warning("transform rejected: %s", error)

@@ -79,8 +79,7 @@ class Transform:
 
     def distance_to(self, other: Transform) -> float:
         """Return the distance between the two translations in metres."""
-        (x, y, z), (ox, oy, oz) = self.translation, other.translation
-        return float(((x - ox) ** 2 + (y - oy) ** 2 + (z - oz) ** 2) ** 0.5)
+        return math.dist(self.translation, other.translation)
 
     def angle_to(self, other: Transform) -> float:
         """Return the angle of the rotation between the two, radians in [0, π]."""

@@ -1,135 +1,149 @@
-"""Sending goals to actions."""
+"""Goals for the actions of a robot: ops for those of ROS 2, messages on five topics for ROS 1 (ALB-01)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import time
+from typing import TYPE_CHECKING, Final
 
 from rwt_client.endpoints.services import call_error, failure_text
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import MessageReader
+from rwt_interfaces import NOETIC
 from rwt_participant.errors import CallFailed, GoalRejected, InvalidMessage, ProviderNotFound
 from rwt_participant.goals import Goal, GoalResult, GoalStatus
+from rwt_participant.messages import Message
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Callable
 
-    from rwt_client.wire.session import ReconnectingSession
-    from rwt_transports.background import TaskStarter
+    from rwt_client.endpoints.remote_handle import Connection
+    from rwt_interfaces import Payload
+    from rwt_interfaces.structs import ActionType
+    from rwt_participant.handles import Handle, Publisher
+    from rwt_participant.transforms import SubscribeVerb
 
 
-class WireGoal:
-    """Goal of ROS 2's kind in flight; satisfies :class:`rwt_participant.goals.GoalChannel`."""
+class RemoteGoal(Goal):
+    """Goal whose connection is released at its end."""
 
-    def __init__(self, goals: SentGoals, goal: Goal, feedback: MessageReader, result: MessageReader) -> None:
-        self.goal = goal
-        self._goals = goals
-        self._feedback = feedback
-        self._result = result
+    def end(self, outcome: GoalResult | Exception, reason: str = "") -> None:
+        super().end(outcome, reason)
+        self.abandon()
 
-    def send_cancel(self) -> None:
-        self._goals.session.send(CancelActionGoal(id=self.goal.id, action=self.goal.action))
 
-    def forget(self) -> None:
-        self._goals.session.remove(self.goal.id)
+class WireGoal(RemoteGoal):
+    """Goal that is sent as an op; satisfies :class:`rwt_client.wire.session.Restorable`."""
+
+    def __init__(
+        self, connection: Connection, action: str, on_feedback: Callable[[Message], object] | None
+    ) -> None:
+        super().__init__(action, connection.session.next_id("send_action_goal", action), on_feedback)
+        self._connection = connection
+        self._session = connection.session
+
+    def send(self, action_type: str, args: RawJson, feedback: MessageReader, result: MessageReader) -> None:
+        """Send the goal (ACT-01).
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        self._read_feedback = feedback.read
+        self._read_result = result.read
+        op = SendActionGoal(action=self.action, action_type=action_type, args=args, feedback=True, id=self.id)
+        self._session.send(op)
+        self._session.add(self.id, self)
+
+    def _send_cancel(self) -> None:
+        self._session.send(CancelActionGoal(id=self.id, action=self.action))
+
+    def abandon(self) -> None:
+        self._session.remove(self.id)
 
     def restore(self) -> None:
         """No-op: a goal is not sent twice."""
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """End the goal with an error: its outcome stays unknown (ACT-19)."""
-        self.goal.end(type(error)(f"{error}, before the goal of {self.goal.action} ended"))
+        self.end(type(error)(f"{error}, before the goal of {self.action} ended"))
 
     def refused(self, text: str) -> None:
-        self.goal.end(call_error(text, self.goal.action, GoalRejected))
+        self.end(call_error(text, self.action, GoalRejected))
 
-    def on_feedback(self, op: ActionFeedback) -> None:
-        """Pass on feedback (ACT-02)."""
-        if not isinstance(op.values, str):
-            self.goal.take_feedback(self._feedback.read(op.values))
-
-    def on_result(self, op: ActionResult) -> None:
-        """End the goal with its result (ACT-03, ACT-04)."""
-        if not op.result or isinstance(op.values, str):
-            text = failure_text(op.values, f"{self.goal.action} failed and gave no reason")
-            otherwise = CallFailed if op.status else GoalRejected
-            self._goals.end(self.goal, call_error(text, self.goal.action, otherwise))
-            return
-        try:
-            message = self._result.read(op.values)
-        except InvalidMessage as error:
-            self.goal.end(error)
+    def receive(self, op: ActionFeedback | ActionResult) -> None:
+        """Pass on feedback (ACT-02), or end the goal with its result (ACT-03, ACT-04)."""
+        if isinstance(op, ActionFeedback):
+            if not isinstance(op.values, str):
+                self.take_feedback(self._read_feedback(op.values))
+        elif not op.result or isinstance(op.values, str):
+            text = failure_text(op.values, f"{self.action} failed and gave no reason")
+            error = call_error(text, self.action, CallFailed if op.status else GoalRejected)
+            if isinstance(error, ProviderNotFound):
+                self._connection.tasks.start_soon(self._end_with_advice, error)
+            else:
+                self.end(error)
         else:
-            self.goal.end(GoalResult(GoalStatus(op.status), message))
+            try:
+                self.end(GoalResult(GoalStatus(op.status), self._read_result(op.values)))
+            except InvalidMessage as error:
+                self.end(error)
+
+    async def _end_with_advice(self, error: ProviderNotFound) -> None:
+        meant = await self._connection.types.meant("action", self.action)
+        self.end(ProviderNotFound(f"{error}{meant}"))
 
 
-class SentGoals:
-    """Goals in flight, by id.
+_ENDED: Final = {
+    2: GoalStatus.CANCELED,  # PREEMPTED
+    3: GoalStatus.SUCCEEDED,
+    4: GoalStatus.ABORTED,
+    8: GoalStatus.CANCELED,  # RECALLED: canceled before it started
+}
+"""Final states of ``actionlib_msgs/GoalStatus``, which differ from those of ROS 2 (ALB-08)."""
 
-    Args:
-        meant: asks the robot for a suggestion, for the error about an action that does not exist.
-    """
 
-    def __init__(
+class ActionlibGoal(RemoteGoal):
+    """Goal of ROS 1, which is sent as a message."""
+
+    _cancels: Publisher
+    _handles: tuple[Handle, ...] = ()
+
+    async def send(
         self,
-        session: ReconnectingSession,
-        tasks: TaskStarter,
-        meant: Callable[[str, str], Awaitable[str]],
+        subscribe: SubscribeVerb,
+        advertise: Callable[[str, str], Publisher],
+        action_type: ActionType,
+        payload: Payload,
     ) -> None:
-        self.session = session
-        self._tasks = tasks
-        self._meant = meant
+        """Send the goal, after subscribing to its feedback and result."""
+        name, type = self.action, action_type.name
+        feedback = await subscribe(f"{name}/feedback", self._on_feedback_message, f"{type}ActionFeedback")
+        result = await subscribe(f"{name}/result", self._on_result, f"{type}ActionResult")
+        self._cancels = await advertise(f"{name}/cancel", "actionlib_msgs/GoalID")
+        goals = await advertise(f"{name}/goal", f"{type}ActionGoal")
+        self._handles = (feedback, result, self._cancels, goals)
+        stamp = NOETIC.time(time.time_ns())
+        goals.publish({"goal_id": {"id": self.id, "stamp": stamp}, "goal": payload.value()})
 
-    def send(
-        self,
-        goal: Goal,
-        action_type: str,
-        args: RawJson,
-        readers: tuple[MessageReader, MessageReader],
-    ) -> Goal:
-        """Send a goal (ACT-01).
+    def _send_cancel(self) -> None:
+        self._cancels.publish({"id": self.id})
 
-        Raises:
-            NotConnected: there is no connection now.
-        """
-        sent = WireGoal(self, goal, *readers)
-        goal.channel = sent
-        op = SendActionGoal(action=goal.action, action_type=action_type, args=args, feedback=True, id=goal.id)
-        self.session.send(op)
-        self.session.add(goal.id, sent)
-        return goal
+    def abandon(self) -> None:
+        for handle in self._handles:
+            handle.close()
 
-    def cancel(self, action: str, id: str) -> None:
-        """Request the cancellation of a goal by its id, whether this client sent it or another (ACT-07).
+    # The topics carry the messages of all goals.
 
-        Raises:
-            NotConnected: there is no connection now.
-        """
-        sent = self.session.find(id)
-        if isinstance(sent, WireGoal):
-            sent.goal.cancel()
+    def _on_feedback_message(self, message: Message) -> None:
+        if message.status.goal_id.id == self.id:
+            self.take_feedback(message.feedback)
+
+    def _on_result(self, message: Message) -> None:
+        if message.status.goal_id.id != self.id:
+            return
+        status = _ENDED.get(message.status.status)
+        if status is None:
+            self.end(GoalRejected(message.status.text or f"{self.action} rejected the goal"))
         else:
-            self.session.send(CancelActionGoal(id=id, action=action))
-
-    def end(self, goal: Goal, error: CallFailed) -> None:
-        """End a goal with an error, with a suggestion if its action does not exist."""
-        if isinstance(error, ProviderNotFound):
-            self._tasks.start_soon(self._end_with_advice, goal, error)
-        else:
-            goal.end(error)
-
-    async def _end_with_advice(self, goal: Goal, error: ProviderNotFound) -> None:
-        goal.end(ProviderNotFound(f"{error}{await self._meant('action', goal.action)}"))
-
-    def on_feedback(self, _: None, op: ActionFeedback) -> None:
-        """Pass feedback to its goal."""
-        sent = self.session.find(op.id)
-        if isinstance(sent, WireGoal):
-            sent.on_feedback(op)
-
-    def on_result(self, _: None, op: ActionResult) -> None:
-        """Pass a result to its goal."""
-        sent = self.session.find(op.id)
-        if isinstance(sent, WireGoal):
-            sent.on_result(op)
+            self.end(GoalResult(status, message.result))

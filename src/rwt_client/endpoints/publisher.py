@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import Any, Final, TypedDict
 
-from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.endpoints.remote_handle import Connection, RemoteHandle
 from rwt_client.errors import ConnectionLost, ServerRefused
 from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
@@ -17,11 +16,6 @@ from rwt_participant.qos import QoS
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
 from rwt_transports.endpoint import DropReason, Flow
-
-if TYPE_CHECKING:
-    from rwt_client.endpoints.remote_types import RemoteTypes
-    from rwt_client.wire.session import ReconnectingSession
-
 
 logger = logging.getLogger("rwt_client")
 
@@ -69,20 +63,11 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
     _message_type: MessageType
     _wire_type: str
 
-    def __init__(
-        self,
-        session: ReconnectingSession,
-        types: RemoteTypes,
-        name: str,
-        options: AdvertiseOptions,
-        drained: Callable[[], Awaitable[None]],
-    ) -> None:
-        super().__init__(session, "advertise", name)
+    def __init__(self, connection: Connection, name: str, options: AdvertiseOptions) -> None:
+        super().__init__(connection, "advertise", name)
         self.sent = 0
         self.dropped = 0
-        self._types = types
         self._options = AdvertiseOptions(**{**options, "qos": wire_qos(options.get("qos"))})
-        self._drained = drained
         self._prefix = publish_prefix(name)
         self._flow: Flow | None = None
         self._error: RobotError | None = None
@@ -91,10 +76,6 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
 
     def publish(self, message: MessageLike) -> None:
         """Publish one message without waiting; if the network is slower, the oldest queued ones are dropped.
-
-        Args:
-            message: an instance of the type's class, a mapping or a dataclass instance. Missing fields get
-                their defaults, a header without a stamp the current time.
 
         Raises:
             InvalidMessage: it does not fit the type; raised by `await` while the type is unknown.
@@ -105,13 +86,10 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         """
         if self._error is not None:
             raise self._error
-        if self._flow is None:
-            self._publish_later(message)
+        if self._flow is not None:
+            self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
+            self.sent += 1
             return
-        self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
-        self.sent += 1
-
-    def _publish_later(self, message: MessageLike) -> None:
         if self._type is not None:
             raise self._session.not_connected()
         if len(self._pending) == _MOST_PENDING:
@@ -132,7 +110,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
 
     async def drain(self) -> None:
         """Wait until the network has taken all published messages, to publish no faster than it."""
-        await self._drained()
+        await self._connection.drained()
 
     def release(self) -> None:
         self._error = HandleClosed(f"the publisher on {self.name} was closed")
@@ -147,7 +125,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
 
     def take_type(self, type: MessageType) -> None:
         self._message_type = type
-        self._wire_type = self._types.wire_name(type.name)
+        self._wire_type = self._connection.types.wire_name(type)
 
     def opened(self) -> None:
         while self._pending and self._flow is not None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import logging
 from abc import abstractmethod
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
-from rwt_participant.errors import RobotError, ServiceFailed, UnknownType
+from rwt_participant.errors import RobotError, UnknownType
 from rwt_participant.future import Future
 from rwt_participant.handles import Handle
 
 if TYPE_CHECKING:
+    from rwt_client.endpoints.remote_types import RemoteTypes
     from rwt_client.errors import ConnectionLost
     from rwt_client.wire.session import ReconnectingSession
     from rwt_protocol.ops import Op
@@ -20,7 +22,22 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 T = TypeVar("T")
-S = TypeVar("S")
+
+
+@dataclass(slots=True)
+class Connection:
+    """Connection of a client, as its endpoints use it.
+
+    Attributes:
+        drained: waits until the network has taken everything that was sent.
+        cbor_offered: True if the transport carries CBOR (TCP-05), and the server has not rejected it.
+    """
+
+    session: ReconnectingSession
+    types: RemoteTypes
+    tasks: TaskStarter
+    drained: Callable[[], Awaitable[None]]
+    cbor_offered: bool
 
 
 class RemoteHandle(Handle, Generic[T]):
@@ -30,10 +47,11 @@ class RemoteHandle(Handle, Generic[T]):
         closed: True if this program has closed it.
     """
 
-    def __init__(self, session: ReconnectingSession, kind: str, name: str) -> None:
+    def __init__(self, connection: Connection, kind: str, name: str) -> None:
         self.name = name
-        self.id = session.next_id(kind, name)
-        self._session = session
+        self.id = connection.session.next_id(kind, name)
+        self._connection = connection
+        self._session = connection.session
         self._type: T | None = None
         self.closed = False
         self._opened: Future[None] = Future()
@@ -45,14 +63,14 @@ class RemoteHandle(Handle, Generic[T]):
             raise UnknownType(f"the type of {self.name} is not known yet: await what is held of it first")
         return self._type
 
-    def open(self, known: T | None, ask: Callable[[], Awaitable[T]], tasks: TaskStarter) -> Self:
+    def open(self, known: T | None, ask: Callable[[], Awaitable[T]]) -> Self:
         """Open the handle with the known type, or once the robot has answered.
 
         Raises:
             ConnectionLost: there will be no connection any more.
         """
         if known is None:
-            tasks.start_soon(self._ask, ask)
+            self._connection.tasks.start_soon(self._ask, ask)
         else:
             self._begin(known)
         return self
@@ -97,7 +115,6 @@ class RemoteHandle(Handle, Generic[T]):
     def withdrawal(self) -> Op:
         """Return the op that withdraws it from the server."""
 
-    @abstractmethod
     def take_type(self, type: T) -> None:
         """Prepare what depends on the type."""
 
@@ -120,62 +137,3 @@ class RemoteHandle(Handle, Generic[T]):
     @abstractmethod
     def fail(self, error: RobotError) -> None:
         """End it because of `error`."""
-
-
-class Offered(dict[str, S]):
-    """Services or actions that this program offers, by name."""
-
-    def find(self, name: str) -> S:
-        """Return the one of that name. Raises :exc:`ServiceFailed`."""
-        offered = self.get(name)
-        if offered is None:
-            raise ServiceFailed(f"this client does not offer {name}")
-        return offered
-
-
-class RemoteServer(RemoteHandle[T]):
-    """Service or action of this program, until it is closed or replaced by another of the same name.
-
-    Args:
-        wire_name: returns the server's name of a type.
-        offered: services or actions that this program offers, by name.
-    """
-
-    def __init__(
-        self,
-        session: ReconnectingSession,
-        kind: str,
-        name: str,
-        wire_name: Callable[[T], str],
-        offered: Offered[Self],
-    ) -> None:
-        super().__init__(session, kind, name)
-        self._wire_name = wire_name
-        self._offered = offered
-        previous = offered.get(name)
-        if previous is not None:
-            previous.close()
-        offered[name] = self
-
-    def release(self) -> None:
-        if self._offered.get(self.name) is self:
-            del self._offered[self.name]
-
-    def take_type(self, type: T) -> None:
-        """No-op: nothing else depends on the type."""
-
-    def restore(self) -> None:
-        self._session.send(self.advertise(self._wire_name(self.type)))
-
-    def fail(self, error: RobotError) -> None:
-        self.close()
-
-    def lost(self, error: ConnectionLost, final: bool) -> None:
-        """No-op: the server notifies all callers."""
-
-    def refused(self, text: str) -> None:
-        logger.error("%s is not offered: %s", self.name, text)
-
-    @abstractmethod
-    def advertise(self, wire_type: str) -> Op:
-        """Return the op that offers it."""

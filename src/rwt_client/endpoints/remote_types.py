@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable
-from typing import Any, Final, Literal, TypeVar
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import suppress
+from functools import partial
+from typing import Final, Literal, TypeVar
 
 import anyio
 import msgspec
 
+from rwt_client.rosapi import FieldInfo, RosApi, TypeInfo
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
@@ -21,8 +24,6 @@ from rwt_participant.spelling import did_you_mean
 
 logger = logging.getLogger("rwt_client")
 
-Part = Literal["request", "response", "goal", "result", "feedback"]
-
 T = TypeVar("T")
 Interface = TypeVar("Interface", ServiceType, ActionType)
 
@@ -32,15 +33,6 @@ _OWN_NAMES: Final = {
     "boolean": "bool", "float": "float32", "double": "float64", "octet": "byte",
 }  # fmt: skip
 """Scalar types by the names of ROS 2's rosapi (API-04)."""
-
-_LISTS: Final = {
-    "topic": ("topics", "topics"),
-    "service": ("services", "services"),
-    "action": ("action_servers", "action_servers"),
-}
-"""Query of rosapi for all names of a kind, and the field of its response."""
-
-_TIMES: Final = frozenset({"time", "duration"})
 
 
 class RemoteTypes:
@@ -57,6 +49,7 @@ class RemoteTypes:
 
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
+        self._api = RosApi(ask)
         self.registry = Registry(JAZZY)
         self.distro: Distro | None = None
         self.is_reported = False
@@ -105,12 +98,11 @@ class RemoteTypes:
             self.registry = Registry(wanted)
 
     def reader(self, message_type: MessageType, arrays: ArrayKind = "list") -> MessageReader:
-        """Return a reader for messages of that type."""
         return MessageReader(message_type, arrays, trusted=self.distro is not None)
 
-    def wire_name(self, name: str) -> str:
-        """Return the server's name of a message type."""
-        return name if self.distro is None else self.registry.type_name(self.registry.message(name))
+    def wire_name(self, interface: MessageType | ServiceType | ActionType) -> str:
+        """Return the server's name of a type."""
+        return interface.name if self.distro is None else self.registry.type_name(interface)
 
     def full_text(self, name: str) -> str:
         """Return the definition of a known message and all it contains, as one text (API-06)."""
@@ -130,17 +122,20 @@ class RemoteTypes:
 
     async def message(self, name: str) -> MessageType:
         """Return a message type; raises UnknownType."""
-        return await self._known(name, self.registry.message, lambda: self._fetch_message(name))
+        return await self._known(name, self.registry.message, partial(self._fetch_message, name))
 
     async def service(self, name: str) -> ServiceType:
         """Return a service type; raises UnknownType."""
-        parts: tuple[Part, ...] = ("request", "response")
-        return await self._known(name, self.registry.service, lambda: self._fetch_parts(name, "srv", parts))
+        parts = (self._api.service_request_details, self._api.service_response_details)
+        fetch = partial(self._fetch_parts, name, "srv", parts)
+        return await self._known(name, self.registry.service, fetch)
 
     async def action(self, name: str) -> ActionType:
         """Return an action type; raises UnknownType."""
-        parts: tuple[Part, ...] = ("goal", "result", "feedback")
-        return await self._known(name, self.registry.action, lambda: self._fetch_parts(name, "action", parts))
+        api = self._api
+        parts = (api.action_goal_details, api.action_result_details, api.action_feedback_details)
+        fetch = partial(self._fetch_parts, name, "action", parts)
+        return await self._known(name, self.registry.action, fetch)
 
     async def of_topic(self, topic: str) -> str:
         """Return the type name of a topic; raises NotFound, or UnknownType if the robot does not answer."""
@@ -232,9 +227,8 @@ class RemoteTypes:
 
     async def _reported_name(self, what: str, name: str) -> str:
         """Return the type name that the robot reports; empty without one."""
-        answer = await self._ask(f"{what}_type", {what: name})
-        found = answer.get("type") if isinstance(answer, dict) else None
-        return found if isinstance(found, str) else ""
+        ask = {"topic": self._api.topic_type, "service": self._api.service_type}
+        return await ask.get(what, self._api.action_type)(name)
 
     async def meant(self, what: str, name: str) -> str:
         """Return `; did you mean X?` with the nearest name that the robot lists; empty if it lists `name`.
@@ -244,28 +238,26 @@ class RemoteTypes:
         """
         return did_you_mean(name, await self._listed(what))
 
-    async def _listed(self, what: str) -> list[str]:
-        question, key = _LISTS[what]
-        answer: object = None
-        with anyio.move_on_after(ADVICE_SECONDS):
-            try:
-                answer = await self._ask(question, {})
-            except UNANSWERED:
-                return []
-        names = answer.get(key) if isinstance(answer, dict) else None
-        return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+    async def _listed(self, what: str) -> tuple[str, ...]:
+        with anyio.move_on_after(ADVICE_SECONDS), suppress(*UNANSWERED):
+            if what == "topic":
+                return tuple(each.name for each in await self._api.topics())
+            return await (self._api.services() if what == "service" else self._api.action_servers())
+        return ()
 
     async def _fetch_message(self, name: str) -> None:
-        answer = await self._ask("message_details", {"type": name})
-        for each, text in _texts(answer.get("typedefs", ())).items():
+        for each, text in _texts(await self._api.message_details(name)).items():
             self._add_unknown(each, text)
 
-    async def _fetch_parts(self, name: str, kind: Literal["srv", "action"], parts: tuple[Part, ...]) -> None:
-        question = "service" if kind == "srv" else "action"
+    async def _fetch_parts(
+        self,
+        name: str,
+        kind: Literal["srv", "action"],
+        parts: tuple[Callable[[str], Awaitable[tuple[TypeInfo, ...]]], ...],
+    ) -> None:
         sections: list[str] = []
-        for part in parts:
-            answer = await self._ask(f"{question}_{part}_details", {"type": name})
-            first, *nested = _texts(answer.get("typedefs", ())).items() or [("", "")]
+        for ask in parts:
+            first, *nested = _texts(await ask(name)).items() or [("", "")]
             sections.append(first[1])
             for each, text in nested:
                 self._add_unknown(each, text)
@@ -304,22 +296,17 @@ def _found(find: Callable[[str], T], name: str) -> T | None:
         return None
 
 
-def _texts(typedefs: Any) -> dict[str, str]:
-    """Return the definitions that rosapi's typedefs describe, the requested one first (API-03)."""
+def _texts(types: Iterable[TypeInfo]) -> dict[str, str]:
+    """Return the definitions that rosapi describes, the requested one first (API-03)."""
     found: dict[str, str] = {}
-    for typedef in typedefs:
-        name = typedef.get("type", "")
-        if "/" not in name or name in _TIMES:
-            continue
-        package, _, short = parse_type_name(name)
-        fields = zip(typedef["fieldnames"], typedef["fieldtypes"], typedef["fieldarraylen"], strict=True)
-        lines = [f"{_field_type(kind, length)} {field}" for field, kind, length in fields]
-        found[f"{package}/{short}"] = "\n".join(lines)
+    for each in types:
+        if "/" in each.name:
+            package, _, short = parse_type_name(each.name)
+            found[f"{package}/{short}"] = "\n".join(map(_line, each.fields))
     return found
 
 
-def _field_type(kind: str, length: int) -> str:
-    own = _OWN_NAMES.get(kind, kind)
-    if length < 0:
-        return own
-    return f"{own}[{length}]" if length else f"{own}[]"
+def _line(field: FieldInfo) -> str:
+    own, length = _OWN_NAMES.get(field.type, field.type), field.array_length
+    array = "" if length < 0 else f"[{length or ''}]"
+    return f"{own}{array} {field.name}"

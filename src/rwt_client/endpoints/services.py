@@ -1,57 +1,37 @@
-"""Services: calling and offering them."""
+"""Calls of services."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_client.endpoints.remote_handle import Offered, RemoteServer
 from rwt_client.errors import ConnectionLost
-from rwt_client.wire.decoding import request_of
-from rwt_interfaces.structs import ServiceType
-from rwt_participant.errors import (
-    CallFailed,
-    CallTimeout,
-    InvalidMessage,
-    ProviderNotFound,
-    RobotError,
-    ServiceFailed,
-)
+from rwt_participant.errors import CallFailed, CallTimeout, ProviderNotFound, ServiceFailed
 from rwt_participant.future import Future
-from rwt_participant.messages import ServiceHandler, call_handler
-from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
+from rwt_protocol.ops import CallService, ServiceResponse
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.background import TaskStarter
-
-logger = logging.getLogger("rwt_client")
 
 _TIMEOUT = "Timeout exceeded while waiting for service response"
-
-HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
 class WireCall:
     """Pending call."""
 
-    def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
-        self.id = calls.session.next_id("call_service", service)
+    def __init__(self, session: ReconnectingSession, service: str, args: RawJson, repeat: bool) -> None:
+        self.id = session.next_id("call_service", service)
         self.outcome: Future[Encodable] = Future()
-        self._calls = calls
+        self._session = session
         self._service = service
         self._args = args
         self._repeat = repeat
 
     def restore(self) -> None:
         if not self.outcome.done:
-            self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
+            self._session.send(CallService(service=self._service, args=self._args, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         if final or not self._repeat:
@@ -60,52 +40,39 @@ class WireCall:
     def refused(self, text: str) -> None:
         self.outcome.set(call_error(text, self._service))
 
-
-class Calls:
-    """Pending calls of a client."""
-
-    def __init__(self, session: ReconnectingSession) -> None:
-        self.session = session
-
-    async def call(
-        self,
-        service: str,
-        args: RawJson,
-        timeout: float | None,
-        *,
-        repeat: bool = False,
-    ) -> Encodable:
-        """Call a service, and return the response undecoded.
-
-        Args:
-            timeout: seconds; None waits without limit.
-            repeat: wait for a connection if there is none, and call again if it is lost before the answer.
-
-        Raises:
-            ServiceFailed: the server reports failure; with its text. ProviderNotFound: the service does not
-                exist.
-            CallTimeout: there was no answer in time.
-            ConnectionLost: the connection was lost first.
-        """
-        call = WireCall(self, service, args, repeat)
-        self.session.add(call.id, call)
-        try:
-            if self.session.connected or not repeat:
-                call.restore()
-            return await call.outcome.get(timeout, f"{service} gave no answer")
-        finally:
-            self.session.remove(call.id)
-
-    def on_response(self, _: None, op: ServiceResponse) -> None:
-        """End a call with its response (SRV-14)."""
-        call = self.session.find(op.id)
-        if not isinstance(call, WireCall):
-            logger.debug("an answer of %s comes too late or was not asked for", op.service)
-        elif op.result:
-            call.outcome.set(RawJson(b"{}") if isinstance(op.values, str) else op.values)
+    def receive(self, op: ServiceResponse) -> None:
+        """End the call with its response (SRV-14)."""
+        if op.result:
+            self.outcome.set(RawJson(b"{}") if isinstance(op.values, str) else op.values)
         else:
             text = failure_text(op.values, f"{op.service} failed and gave no reason")
-            call.outcome.set(call_error(text, op.service))
+            self.outcome.set(call_error(text, op.service))
+
+
+async def call_service(
+    session: ReconnectingSession,
+    service: str,
+    args: RawJson,
+    timeout: float | None,
+    *,
+    repeat: bool = False,
+) -> Encodable:
+    """Call a service, and return the response undecoded; see :meth:`rwt_client.robot.Robot.call`.
+
+    Raises:
+        ServiceFailed: the server reports failure; with its text.
+        ProviderNotFound: the service does not exist.
+        CallTimeout: there was no answer in time.
+        ConnectionLost: the connection was lost first.
+    """
+    pending = WireCall(session, service, args, repeat)
+    session.add(pending.id, pending)
+    try:
+        if session.connected or not repeat:
+            pending.restore()
+        return await pending.outcome.get(timeout, f"{service} gave no answer")
+    finally:
+        session.remove(pending.id)
 
 
 def call_error(text: str, name: str, otherwise: type[CallFailed] = ServiceFailed) -> CallFailed:
@@ -125,51 +92,3 @@ def failure_text(values: Encodable | str, otherwise: str) -> str:
         data = values.data if isinstance(values, RawJson) else values.json()
         text = bytes(data).decode("utf-8", "replace")
     return otherwise if text in ("", "{}", "null") else text
-
-
-class ServiceServer(RemoteServer[ServiceType]):
-    """Service of this program, until :meth:`close`; advertised again after a reconnection."""
-
-    def __init__(
-        self,
-        session: ReconnectingSession,
-        name: str,
-        wire_name: Callable[[ServiceType], str],
-        offered: Offered[ServiceServer],
-        handler: ServiceHandler,
-        tasks: TaskStarter,
-    ) -> None:
-        super().__init__(session, "advertise_service", name, wire_name, offered)
-        self._handler = handler
-        self._tasks = tasks
-
-    def advertise(self, wire_type: str) -> AdvertiseService:
-        return AdvertiseService(type=wire_type, service=self.name, id=self.id)
-
-    def withdrawal(self) -> UnadvertiseService:
-        return UnadvertiseService(service=self.name, id=self.id)
-
-    # -- calls -----------------------------------------------------------------------------------------------
-
-    def on_call(self, op: CallService) -> None:
-        """Answer one call, now or from a task."""
-        try:
-            request = request_of(self.type.request, op.args)
-        except Exception as error:
-            self._fail(op, error)
-            return
-        reply, fail = partial(self._reply, op), partial(self._fail, op)
-        call_handler(self._handler, request, self.type.response, reply, fail, self._tasks.start_soon)
-
-    def _reply(self, op: CallService, response: Payload) -> None:
-        self._session.send_if_connected(
-            ServiceResponse(service=op.service, values=RawJson(response.json()), result=True, id=op.id)
-        )
-
-    def _fail(self, op: CallService, error: Exception) -> None:
-        if not isinstance(error, ServiceFailed | InvalidMessage):
-            logger.error("the handler of %s failed", self.name, exc_info=error)
-        reason = str(error) if isinstance(error, RobotError) else HANDLER_FAILED
-        self._session.send_if_connected(
-            ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
-        )

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, TypedDict, Unpack
 
 import anyio
 
 from rwt_client.endpoints.publisher import wire_qos
-from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.endpoints.remote_handle import Connection, RemoteHandle
 from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
-from rwt_client.wire.decoding import MessageReader, UnparsedMessage
+from rwt_client.wire.decoding import UnparsedMessage
 from rwt_interfaces.structs import MessageType
+from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
-from rwt_participant.handles import QUEUE_BYTES, MessageQueue, Subscription
+from rwt_participant.handles import QUEUE_BYTES, Subscription
 from rwt_participant.messages import (
     HELD_SECONDS,
     Message,
     MessageCallback,
-    is_coroutine_function,
+    RawCallback,
+    RawMessage,
     warn_of_held_loop,
 )
 from rwt_participant.qos import QoS
@@ -29,19 +31,13 @@ from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
-if TYPE_CHECKING:
-    from rwt_client.endpoints.remote_types import RemoteTypes
-    from rwt_client.wire.session import ReconnectingSession
-    from rwt_transports.background import TaskStarter
-
 logger = logging.getLogger("rwt_client")
 
 COMPRESSIONS: Final = ("auto", *(encoding.name for encoding in SELECTABLE if not encoding.raw))
 """Supported values of `compression`."""
 
 
-@dataclass(frozen=True, slots=True)
-class SubscribeOptions:
+class SubscribeOptions(TypedDict, total=False):
     """Options of a subscription.
 
     Attributes:
@@ -50,88 +46,31 @@ class SubscribeOptions:
             for messages with big arrays if the server supports it.
         throttle: minimum interval between two messages in seconds, kept by the server; 0 for every message.
         queue_size: messages queued for an iterator or a coroutine callback; the oldest are dropped beyond it.
+            1000 by default.
         queue_bytes: the same limit in bytes; the newest message is queued whatever its size.
         fragment_size: maximum length of a message in characters; the server splits longer ones.
         qos: quality of service, on ROS 2 servers.
-
-    Raises:
-        ValueError: `arrays` or `compression` has another value.
     """
 
-    arrays: ArrayKind = "list"
-    compression: str = "auto"
-    throttle: float = 0.0
-    queue_size: int = 1000
-    queue_bytes: int = QUEUE_BYTES
-    fragment_size: int | None = None
-    qos: QoS | Qos | None = None
-
-    def __post_init__(self) -> None:
-        check_kind(self.arrays)
-        if self.compression not in COMPRESSIONS:
-            try:
-                encoding = load_encoding(self.compression)
-            except ExtensionError:
-                encoding = None
-            if encoding is None or encoding.raw or encoding.exclusive is not None:
-                known = ", ".join((*COMPRESSIONS, *extension_names("rwt.codecs")))
-                raise ValueError(f"compression: expected one of {known}, got {self.compression!r}")
+    arrays: ArrayKind
+    compression: str
+    throttle: float
+    queue_size: int
+    queue_bytes: int
+    fragment_size: int | None
+    qos: QoS | Qos | None
 
 
-class TopicSubscriptions:
-    """Subscriptions to one topic; satisfies :class:`rwt_client.wire.session.Destination`."""
-
-    __slots__ = ("subscriptions",)
-
-    def __init__(self) -> None:
-        self.subscriptions: tuple[RemoteSubscription, ...] = ()
-
-    def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        for subscription in self.subscriptions:
-            subscription.take(arrived, size)
-
-
-class SubscriptionTable:
-    """Shared state of all subscriptions of a client.
-
-    Args:
-        binary: whether the transport can carry CBOR (TCP-05).
-    """
-
-    __slots__ = ("_topics", "cbor_offered", "session", "tasks", "types")
-
-    def __init__(
-        self, session: ReconnectingSession, types: RemoteTypes, tasks: TaskStarter, *, binary: bool
-    ) -> None:
-        self.session = session
-        self.types = types
-        self.tasks = tasks
-        self.cbor_offered = binary
-        self._topics: dict[str, TopicSubscriptions] = {}
-
-    def add(self, subscription: RemoteSubscription) -> None:
-        """Add a subscription to its topic."""
-        topic = self._topics.setdefault(subscription.name, TopicSubscriptions())
-        topic.subscriptions = (*topic.subscriptions, subscription)
-        self.session.listen(subscription.name, topic)
-
-    def remove(self, subscription: RemoteSubscription) -> None:
-        """Remove a subscription."""
-        topic = self._topics[subscription.name]
-        topic.subscriptions = tuple(each for each in topic.subscriptions if each is not subscription)
-        if not topic.subscriptions:
-            del self._topics[subscription.name]
-            self.session.listen(subscription.name, None)
-
-    def compression(self, wanted: str, message_type: MessageType) -> str:
-        """Return the compression to request."""
-        if wanted != "auto":
-            return wanted
-        if not self.cbor_offered or not has_big_arrays(message_type):
-            return "none"
-        distro = self.types.distro
-        encodes_all = distro is not None and distro.encodes_all_cbor
-        return "cbor" if encodes_all or is_encoded_everywhere(message_type) else "none"
+def _check_compression(name: str) -> None:
+    if name in COMPRESSIONS:
+        return
+    try:
+        encoding = load_encoding(name)
+    except ExtensionError:
+        encoding = None
+    if encoding is None or encoding.raw or encoding.exclusive is not None:
+        known = ", ".join((*COMPRESSIONS, *extension_names("rwt.codecs")))
+        raise ValueError(f"compression: expected one of {known}, got {name!r}")
 
 
 class RemoteSubscription(RemoteHandle[MessageType], Subscription):
@@ -144,51 +83,67 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         received: number of received messages.
         received_bytes: size of these on the connection, in bytes.
         invalid: number of messages that did not fit the type; each is logged.
+
+    Raises:
+        ValueError: the option `arrays` or `compression` has another value.
     """
 
-    _reader: MessageReader
+    _decode: Callable[[UnparsedMessage], Message]
     _ends = (HandleClosed, ConnectionClosed)
 
     def __init__(
-        self, table: SubscriptionTable, name: str, options: SubscribeOptions, callback: MessageCallback | None
+        self,
+        connection: Connection,
+        name: str,
+        callback: MessageCallback | None,
+        **options: Unpack[SubscribeOptions],
     ) -> None:
-        is_direct = callback is not None and not is_coroutine_function(callback)
-        queue = (
-            None
-            if is_direct
-            else MessageQueue[UnparsedMessage](name, options.queue_size, options.queue_bytes)
-        )
-        RemoteHandle.__init__(self, table.session, "subscribe", name)
-        Subscription.__init__(self, queue, has_callback=callback is not None, within=anyio.move_on_after)
+        self._arrays = options.get("arrays", "list")
+        self._asked = options.get("compression", "auto")
+        check_kind(self._arrays)
+        _check_compression(self._asked)
+        limits = options.get("queue_size", 1000), options.get("queue_bytes", QUEUE_BYTES)
+        RemoteHandle.__init__(self, connection, "subscribe", name)
+        Subscription.__init__(self, name, callback, *limits, anyio.move_on_after)
         self.received = 0
         self.received_bytes = 0
         self.invalid = 0
-        self._table = table
         self._options = options
         self._compression = "none"
-        self._callback = callback
 
     def take_type(self, type: MessageType) -> None:
-        self._compression = self._table.compression(self._options.compression, type)
-        self._reader = self._table.types.reader(type, self._options.arrays)
-        self._table.add(self)
+        self._compression = self._asked if self._asked != "auto" else self._best_compression(type)
+        self._decode = self._connection.types.reader(type, self._arrays).read
+        self._session.listen(self)
         if self._queue is not None and self._callback is not None:
-            self._table.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
+            self._connection.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
+
+    def _best_compression(self, type: MessageType) -> str:
+        if not self._connection.cbor_offered or not has_big_arrays(type):
+            return "none"
+        distro = self._connection.types.distro
+        encodes_all = distro is not None and distro.encodes_all_cbor
+        return "cbor" if encodes_all or is_encoded_everywhere(type) else "none"
 
     def release(self) -> None:
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
         if self._type is not None:
-            self._table.remove(self)
+            self._session.ignore(self)
 
     def withdrawal(self) -> Unsubscribe:
         return Unsubscribe(topic=self.name, id=self.id)
+
+    @property
+    def error(self) -> RobotError | None:
+        """Error that ended the subscription; None while it is active."""
+        return self._error
 
     def __repr__(self) -> str:
         return f"<Subscription {self.name}>"
 
     # -- messages --------------------------------------------------------------------------------------------
 
-    def take(self, arrived: UnparsedMessage, size: int) -> None:
+    def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         self.received += 1
         self.received_bytes += size
         if self._queue is not None:
@@ -210,7 +165,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
 
     def _read(self, queued: UnparsedMessage) -> Message | None:
         try:
-            return self._reader.read(queued)
+            return self._decode(queued)
         except InvalidMessage as error:
             self.invalid += 1
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
@@ -221,21 +176,21 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     def restore(self) -> None:
         options = self._options
         given: dict[str, Any] = {}
-        if options.throttle > 0:
-            given["throttle_rate"] = round(options.throttle * 1000)
+        if (throttle := options.get("throttle", 0.0)) > 0:
+            given["throttle_rate"] = round(throttle * 1000)
         if self._compression != "none":
             given["compression"] = self._compression
-        if options.fragment_size:
-            given["fragment_size"] = options.fragment_size
-        if options.qos is not None:
-            given["qos"] = wire_qos(options.qos)
-        wire_type = self._table.types.wire_name(self.type.name)
+        if fragment_size := options.get("fragment_size"):
+            given["fragment_size"] = fragment_size
+        if (qos := options.get("qos")) is not None:
+            given["qos"] = wire_qos(qos)
+        wire_type = self._connection.types.wire_name(self.type)
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
 
     def refused(self, text: str) -> None:
         """Subscribe in JSON if the server rejects CBOR; fail if it rejects that, too."""
-        if self._compression == "cbor" and self._options.compression == "auto":
-            self._table.cbor_offered = False
+        if self._compression == "cbor" and self._asked == "auto":
+            self._connection.cbor_offered = False
             self._compression = "none"
             self.restore()
         else:
@@ -245,3 +200,55 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         if self._callback is not None and not isinstance(error, ConnectionLost):
             logger.warning("the subscription to %s was refused: %s", self.name, error)
         self._end(error)
+
+
+_EVERYTHING = Qos(history="keep_all", reliability="best_available")
+"""QoS for programs that keep or pass on all messages; by default a slow reader gets only the newest."""
+
+_MEMBERS = frozenset(("secs", "nsecs", "bytes"))
+
+
+class RawSubscription(RemoteSubscription):
+    """Serialised messages of one topic (`cbor-raw`, CBR-10 to CBR-12), with the server's stamps.
+
+    If the server does not support this, messages arrive as JSON and are serialised here, without a stamp. The
+    same client cannot subscribe to the topic in another way as well: a server sends a topic to a client in
+    one encoding.
+    """
+
+    _decode_plain: Callable[[UnparsedMessage], Message]
+
+    def __init__(self, connection: Connection, name: str, callback: RawCallback) -> None:
+        super().__init__(connection, name, callback, qos=_EVERYTHING)
+
+    def take_type(self, type: MessageType) -> None:
+        super().take_type(type)
+        self._decode_plain, self._decode = self._decode, self._decode_raw
+        self._session.raw_topics += 1
+
+    def _best_compression(self, type: MessageType) -> str:
+        return "cbor-raw" if self._connection.cbor_offered else "none"
+
+    def release(self) -> None:
+        super().release()
+        if self._type is not None:
+            self._session.raw_topics -= 1
+
+    def _decode_raw(self, arrived: UnparsedMessage) -> RawMessage:
+        if isinstance(arrived, dict) and arrived.keys() == _MEMBERS:
+            seconds, nanoseconds, data = arrived["secs"], arrived["nsecs"], arrived["bytes"]
+            if (
+                isinstance(seconds, int)
+                and isinstance(nanoseconds, int)
+                and isinstance(data, memoryview | bytes)
+            ):
+                return RawMessage(data, seconds * NANOSECONDS + nanoseconds, self.type)
+        return RawMessage(self.type.serialise(self._decode_plain(arrived)), None, self.type)
+
+    def refused(self, text: str) -> None:
+        """Subscribe in JSON if the server rejects `cbor-raw`; fail if it rejects that, too."""
+        if self._compression == "cbor-raw":
+            self._compression = "none"
+            self.restore()
+        else:
+            super().refused(text)

@@ -89,7 +89,7 @@ def read_raw(frame: bytes) -> tuple[bytes, dict[str, object]] | None:
     return topic, {"secs": _number(seconds), "nsecs": nanoseconds, "bytes": data}
 
 
-def _number(digits: bytes) -> int:
+def _number(digits: bytes | memoryview) -> int:
     return int.from_bytes(digits, "big")
 
 
@@ -109,7 +109,9 @@ class _Reader:
         major, minor = first >> 5, first & 0x1F
         if major == 7:
             return self._simple(minor)
-        count = minor if minor < 24 else self._argument(minor)
+        if minor > 27:
+            raise Unreadable
+        count = minor if minor < 24 else _number(self._take(1 << (minor - 24)))
         if major == _TEXT:
             return str(self._take(count), "utf-8")
         if major == _UNSIGNED:
@@ -141,11 +143,6 @@ class _Reader:
                 raise Unreadable
             found[key] = self.item(depth)
         return found
-
-    def _argument(self, minor: int) -> int:
-        if minor > 27:
-            raise Unreadable
-        return int.from_bytes(self._take(1 << (minor - 24)), "big")
 
     def _take(self, count: int) -> memoryview:
         end = self.position + count

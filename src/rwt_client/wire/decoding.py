@@ -26,7 +26,7 @@ A tuple for speed: nearly every message arrives this way."""
 UnparsedMessage = SplitFrame | Encodable | dict[str, object]
 """Received message: JSON text, or the value of a CBOR map."""
 
-_REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InvalidMessage)
+REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InvalidMessage)
 
 
 class MessageReader:
@@ -58,24 +58,21 @@ class MessageReader:
         if isinstance(arrived, tuple):
             try:
                 message = self._decode(arrived[0]) if self._trusted else self._leniently(_proven(arrived))
-            except _REJECTIONS:
+            except REJECTIONS:
                 message = self._leniently(_proven(arrived))
         elif isinstance(arrived, dict):
             message = self._from_plain(arrived)
         elif isinstance(arrived, Decoded):
-            message = self._from_values(arrived.value)
+            message = Payload.from_value(self.type, arrived.value).value()
         else:
             message = self._from_text(arrived)
         return message if self._finish is None else self._finish(message)
-
-    def _from_values(self, value: object) -> msgspec.Struct:
-        return Payload.from_value(self.type, value).value()
 
     def _from_text(self, arrived: Encodable) -> msgspec.Struct:
         if self._trusted:
             try:
                 return self._decode(arrived.data if isinstance(arrived, RawJson) else arrived.json())
-            except _REJECTIONS:
+            except REJECTIONS:
                 return self._leniently(arrived)
         return self._leniently(arrived)
 
@@ -111,20 +108,22 @@ def request_of(message_type: MessageType, args: Encodable) -> Message:
     return Payload.from_args(message_type, args.json()).value()
 
 
-class _Envelope(msgspec.Struct, gc=False):
-    """Op of a published message; only the message is decoded."""
+class PublishEnvelope(msgspec.Struct, gc=False):
+    """Op of a published message, which is left undecoded."""
 
-    msg: msgspec.Raw = msgspec.Raw(b"{}")
+    op: str = ""
+    topic: str = ""
+    msg: msgspec.Raw = msgspec.Raw(b"")
 
 
-_read_envelope = msgspec.json.Decoder(_Envelope).decode
+read_envelope = msgspec.json.Decoder(PublishEnvelope).decode
 
 
 def _proven(cut: SplitFrame) -> RawJson:
     """Return the message that parsing the whole frame finds; the cut text if it finds none."""
     try:
-        return RawJson(bytes(_read_envelope(cut[1]).msg))
-    except _REJECTIONS:
+        return RawJson(bytes(read_envelope(cut[1]).msg) or b"{}")
+    except REJECTIONS:
         return RawJson(cut[0])
 
 

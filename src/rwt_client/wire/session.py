@@ -14,12 +14,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
 
 import anyio
-import msgspec
 
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
-from rwt_client.wire.decoding import UnparsedMessage
+from rwt_client.wire.decoding import REJECTIONS, UnparsedMessage, read_envelope
 from rwt_protocol.codecs import CODECS
 from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
@@ -59,22 +58,13 @@ class Restorable(Protocol):
 
 
 class Destination(Protocol):
-    """Receiver of the messages of one topic."""
+    """Receiver of the messages of one topic, by its name on the wire."""
+
+    name: str
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """Receive one message of `size` bytes."""
 
-
-class _PublishEnvelope(msgspec.Struct, gc=False):
-    """Op of nearly every small frame: one published message."""
-
-    op: str = ""
-    topic: str = ""
-    msg: msgspec.Raw = msgspec.Raw(b"")
-
-
-_read_envelope = msgspec.json.Decoder(_PublishEnvelope).decode
-_NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
 """Beginning of a published message. The rest up to the last brace is the message, if it is one JSON value:
@@ -104,7 +94,7 @@ class ReconnectingSession:
         self._connect_count = 0
         self.events = Events()
         # Keyed by the bytes of the topic's name, as in frames.
-        self._destinations: dict[bytes, Destination] = {}
+        self._destinations: dict[bytes, tuple[Destination, ...]] = {}
         self.dispatcher: Dispatcher[None] | None = None
         self.raw_topics = 0
 
@@ -112,7 +102,6 @@ class ReconnectingSession:
 
     @property
     def connected(self) -> bool:
-        """True if messages can be sent now."""
         return self._sink is not None
 
     @property
@@ -136,19 +125,23 @@ class ReconnectingSession:
             raise self._closed
         self._restorables[id] = restorable
 
-    def listen(self, topic: str, destination: Destination | None) -> None:
-        """Pass the messages of a topic, by its name on the wire, to `destination`; None drops them."""
-        if destination is None:
-            self._destinations.pop(topic.encode(), None)
-        else:
-            self._destinations[topic.encode()] = destination
+    def listen(self, destination: Destination) -> None:
+        """Pass the messages of a topic to `destination`."""
+        topic = destination.name.encode()
+        self._destinations[topic] = (*self._destinations.get(topic, ()), destination)
+
+    def ignore(self, destination: Destination) -> None:
+        """Pass nothing more to `destination`."""
+        topic = destination.name.encode()
+        left = tuple(each for each in self._destinations.pop(topic) if each is not destination)
+        if left:
+            self._destinations[topic] = left
 
     def find(self, id: object) -> Restorable | None:  # as on the wire
         """Return the restorable of that id; None if there is none."""
         return self._restorables.get(id) if isinstance(id, str) else None
 
     def remove(self, id: str) -> None:  # as on the wire
-        """Remove the restorable of that id."""
         self._restorables.pop(id, None)
 
     def send(self, op: Op) -> None:
@@ -199,7 +192,6 @@ class ReconnectingSession:
         return self
 
     async def ended(self) -> None:
-        """Wait until the connection is lost."""
         await self._ended.wait()
 
     def closed(self, code: int, reason: str) -> None:
@@ -233,9 +225,11 @@ class ReconnectingSession:
         if SMALL_BYTES < size <= LARGE_BYTES:
             head = _match_head(data)
             if head is not None and data[-1] == _CLOSING_BRACE:
-                destination = self._destinations.get(head[1])
-                if destination is not None:
-                    destination.deliver((data[head.end() : -1], data), size)
+                destinations = self._destinations.get(head[1])
+                if destinations is not None:
+                    message = (data[head.end() : -1], data)
+                    for destination in destinations:
+                        destination.deliver(message, size)
                     return
         if binary and data[:1] and data[0] in _MAPS:
             if self.raw_topics and self._receive_raw(data):
@@ -250,25 +244,24 @@ class ReconnectingSession:
     def _receive_small(self, data: bytes) -> bool:
         """Handle a published message in a small frame; False if it is anything else, or invalid."""
         try:
-            found = _read_envelope(data)
-        except _NOT_AN_ENVELOPE:
+            found = read_envelope(data)
+        except REJECTIONS:
             # Possibly another op with a member of that name; the full parser decides.
             return False
         if found.op != "publish" or not found.msg:
             return False
-        destination = self._destinations.get(found.topic.encode())
-        if destination is not None:
-            destination.deliver(RawJson(bytes(found.msg)), len(data))
+        self._deliver(found.topic, RawJson(bytes(found.msg)), len(data))
         return True
 
     def _receive_raw(self, data: bytes) -> bool:
         """Handle a serialised message in CBOR; False if it is anything else."""
         found = read_raw(data)
-        destination = None if found is None else self._destinations.get(found[0])
-        if found is None or destination is None:
+        if found is None:
             return False
-        destination.deliver(found[1], len(data))
-        return True
+        destinations = self._destinations.get(found[0], ())
+        for destination in destinations:
+            destination.deliver(found[1], len(data))
+        return bool(destinations)
 
     def _receive_cbor(self, data: bytes) -> bool:
         """Handle a published message in CBOR; False if it is anything else."""
@@ -279,10 +272,13 @@ class ReconnectingSession:
         if not isinstance(found, dict) or found.get("op") != "publish":
             return False
         message, topic = found.get("msg"), found.get("topic")
-        destination = self._destinations.get(topic.encode()) if isinstance(topic, str) else None
-        if destination is not None and isinstance(message, dict):
-            destination.deliver(message, len(data))
+        if isinstance(topic, str) and isinstance(message, dict):
+            self._deliver(topic, message, len(data))
         return True
+
+    def _deliver(self, topic: str, message: UnparsedMessage, size: int) -> None:
+        for destination in self._destinations.get(topic.encode(), ()):
+            destination.deliver(message, size)
 
     def _take(self, op: Op | Refusal) -> None:
         if isinstance(op, Refusal):
@@ -290,7 +286,7 @@ class ReconnectingSession:
             if op.answer is not None:
                 self.send_if_connected(op.answer)
         elif isinstance(op, Publish):
-            self._take_publish(op)
+            self._deliver(op.topic, op.msg, op.msg.size)
         elif isinstance(op, Status):
             self._take_status(op)
         elif self.dispatcher is not None:
@@ -299,11 +295,6 @@ class ReconnectingSession:
                 logger.warning("%s", answer.msg)
             elif answer is not None:
                 self.send_if_connected(answer)
-
-    def _take_publish(self, op: Publish) -> None:
-        destination = self._destinations.get(op.topic.encode())
-        if destination is not None:
-            destination.deliver(op.msg, op.msg.size)
 
     def _take_status(self, op: Status) -> None:
         """Pass a status message to the restorable that it is about, otherwise to the events (STA-03)."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
 from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
+from rwt_graph.memory.actions import run_callback
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from rwt_graph.memory.topics import Topics
     from rwt_interfaces.registry import Registry
     from rwt_participant.timers import Timer
-
-logger = logging.getLogger(__name__)
 
 #: Goal id that means all goals for ROS 2's cancel service.
 _EVERY_GOAL = "0" * 32
@@ -92,7 +90,6 @@ class Ros2Actions:
         self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
 
     def want_feedback(self, goal: RemoteGoal) -> None:
-        """Subscribe to the feedback of a goal."""
         key = (goal.client, goal.action)
         reader = self._readers.get(key)
         if reader is None:
@@ -113,7 +110,6 @@ class Ros2Actions:
         client: NodeResources,
         on_reply: Callable[[Payload | CallFailed], None],
     ) -> None:
-        """Call the action's cancel service."""
         request = self.registry.service("action_msgs/CancelGoal").request
         info = {"goal_info": {"goal_id": {"uuid": bytes.fromhex(goal_id)}}}
         name = ActionNames(action).cancel_goal
@@ -136,7 +132,6 @@ class FeedbackReader:
         goal.client.add(self, self.close)
 
     def add(self, goal: RemoteGoal) -> None:
-        """Receive the feedback of a goal."""
         self._goals[goal.id] = goal
         self._cancel_timer()
 
@@ -151,7 +146,6 @@ class FeedbackReader:
             self.close()
 
     def close(self) -> None:
-        """Unsubscribe."""
         self._cancel_timer()
         self._client.drop(self)
         self.on_close()
@@ -226,16 +220,10 @@ class RemoteGoal(ClientGoal):
         self.status = max(self.status, GoalStatus.EXECUTING)
         if self._events is not None:
             if self._events.on_accepted is not None:
-                self._run_callback(self._events.on_accepted)
-            self._ask_result()
-
-    def _ask_result(self) -> None:
-        request = self._actions.registry.service(f"{self.type.name}_GetResult").request
-        self._call(
-            self._names.get_result,
-            struct_payload(request, goal_id=uuid_struct(request, self.id)),
-            self._on_result,
-        )
+                run_callback(self, self._events.on_accepted)
+            request = self._actions.registry.service(f"{self.type.name}_GetResult").request
+            payload = struct_payload(request, goal_id=uuid_struct(request, self.id))
+            self._call(self._names.get_result, payload, self._on_result)
 
     def _on_result(self, answer: Payload | CallFailed) -> None:
         if isinstance(answer, CallFailed):
@@ -255,10 +243,9 @@ class RemoteGoal(ClientGoal):
             self._end(self.status, failure)
 
     def on_feedback(self, message: Any) -> None:
-        """Receive a feedback message of this goal."""
         if self._events is not None and (on_feedback := self._events.on_feedback) is not None:
             feedback = Payload.from_value(self.type.feedback, message.feedback)
-            self._run_callback(lambda: on_feedback(feedback))
+            run_callback(self, lambda: on_feedback(feedback))
 
     def _on_reason(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
@@ -273,7 +260,7 @@ class RemoteGoal(ClientGoal):
         events = self._events
         self._let_go()
         if events is not None:
-            self._run_callback(lambda: events.on_result(status, outcome))
+            run_callback(self, lambda: events.on_result(status, outcome))
 
     # Requests of the client
 
@@ -305,9 +292,3 @@ class RemoteGoal(ClientGoal):
         self.want_feedback(False)
         if self._reasons is not None:
             self._reasons.close()
-
-    def _run_callback(self, callback: Callable[[], None]) -> None:
-        try:
-            callback()
-        except Exception:
-            logger.exception("a callback of goal %s of %s failed", self.id, self.action)

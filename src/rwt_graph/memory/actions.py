@@ -1,27 +1,14 @@
-"""Actions in memory, and the state machine of a goal.
+"""Actions in memory, and the state machine of a goal, which is ROS 2's: :data:`TRANSITIONS`.
 
-The machine is ROS 2's, written as a table. A goal is proposed (`UNKNOWN`), then accepted and executed,
-perhaps asked to cancel, and ends in one of three states:
-
-========== =========== ========== ========== ========== ========== ==========
-state      ACCEPT      EXECUTE    CANCEL     SUCCEED    CANCELED   ABORT, LOSE
-========== =========== ========== ========== ========== ========== ==========
-UNKNOWN    ACCEPTED    -          -          -          -          -, ABORTED
-ACCEPTED   -           EXECUTING  CANCELING  -          -          ABORTED
-EXECUTING  -           -          CANCELING  SUCCEEDED  -          ABORTED
-CANCELING  -           -          CANCELING  SUCCEEDED  CANCELED   ABORTED
-========== =========== ========== ========== ========== ========== ==========
-
-`CANCEL` is the request; the server that grants it ends the goal with `CANCELED`, one that finishes first with
-`SUCCEED`. `LOSE` is the server's going away. A cancel of a goal that is still proposed waits for its
-acceptance.
+A goal is proposed (`UNKNOWN`), then accepted and executed, perhaps asked to cancel, and ends in one of three
+states. A cancel of a goal that is still proposed waits for its acceptance.
 """
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Protocol
 from uuid import uuid4
@@ -52,34 +39,28 @@ _GOAL_ID = re.compile(r"[0-9a-f]{32}\Z")
 
 
 class GoalEvent(Enum):
-    """An event in the life of a goal, see the table."""
+    """An event in the life of a goal."""
 
     ACCEPT = auto()
     EXECUTE = auto()
-    CANCEL = auto()
+    CANCEL = auto()  # the request
     SUCCEED = auto()
-    CANCELED = auto()
+    CANCELED = auto()  # the server has granted the request
     ABORT = auto()
-    LOSE = auto()
+    LOSE = auto()  # the server has left
 
 
-#: (state, event) → state; other combinations are invalid.
-TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
-    (GoalStatus.UNKNOWN, GoalEvent.ACCEPT): GoalStatus.ACCEPTED,
-    (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
-    (GoalStatus.ACCEPTED, GoalEvent.CANCEL): GoalStatus.CANCELING,
-    (GoalStatus.EXECUTING, GoalEvent.CANCEL): GoalStatus.CANCELING,
-    (GoalStatus.CANCELING, GoalEvent.CANCEL): GoalStatus.CANCELING,
-    (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
-    (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
-    (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
-    (GoalStatus.ACCEPTED, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.UNKNOWN, GoalEvent.LOSE): GoalStatus.ABORTED,
-    (GoalStatus.ACCEPTED, GoalEvent.LOSE): GoalStatus.ABORTED,
-    (GoalStatus.EXECUTING, GoalEvent.LOSE): GoalStatus.ABORTED,
-    (GoalStatus.CANCELING, GoalEvent.LOSE): GoalStatus.ABORTED,
+_RUNNING = (GoalStatus.ACCEPTED, GoalStatus.EXECUTING, GoalStatus.CANCELING)
+
+#: States in which each event is possible, and the state that follows.
+TRANSITIONS: dict[GoalEvent, tuple[tuple[GoalStatus, ...], GoalStatus]] = {
+    GoalEvent.ACCEPT: ((GoalStatus.UNKNOWN,), GoalStatus.ACCEPTED),
+    GoalEvent.EXECUTE: ((GoalStatus.ACCEPTED,), GoalStatus.EXECUTING),
+    GoalEvent.CANCEL: (_RUNNING, GoalStatus.CANCELING),
+    GoalEvent.SUCCEED: ((GoalStatus.EXECUTING, GoalStatus.CANCELING), GoalStatus.SUCCEEDED),
+    GoalEvent.CANCELED: ((GoalStatus.CANCELING,), GoalStatus.CANCELED),
+    GoalEvent.ABORT: (_RUNNING, GoalStatus.ABORTED),
+    GoalEvent.LOSE: ((GoalStatus.UNKNOWN, *_RUNNING), GoalStatus.ABORTED),
 }
 
 #: Event that ends a goal in a state.
@@ -125,6 +106,14 @@ class RemoteActions(RemoteProviders, Protocol):
         """Request cancellation of all goals of an action in another process."""
 
 
+def run_callback(goal: ClientGoal, callback: Callable[[], None]) -> None:
+    """Run a callback of a goal; log its exceptions."""
+    try:
+        callback()
+    except Exception:
+        logger.exception("a callback of goal %s of %s failed", goal.id, goal.action)
+
+
 class MemoryGoal(ServerGoal, ClientGoal):
     """Goal as both sides see it, with its state."""
 
@@ -168,8 +157,8 @@ class MemoryGoal(ServerGoal, ClientGoal):
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
     def _step(self, event: GoalEvent) -> None:
-        after = TRANSITIONS.get((self.status, event))
-        if after is None:
+        before, after = TRANSITIONS[event]
+        if self.status not in before:
             raise InvalidTransition(
                 f"goal {self.id} of {self.action} is {self.status.name}: {event.name} is not possible"
             )
@@ -183,7 +172,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self._step(GoalEvent.ACCEPT)
         self._step(GoalEvent.EXECUTE)
         if self._events is not None and self._events.on_accepted is not None:
-            self._run_callback(self._events.on_accepted)
+            run_callback(self, self._events.on_accepted)
         if self.cancel_requested:
             self.cancel()
 
@@ -201,7 +190,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         if not running:
             return
         if self._listening and events is not None and (on_feedback := events.on_feedback) is not None:
-            self._run_callback(lambda: on_feedback(feedback))
+            run_callback(self, lambda: on_feedback(feedback))
         if self._server.watcher is not None:
             self._server.watcher.fed_back(self.id, feedback)
 
@@ -220,7 +209,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         on_end = self.on_end
         self._end(gone, str(gone))
         if on_end is not None:
-            self._run_callback(lambda: on_end(gone))
+            run_callback(self, lambda: on_end(gone))
 
     def _end(self, outcome: Payload | CallFailed, reason: str) -> None:
         self.reason = reason
@@ -230,7 +219,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
             result = None if isinstance(outcome, CallFailed) else outcome
             self._server.watcher.ended(self.id, self.status, result, reason)
         if events is not None:
-            self._run_callback(lambda: events.on_result(self.status, outcome))
+            run_callback(self, lambda: events.on_result(self.status, outcome))
 
     def cancel(self) -> None:
         """Pass a cancel request to the server, once, after the goal was accepted (ACT-07)."""
@@ -242,7 +231,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self._step(GoalEvent.CANCEL)
         if self.on_cancel is not None and not self._cancel_notified:
             self._cancel_notified = True
-            self._run_callback(self.on_cancel)
+            run_callback(self, self.on_cancel)
 
     def client_closed(self) -> None:
         """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
@@ -250,7 +239,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self.abandon()
         if events is not None:
             why = CallFailed(f"node {self._client.name} was closed")
-            self._run_callback(lambda: events.on_result(self.status, why))
+            run_callback(self, lambda: events.on_result(self.status, why))
 
     def want_feedback(self, wanted: bool) -> None:
         self._listening = wanted
@@ -258,12 +247,6 @@ class MemoryGoal(ServerGoal, ClientGoal):
     def abandon(self) -> None:
         self._events = None
         self._client.drop(self)
-
-    def _run_callback(self, callback: Callable[[], None]) -> None:
-        try:
-            callback()
-        except Exception:
-            logger.exception("a callback of goal %s of %s failed", self.id, self.action)
 
 
 class _RefusedGoal(ClientGoal):
@@ -295,44 +278,31 @@ class MemoryActionServer(Provider):
     def __init__(
         self, actions: Actions, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> None:
-        self.name = name
+        super().__init__(name, owner)
         self.type = interface
-        self.node = owner.name
-        self._owner = owner
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
-        self.closed = False
         self.on_close: Callable[[], None] | None = None
         self.watcher: GoalWatcher | None = None
         self._actions = actions
 
-    def close(self) -> None:
-        if self.closed:
-            return
-        self.closed = True
-        self._owner.drop(self)
+    def withdraw(self) -> None:
         self._actions.remove(self)
         # Break the reference cycle, so that both are freed without the garbage collector.
         on_close, self.on_close = self.on_close, None
         if on_close is not None:
             on_close()
-        self.lose_goals()
 
-    def lose_goals(self) -> None:
-        """End all goals: this server no longer runs them."""
+    def end_requests(self) -> None:
         while self.goals:
             self.goals.popitem()[1].lose()
 
 
 class Actions(ProviderTable[MemoryActionServer]):
-    """Actions of one graph.
+    """Actions of one graph. Those of other processes count as services in `changes`.
 
     Attributes:
-        remote: actions of other processes; None in a graph of one process.
         observer: observer of every goal of this process's actions.
-
-    Args:
-        changes: counter of changes in this process; actions of other processes count as services.
     """
 
     remote: RemoteActions | None = None
@@ -344,10 +314,9 @@ class Actions(ProviderTable[MemoryActionServer]):
         """Offer an action; a server of the same name is displaced (ACT-18) until this one closes."""
         server = MemoryActionServer(self, name, interface, owner, on_goal)
         old = self.put(server)
-        owner.add(server, server.close)
         if old is not None:
             logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)
-            old.lose_goals()
+            old.end_requests()
         return server
 
     def send(
@@ -375,7 +344,6 @@ class Actions(ProviderTable[MemoryActionServer]):
         goal_id: str,
         client: NodeResources,
     ) -> ClientGoal:
-        """Send a goal to a server of this process."""
         action = server.name
         if goal_id in server.goals:
             return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))
@@ -383,7 +351,11 @@ class Actions(ProviderTable[MemoryActionServer]):
             full = f"{action} has {MOST_GOALS} goals that have not ended, which is the limit"
             return _refused(goal_id, action, events, GoalRejected(full))
         if self.observer is not None:
-            events = self._observed(self.observer, server, goal_id, payload, events)
+            info = ActionInfo(action, server.type, server.node)
+            try:
+                events = self.observer.on_goal(info, goal_id, payload, events)
+            except Exception:
+                logger.exception("a goal of %s could not be observed", action)
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
         client.add(goal, goal.client_closed)
         try:
@@ -394,17 +366,6 @@ class Actions(ProviderTable[MemoryActionServer]):
                 goal.reject("internal error")
         goal.taken()
         return goal
-
-    @staticmethod
-    def _observed(
-        observer: CallObserver, server: MemoryActionServer, goal_id: str, goal: Payload, events: GoalEvents
-    ) -> GoalEvents:
-        info = ActionInfo(server.name, server.type, server.node)
-        try:
-            return observer.on_goal(info, goal_id, goal, events)
-        except Exception:
-            logger.exception("a goal of %s could not be observed", server.name)
-            return events
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
         server = self.current.get(action)
@@ -417,7 +378,7 @@ class Actions(ProviderTable[MemoryActionServer]):
     def cancel_every(self, action: str, client: NodeResources) -> Iterator[None]:
         server = self.current.get(action)
         if server is not None:
-            return _cancel_in_steps(tuple(server.goals.values()))
+            return map(MemoryGoal.cancel, tuple(server.goals.values()))
         if self.remote is not None:
             self.remote.cancel_every(action, client)
         return iter(())
@@ -429,18 +390,10 @@ class Actions(ProviderTable[MemoryActionServer]):
         return None if self.remote is None else self.remote.info(name)
 
 
-def _cancel_in_steps(goals: Iterable[MemoryGoal]) -> Iterator[None]:
-    for goal in goals:
-        goal.cancel()
-        yield
-
-
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> ClientGoal:
-    try:
-        events.on_result(GoalStatus.UNKNOWN, why)
-    except Exception:
-        logger.exception("the client of action %s failed on its result", action)
-    return _RefusedGoal(goal_id, action)
+    goal = _RefusedGoal(goal_id, action)
+    run_callback(goal, lambda: events.on_result(GoalStatus.UNKNOWN, why))
+    return goal
 
 
 #: Return codes of `action_msgs/CancelGoal`.

@@ -25,10 +25,8 @@ class EndpointTypes:
         """Return a type; None if it is unknown here, or its definition has another hash.
 
         Args:
-            name: full name of the type.
             type_hash: `RIHS01_…`; empty if the other process does not announce one.
-            topic: topic of the endpoint, for the log.
-            node: node of the endpoint, for the log.
+            topic, node: those of the endpoint, for the log.
         """
         try:
             known = self._registry.message(name)

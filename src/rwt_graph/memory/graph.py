@@ -5,6 +5,7 @@ from __future__ import annotations
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import wraps
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from rwt_graph.api import (
@@ -31,7 +32,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
-from rwt_graph.memory.tables import Changes, NodeResources, cached_listing
+from rwt_graph.memory.tables import Changes, NodeResources
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.nodes.node import Node
@@ -129,30 +130,20 @@ class MemoryParticipant(Participant):
             self._graph.left(self)
 
 
-class SystemTopics:
-    """Topics of the graph itself: `/rosout`, and `/clock` if time is simulated.
+def _cached(make: Callable[[MemoryGraph], T]) -> Callable[[MemoryGraph], T]:
+    """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
+    attribute = f"_cached_{make.__name__}"
 
-    Viewers derive the ROS version from the type of `/rosout`, so it must exist before any node logs.
-    """
+    @wraps(make)
+    def listing(graph: MemoryGraph) -> T:
+        count = graph.changes.count
+        cached: tuple[int, T] | None = getattr(graph, attribute, None)
+        if cached is None or cached[0] != count:
+            cached = (count, make(graph))
+            setattr(graph, attribute, cached)
+        return cached[1]
 
-    def __init__(self, graph: MemoryGraph) -> None:
-        self._distro = graph.distro
-        self._listeners: list[Callable[[int], None]] = []
-        self._participant = participant = MemoryParticipant(graph, graph.distro.graph_node, private=True)
-        participant.advertise("/rosout", graph.registry.message(graph.distro.rosout_type))
-        if isinstance(graph.clock, SimulatedClock):
-            self._clock = participant.advertise("/clock", graph.registry.message("rosgraph_msgs/Clock"))
-            self._listeners = graph.clock.listeners
-            self._listeners.append(self._tick)
-
-    def _tick(self, now_ns: int) -> None:
-        self._clock.publish(Payload.from_value(self._clock.type, {"clock": self._distro.time(now_ns)}))
-
-    def close(self) -> None:
-        """Stop publishing the clock, and leave."""
-        if self._tick in self._listeners:
-            self._listeners.remove(self._tick)
-        self._participant.close()
+    return listing
 
 
 class MemoryGraph(Runtime, Graph):
@@ -173,7 +164,10 @@ class MemoryGraph(Runtime, Graph):
         super().__init__(clock or WallClock())
         self.parameters = ParameterTree()
         if self.distro.master_version is not None:
-            self._set_master_parameters(self.distro.master_version)
+            # As ROS 1's core sets them; line ends are those of its commands.
+            self.parameters.set("/rosdistro", f"{self.distro.name}\n")
+            self.parameters.set("/rosversion", f"{self.distro.master_version}\n")
+            self.parameters.set("/run_id", str(uuid.uuid1()))
         self.changes = changes = Changes()
         self.dds_rules = dds_rules
         self.topic_table = Topics(registry, self.clock, changes, dds_rules=dds_rules)
@@ -181,13 +175,17 @@ class MemoryGraph(Runtime, Graph):
         self.action_table = Actions(changes)
         self._nodes: Counter[str] = Counter()
         self._participants: dict[MemoryParticipant, None] = {}
-        self._system = SystemTopics(self)
+        # Topics of the graph itself. Viewers derive the ROS version from the type of `/rosout`, so it must
+        # exist before any node logs.
+        self._system = MemoryParticipant(self, self.distro.graph_node, private=True)
+        self._system.advertise("/rosout", registry.message(self.distro.rosout_type))
+        if isinstance(self.clock, SimulatedClock):
+            self._clock_topic = self._system.advertise("/clock", registry.message("rosgraph_msgs/Clock"))
+            self.clock.listeners.append(self._publish_clock)
 
-    def _set_master_parameters(self, version: str) -> None:
-        """Set the parameters that ROS 1's core sets; line ends are those of its commands."""
-        self.parameters.set("/rosdistro", f"{self.distro.name}\n")
-        self.parameters.set("/rosversion", f"{version}\n")
-        self.parameters.set("/run_id", str(uuid.uuid1()))
+    def _publish_clock(self, now_ns: int) -> None:
+        time = {"clock": self.distro.time(now_ns)}
+        self._clock_topic.publish(Payload.from_value(self._clock_topic.type, time))
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = self.make_participant(validate(name))
@@ -200,7 +198,6 @@ class MemoryGraph(Runtime, Graph):
         return MemoryParticipant(self, name)
 
     def left(self, participant: MemoryParticipant) -> None:
-        """Remove a closed participant."""
         if participant in self._participants:
             del self._participants[participant]
             self.node_left(participant.name)
@@ -211,7 +208,6 @@ class MemoryGraph(Runtime, Graph):
         self.changes.note()
 
     def node_left(self, name: str) -> None:
-        """Remove a participant of that name from the count."""
         self._nodes[name] -= 1
         self.changes.note()
         if not self._nodes[name]:
@@ -233,14 +229,14 @@ class MemoryGraph(Runtime, Graph):
     def version(self) -> int:
         return self.changes.count
 
-    @cached_listing
+    @_cached
     def topics(self) -> tuple[TopicInfo, ...]:
         return _infos(self.topic_table.names(), self.topic_table.info)
 
     def topic(self, name: str) -> TopicInfo | None:
         return self.topic_table.info(name)
 
-    @cached_listing
+    @_cached
     def services(self) -> tuple[ServiceInfo, ...]:
         return _infos(self.service_table.names(), self.service_table.info)
 
@@ -252,14 +248,14 @@ class MemoryGraph(Runtime, Graph):
         others = [] if provider is None else self.service_table.others(provider)
         return super().count_services(name) + len(others)
 
-    @cached_listing
+    @_cached
     def actions(self) -> tuple[ActionInfo, ...]:
         return _infos(self.action_table.names(), self.action_table.info)
 
     def action(self, name: str) -> ActionInfo | None:
         return self.action_table.info(name)
 
-    @cached_listing
+    @_cached
     def nodes(self) -> tuple[NodeInfo, ...]:
         topics = self.topic_table.all()
         kinds = [
@@ -274,11 +270,9 @@ class MemoryGraph(Runtime, Graph):
         )
 
     def topic_names(self) -> Sequence[str]:
-        """Return the names of all topics, unsorted."""
         return tuple(topic.name for topic in self.topic_table.all())
 
     def action_names(self) -> Sequence[str]:
-        """Return the names of all actions."""
         return self.action_table.names()
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
@@ -304,6 +298,8 @@ class MemoryGraph(Runtime, Graph):
     def _close_participants(self) -> None:
         for participant in tuple(reversed(self._participants)):
             participant.close()
+        if isinstance(self.clock, SimulatedClock) and self._publish_clock in self.clock.listeners:
+            self.clock.listeners.remove(self._publish_clock)
         self._system.close()
 
 

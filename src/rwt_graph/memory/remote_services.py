@@ -35,7 +35,6 @@ class RemoteService(Generic[T]):
         return next(iter(self.offers.values()))
 
     def add(self, key: Hashable, info: ServiceInfo, description: T) -> None:
-        """Add a provider."""
         self.offers[key] = (info, description)
         self._asked = [entry for entry in self._asked if entry[0]]
         self.open = set()
@@ -52,7 +51,6 @@ class RemoteService(Generic[T]):
         return True
 
     def lose(self, why: str) -> None:
-        """End all pending calls."""
         for calls, _ in self._asked:
             _end(calls, why)
 
@@ -70,7 +68,6 @@ class RemoteServiceTable(Generic[T]):
         self._services: dict[str, RemoteService[T]] = {}
 
     def found(self, key: Hashable, info: ServiceInfo, description: T) -> None:
-        """Add a provider."""
         self._services.setdefault(info.name, RemoteService()).add(key, info, description)
         self._changes.note()
 
@@ -85,12 +82,10 @@ class RemoteServiceTable(Generic[T]):
             self._changes.note()
 
     def close(self) -> None:
-        """End all pending calls."""
         for service in tuple(self._services.values()):
             service.lose("the connection to it was closed")
 
     def get(self, name: str) -> RemoteService[T] | None:
-        """Return a service; None if no other process offers it."""
         return self._services.get(name)
 
     def info(self, name: str) -> ServiceInfo | None:

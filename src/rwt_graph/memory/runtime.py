@@ -125,11 +125,7 @@ class Runtime:
                 await wake.wait()
 
     async def _start(self) -> None:
-        """Start the clock and the waiting tasks on the running event loop.
-
-        Raises:
-            NotRunning: the graph was entered before; a graph runs once.
-        """
+        """Start the clock and the waiting tasks on the running event loop. Raises :exc:`NotRunning`."""
         if self._over or self.running:
             raise NotRunning("a graph can be entered only once")
         group = anyio.create_task_group()

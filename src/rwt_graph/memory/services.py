@@ -87,10 +87,6 @@ class MemoryCall(ServiceCall, PendingCall):
         if on_reply is not None:
             self._call_back(on_reply, failure)
 
-    def expire(self) -> None:
-        """End the call with :exc:`CallTimeout`."""
-        self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
-
     def caller_closed(self) -> None:
         """End the call because its caller's node leaves."""
         self.end_with(CallFailed(f"node {self._caller.name} was closed"))
@@ -140,7 +136,7 @@ class Deadlines:
         now = math.floor(self._clock.monotonic() * TICKS + 1e-6)
         while self._order and self._order[0] <= now:
             for call in tuple(self._ticks.pop(heappop(self._order))):
-                call.expire()
+                call.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
         if self._order and self._timer is None:
             self._arm()
 
@@ -169,32 +165,22 @@ class MemoryProvider(Provider):
     def __init__(
         self, services: Services, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> None:
-        self.name = name
+        super().__init__(name, owner)
         self.type = interface
-        self.node = owner.name
         # Cached: a bridge reads it before every call.
         self.info = ServiceInfo(name, interface, owner.name)
-        self.owner = owner
         self.on_call = on_call
         self.open: set[MemoryCall] = set()
-        self.closed = False
         self._services = services
 
-    def close(self) -> None:
-        if self.closed:
-            return
-        self.closed = True
-        self.owner.drop(self)
+    def withdraw(self) -> None:
         self._services.withdrawn(self)
-        self.end_calls()
 
-    def end_calls(self) -> None:
-        """End the pending calls: this provider no longer answers them."""
+    def end_requests(self) -> None:
         while self.open:
             self.open.pop().end_with(self.gone())
 
     def gone(self) -> ProviderGone:
-        """Return the error with which pending calls end."""
         return ProviderGone(f"Service {self.name} was unadvertised")
 
 
@@ -202,7 +188,6 @@ class Services(ProviderTable[MemoryProvider]):
     """Services of one graph.
 
     Attributes:
-        remote: services of other processes; None in a graph of one process.
         observer: observer of every call of this process's services.
         dds_rules: True if every provider of a name receives each request, and the first response counts.
     """
@@ -221,7 +206,6 @@ class Services(ProviderTable[MemoryProvider]):
         """Offer a service; a provider of the same name is displaced (SVP-07) until this one closes."""
         provider = MemoryProvider(self, name, interface, owner, on_call)
         old = self.put(provider)
-        owner.add(provider, provider.close)
         if old is not None:
             if self.remote is not None:
                 self.remote.withdrawn(old)
@@ -229,14 +213,14 @@ class Services(ProviderTable[MemoryProvider]):
                 logger.warning(
                     "service %s of node %s replaces the one of node %s", name, owner.name, old.node
                 )
-                old.end_calls()
+                old.end_requests()
         if self.remote is not None:
             self.remote.offered(provider)
         return provider
 
     def others(self, provider: MemoryProvider) -> list[MemoryProvider]:
         """Return the services of other nodes that a service has displaced."""
-        return [each for each in self.displaced(provider.name) if each.owner is not provider.owner]
+        return [each for each in self._displaced.get(provider.name, ()) if each.owner is not provider.owner]
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Remove a closed provider; the one that it displaced answers again."""
@@ -254,7 +238,10 @@ class Services(ProviderTable[MemoryProvider]):
         if provider is None:
             return self._call_remote(name, request, on_reply, timeout, caller)
         if self.observer is not None:
-            on_reply = self._observed(self.observer, provider.info, request, on_reply)
+            try:
+                on_reply = self.observer.on_call(provider.info, request, on_reply)
+            except Exception:
+                logger.exception("a call of %s could not be observed", name)
         call = MemoryCall(name, request, on_reply)
         others = self.others(provider) if self.dds_rules else ()
         for each in (provider, *others):
@@ -282,16 +269,6 @@ class Services(ProviderTable[MemoryProvider]):
         call = MemoryCall(name, request, on_reply)
         call.end_with(ProviderNotFound(f"Service {name} does not exist"))
         return call
-
-    @staticmethod
-    def _observed(
-        observer: CallObserver, service: ServiceInfo, request: Payload, on_reply: OnReply
-    ) -> OnReply:
-        try:
-            return observer.on_call(service, request, on_reply)
-        except Exception:
-            logger.exception("a call of %s could not be observed", service.name)
-            return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
         provider = self.current.get(name)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from functools import wraps
 from typing import Generic, Protocol, TypeVar
 
 from rwt_graph.api import Registration
@@ -20,31 +20,7 @@ class Changes:
         self.count = 0
 
     def note(self) -> None:
-        """Count a change."""
         self.count += 1
-
-
-class _HasChanges(Protocol):
-    changes: Changes
-
-
-G = TypeVar("G", bound=_HasChanges)
-
-
-def cached_listing(make: Callable[[G], T]) -> Callable[[G], T]:
-    """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
-    attribute = f"_cached_{make.__name__}"
-
-    @wraps(make)
-    def listing(graph: G) -> T:
-        count = graph.changes.count
-        cached: tuple[int, T] | None = getattr(graph, attribute, None)
-        if cached is None or cached[0] != count:
-            cached = (count, make(graph))
-            setattr(graph, attribute, cached)
-        return cached[1]
-
-    return listing
 
 
 class NodeResources:
@@ -67,7 +43,6 @@ class NodeResources:
         self._release[resource] = release
 
     def drop(self, resource: object) -> None:
-        """Remove a released resource."""
         self._release.pop(resource, None)
 
     def release_all(self) -> None:
@@ -80,7 +55,26 @@ class NodeResources:
 class Provider(Registration):
     """Service or action that a node of this process offers."""
 
-    node: str
+    def __init__(self, name: str, owner: NodeResources) -> None:
+        self.name = name
+        self.node = owner.name
+        self.owner = owner
+        self.closed = False
+
+    def close(self) -> None:
+        if not self.closed:
+            self.closed = True
+            self.owner.drop(self)
+            self.withdraw()
+            self.end_requests()
+
+    @abstractmethod
+    def withdraw(self) -> None:
+        """Remove it from its table."""
+
+    @abstractmethod
+    def end_requests(self) -> None:
+        """End pending calls or goals: this provider no longer answers them."""
 
 
 P = TypeVar("P", bound=Provider)
@@ -110,21 +104,16 @@ class ProviderTable(Generic[P]):
     def __init__(self, changes: Changes) -> None:
         self.changes = changes
         self.current: dict[str, P] = {}
+        #: Displaced providers of each name, the oldest first.
         self._displaced: dict[str, list[P]] = {}
 
     def __iter__(self) -> Iterator[P]:
         return iter(tuple(self.current.values()))
 
-    def displaced(self, name: str) -> list[P]:
-        """Return the displaced providers of a name, oldest first."""
-        return self._displaced.get(name, [])
-
     def names(self) -> list[str]:
-        """Return all names, sorted."""
         return sorted(self.current.keys() | (self.remote.names() if self.remote is not None else set()))
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node with each of its services or actions."""
         for provider in self:
             yield provider.node, provider.name
         if self.remote is not None:
@@ -132,6 +121,7 @@ class ProviderTable(Generic[P]):
 
     def put(self, provider: P) -> P | None:
         """Make a provider the current one; return the one that it displaces."""
+        provider.owner.add(provider, provider.close)
         old = self.current.get(provider.name)
         self.current[provider.name] = provider
         self.changes.note()

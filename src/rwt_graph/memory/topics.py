@@ -75,7 +75,6 @@ class LatelyRead:
             oldest.forget_forms()
 
     def forget(self, payload: Payload) -> None:
-        """Remove a message that is no longer retained."""
         self._size -= self._payloads.pop(payload, 0)
 
 
@@ -105,7 +104,6 @@ class TransientLocalCache:
         return tuple(self._samples)
 
     def clear(self) -> None:
-        """Release all samples."""
         while self._samples:
             self._lately_read.forget(self._samples.popleft().payload)
 
@@ -179,7 +177,6 @@ class Topic:
 
     @property
     def empty(self) -> bool:
-        """True if it has no endpoints."""
         return not (self.publishers or self.subscribers or self.remote_publishers or self.remote_subscribers)
 
     @property
@@ -191,20 +188,14 @@ class Topic:
 
     @property
     def all_publishers(self) -> tuple[MemoryPublisher | RemoteEndpoint, ...]:
-        """Publishers of this process and others."""
         return (*self.publishers, *self.remote_publishers)
 
     @property
     def all_subscribers(self) -> tuple[MemorySubscription | RemoteEndpoint, ...]:
-        """Subscribers of this process and others."""
         return (*self.subscribers, *self.remote_subscribers)
 
     def establish(self, wanted: MessageType, registry: Registry) -> None:
-        """Set the type of the topic, or check it against the present one.
-
-        Raises:
-            TypeConflict: the topic has another type.
-        """
+        """Set the type of the topic. Raises :exc:`TypeConflict` if it has another one."""
         known = self.known_type
         if known is not None and known is not wanted and known.name != wanted.name:
             raise TypeConflict(self.name, registry.type_name(wanted), registry.type_name(known))
@@ -326,13 +317,11 @@ class MemorySubscription(Subscription):
         return self.qos.durability is not Durability.VOLATILE
 
     def replay(self) -> None:
-        """Deliver the history to a subscriber that wants it."""
         if self.wants_history:
             for sample in self.history():
                 self.deliver(sample)
 
     def deliver(self, sample: Sample) -> None:
-        """Pass a sample to the subscriber."""
         try:
             self.on_sample(sample)
         except Exception:
@@ -425,11 +414,9 @@ class Topics:
             self.remote.changed(topic)
 
     def all(self) -> tuple[Topic, ...]:
-        """Return all topics."""
         return tuple(self._topics.values())
 
     def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
-        """Add an endpoint of another process."""
         topic = self._topics.setdefault(name, Topic(name))
         if publishes:
             topic.remote_publishers = (*topic.remote_publishers, endpoint)
@@ -438,7 +425,6 @@ class Topics:
         self._settled(topic)
 
     def remote_left(self, name: str, endpoint: RemoteEndpoint) -> None:
-        """Remove an endpoint of another process."""
         topic = self._topics.get(name)
         if topic is None:
             return
@@ -457,7 +443,6 @@ class Topics:
             self._changed(topic)
 
     def find(self, name: str) -> Topic | None:
-        """Return a topic; None if it does not exist."""
         return self._topics.get(name)
 
     def info(self, name: str) -> TopicInfo | None:

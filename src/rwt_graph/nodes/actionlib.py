@@ -88,7 +88,6 @@ class Tracked:
 
     @property
     def status(self) -> ActionlibStatus:
-        """Current state."""
         if self.ended is not None:
             return self.ended
         return ActionlibStatus.ACTIVE if self.goal is None else STATUS[self.goal.status]
@@ -174,7 +173,9 @@ class ActionlibServer:
         payload = Payload.from_value(self._interface.goal, message.goal, self._clock.time_ns)
         tracked = self._goals[goal_id] = Tracked(goal_id, stamp)
         events = GoalEvents(
-            partial(self._on_result, tracked), partial(self._on_feedback, tracked), self._publish_change
+            partial(self._on_result, tracked),
+            lambda feedback: self._send(self._feedback, tracked, "feedback", feedback.value()),
+            self._publish_change,
         )
         try:
             tracked.release = hold_for_asker(payload.kept_size)
@@ -192,9 +193,6 @@ class ActionlibServer:
             if tracked.goal is not None and (everything or named or 0 < tracked.stamp_ns <= stamp):
                 tracked.goal.cancel()
         self._publish_change()
-
-    def _on_feedback(self, tracked: Tracked, feedback: Payload) -> None:
-        self._send(self._feedback, tracked, "feedback", feedback.value())
 
     def _on_result(self, tracked: Tracked, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         if tracked.release is not None:

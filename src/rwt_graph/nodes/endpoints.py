@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 from rwt_graph import api
 from rwt_graph.api import Graph, Sample
 from rwt_participant.errors import HandleClosed
-from rwt_participant.handles import MessageQueue, Publisher, Subscription
+from rwt_participant.handles import Publisher, Subscription
 from rwt_participant.messages import (
     HELD_SECONDS,
     Message,
     MessageCallback,
     MessageLike,
-    is_coroutine_function,
     to_payload,
     warn_of_held_loop,
 )
@@ -36,14 +35,10 @@ class TopicPublisher(Publisher):
         self.now_ns = graph.clock.time_ns
 
     def publish(self, message: MessageLike) -> None:
-        """Send one message to every subscriber.
+        """Publish one message; see :meth:`Publisher.publish`.
 
         The message is checked in the caller's thread, then passed to the graph's; messages of one thread stay
         in order.
-
-        Raises:
-            InvalidMessage: the message does not fit the topic's type.
-            HandleClosed: this publisher or its node was closed.
         """
         if self._publisher.is_closed:
             raise HandleClosed(f"the publisher on {self.name} was closed")
@@ -62,11 +57,7 @@ class TopicPublisher(Publisher):
 
 
 class TopicSubscription(Subscription):
-    """Subscription of a program in the graph.
-
-    Attributes:
-        name: absolute name of the topic.
-    """
+    """Subscription of a program in the graph."""
 
     def __init__(
         self,
@@ -78,14 +69,13 @@ class TopicSubscription(Subscription):
         queue_size: int,
         queue_bytes: int,
     ) -> None:
-        self.name = topic
+        super().__init__(topic, callback or on_sample, queue_size, queue_bytes, graph.clock.within)
         self._graph = graph
-        receive = on_sample or _at_once(callback)
-        queue = None if receive else MessageQueue[Sample](topic, queue_size, queue_bytes)
-        super().__init__(queue, has_callback=callback is not None, within=graph.clock.within)
-        self._subscription = listen(receive or self._put)
-        if queue is not None and callback is not None:
-            graph.spawn(partial(self._call_in_turn, queue, callback), f"subscriber of {topic}")
+        if self._queue is None and callback is not None:
+            on_sample = _timed(callback)
+        self._subscription = listen(on_sample or self._put)
+        if self._queue is not None and callback is not None:
+            graph.spawn(partial(self._call_in_turn, self._queue, callback), f"subscriber of {topic}")
 
     def _put(self, sample: Sample) -> None:
         queue = self._queue
@@ -103,7 +93,6 @@ class TopicSubscription(Subscription):
         return self._subscription.type
 
     def close(self) -> None:
-        """Leave the topic. No callback is called after this, and iterators end."""
         self._graph.soon(self._close)
 
     def _close(self) -> None:
@@ -111,10 +100,7 @@ class TopicSubscription(Subscription):
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
 
 
-def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
-    if callback is None or is_coroutine_function(callback):
-        return None
-
+def _timed(callback: MessageCallback) -> Callable[[Sample], None]:
     def receive(sample: Sample) -> None:
         message = sample.payload.value()
         began = perf_counter()

@@ -151,11 +151,10 @@ class GraphGoal(Goal):
     def reason(self) -> str:
         return "" if self._goal is None else self._goal.reason
 
-    def cancel(self) -> None:
-        if self._goal is not None and not self.done:
+    def _send_cancel(self) -> None:
+        if self._goal is not None:
             self._goal.cancel()
 
     def abandon(self) -> None:
-        """Receive nothing more of the goal; it goes on, and `result` never returns."""
         if self._goal is not None:
             self._goal.abandon()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Awaitable, Callable
-from concurrent.futures import Future
+from concurrent import futures
 from typing import TYPE_CHECKING, TypeVar
 
 from rwt_graph import api
 from rwt_graph.api import Graph, GraphListings, Sample
 from rwt_graph.clock import Clock
 from rwt_graph.names import namespace_of, node_name, resolve
-from rwt_graph.nodes import service_handlers
 from rwt_graph.nodes.actionlib import ActionlibServer
 from rwt_graph.nodes.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.nodes.goals import AcceptGoal, ActionFunction, GraphGoal
@@ -20,7 +19,7 @@ from rwt_graph.parameters.client import ParameterClient
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.api import Listed, RobotApi
 from rwt_participant.errors import NotFound, ProviderNotFound, TimedOut, UnknownType
-from rwt_participant.future import USUAL, Timeout
+from rwt_participant.future import USUAL, Future, Timeout
 from rwt_participant.goals import Execute, Goal
 from rwt_participant.handles import QUEUE_BYTES, Handle
 from rwt_participant.messages import (
@@ -50,11 +49,7 @@ T = TypeVar("T")
 
 
 class GraphServer(Handle):
-    """Service or action that a program offers in a graph.
-
-    Attributes:
-        name: absolute name.
-    """
+    """Service or action that a program offers in a graph."""
 
     def __init__(self, graph: Graph, name: str, *withdraw: Callable[[], object]) -> None:
         self.name = name
@@ -75,8 +70,7 @@ class GraphVerbs(RobotApi):
     Args:
         graph: any backend; its clock, thread and tasks are used.
         listings: topics, services and actions that the program sees.
-        timeout: default timeout of calls and queries, in seconds of the graph's clock; None waits without
-            limit, as in ROS.
+        timeout: as for :class:`~rwt_graph.nodes.node.Node`.
 
     Attributes:
         namespace: namespace that relative names are resolved in.
@@ -144,7 +138,7 @@ class GraphVerbs(RobotApi):
         """Run a plain function on the graph's thread, and return or raise what it does."""
         if self.graph.on_graph_thread():
             return function()
-        outcome: Future[T] = Future()
+        outcome: futures.Future[T] = futures.Future()
 
         def run() -> None:
             try:
@@ -374,16 +368,8 @@ class GraphVerbs(RobotApi):
 class GraphRobot(GraphVerbs):
     """Participant of a graph with every verb of a robot program.
 
-    A :class:`~rwt_graph.nodes.node.Node` without what every node of ROS offers: log, parameters, services.
-
-    Args:
-        graph: any backend.
-        name: name of the participant (`recorder`), or its absolute one.
-        namespace: namespace that relative names are resolved in.
-        timeout: default timeout of calls and queries; see :class:`GraphVerbs`.
-
-    Attributes:
-        params: parameters of all nodes.
+    A :class:`~rwt_graph.nodes.node.Node`, with the same arguments, without what every node of ROS offers:
+    log, parameters, services.
 
     Raises:
         InvalidGraphName: ROS does not allow the name or the namespace.
@@ -397,10 +383,7 @@ class GraphRobot(GraphVerbs):
         # A graph of ROS 2 may remap it.
         self.name = self._participant.name
         self.namespace = namespace_of(self.name)
-        self.params = ParameterClient(graph, self.namespace, self.name, self._call_within)
-
-    async def _call_within(self, service: str, request: MessageLike, seconds: float) -> Message:
-        return await self.call(service, request, timeout=seconds)
+        self.params = ParameterClient(graph, self.namespace, self.name, self.call)
 
     def _advertise(self, topic: str, type: MessageType, qos: QoS) -> api.Publisher:
         return self._participant.advertise(topic, type, qos)
@@ -416,7 +399,12 @@ class GraphRobot(GraphVerbs):
             meant = self._meant(service, self.graph.services())
             raise ProviderNotFound(f"Service {service} does not exist{meant}")
         payload = self._payload(info.type.request, request)
-        return await service_handlers.call(self._participant, service, payload, seconds)
+        answer: Future[Payload] = Future()
+        pending = self._participant.call_service(service, payload, answer.set, seconds)
+        try:
+            return await answer.wait()
+        finally:
+            pending.cancel()
 
     def _offer_service(
         self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]

@@ -84,11 +84,7 @@ class NodeLog:
         return {"loggers": [{"name": _LOGGER, "level": level}]}
 
     def set_level(self, request: Message) -> Mapping[str, object]:
-        """Answer `~set_logger_level` (`roscpp/SetLoggerLevel`): drop lines below that level.
-
-        Raises:
-            ServiceFailed: there is no such logger or level.
-        """
+        """Answer `~set_logger_level` (`roscpp/SetLoggerLevel`): drop lines below that level."""
         level = _LEVEL_NAMES.get(request.level.lower())
         if request.logger != _LOGGER or level is None:
             raise ServiceFailed(

@@ -8,10 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt_graph.accounts import hold_for_asker
-from rwt_graph.api import Graph, Participant, ServiceCall
-from rwt_interfaces.payload import Payload
+from rwt_graph.api import Graph, ServiceCall
 from rwt_participant.errors import ServiceFailed
-from rwt_participant.future import Future
 from rwt_participant.messages import (
     MessageLike,
     ServiceHandler,
@@ -79,17 +77,3 @@ class ServiceFunction:
         if not isinstance(error, ServiceFailed):
             logger.error("service %s failed", self._service, exc_info=error)
         call.fail(failure_text(error))
-
-
-async def call(participant: Participant, service: str, request: Payload, seconds: float | None) -> Payload:
-    """Call a service and wait for the response.
-
-    Raises:
-        CallFailed: with the reason, by its subclass.
-    """
-    answer: Future[Payload] = Future()
-    pending = participant.call_service(service, request, answer.set, seconds)
-    try:
-        return await answer.wait()
-    finally:
-        pending.cancel()

@@ -26,7 +26,8 @@ T = TypeVar("T")
 #: Timeout of a node's answer about its parameters, in seconds.
 ANSWER_TIMEOUT = 5.0
 
-Call: TypeAlias = Callable[[str, MessageLike, float], Awaitable[Message]]
+#: Verb `call` of a robot.
+Call: TypeAlias = Callable[..., Awaitable[Message]]
 
 _LIST = "/list_parameters"
 
@@ -50,7 +51,7 @@ class ParameterClient(Parameters):
 
     async def _ask(self, node: str, service: str, request: MessageLike) -> Message:
         try:
-            return await self._call(f"{node}/{service}", request, ANSWER_TIMEOUT)
+            return await self._call(f"{node}/{service}", request, timeout=ANSWER_TIMEOUT)
         except ProviderNotFound:
             raise NotFound(f"node {node} is not there, or has no parameters") from None
 
@@ -63,12 +64,9 @@ class ParameterClient(Parameters):
             return default
 
     async def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
-        """Return the result of a function of a parameter's value.
+        """Return the result of a function of a parameter's value; raises as :meth:`get`.
 
         The value is not copied, because the tree may be large: the function must not change or keep it.
-
-        Raises:
-            RobotError: as :meth:`get`.
         """
         node, parameter = self._place(name)
         if not node:
@@ -126,7 +124,7 @@ class ParameterClient(Parameters):
         async def ask(service: str) -> None:
             node = service.removesuffix(_LIST)
             try:
-                response = await self._call(service, {}, ANSWER_TIMEOUT)
+                response = await self._call(service, {}, timeout=ANSWER_TIMEOUT)
             except CallFailed as error:
                 logger.warning("the parameters of node %s are not listed: %s", node, error)
             else:

@@ -122,7 +122,7 @@ class TreeStore:
             declaration.admitted(self._tree.get(full))
         else:
             self._tree.set(full, default)
-        self._unwatch[declaration.name] = self._tree.watch(full, lambda value: _watch(declaration, value))
+        self._unwatch[declaration.name] = self._tree.watch(full, declaration.admitted)
         return self._tree.get(full)
 
     def undeclare(self, name: str) -> None:
@@ -141,10 +141,6 @@ class TreeStore:
         for unwatch in self._unwatch.values():
             unwatch()
         self._unwatch.clear()
-
-
-def _watch(declaration: Declaration, value: ParameterValue) -> None:
-    declaration.admitted(value)
 
 
 class NodeParameters:
@@ -191,7 +187,12 @@ class NodeParameters:
         parameter_name(name)
         if name in self._declared:
             raise GraphError(f"node {self._node} has declared the parameter {name} already")
-        kind = self._type_of(default)
+        try:
+            kind = type_of(default)
+        except ParameterRejected:
+            if not self._dynamic:
+                raise
+            kind = ParameterType.NOT_SET
         declaration = Declaration(name, kind, description, read_only, on_change)
 
         def declare() -> ParameterValue:
@@ -200,14 +201,6 @@ class NodeParameters:
             return value
 
         return self._run(declare)
-
-    def _type_of(self, default: ParameterValue) -> ParameterType:
-        try:
-            return type_of(default)
-        except ParameterRejected:
-            if self._dynamic:
-                return ParameterType.NOT_SET
-            raise
 
     def undeclare(self, name: str) -> None:
         """Remove a parameter. Raises :exc:`NotFound`."""

@@ -24,7 +24,7 @@ from rwt_participant.messages import ParameterValue
 T = TypeVar("T")
 
 #: Called with a value before it is stored; raises `ParameterRejected` to reject it.
-Watch: TypeAlias = Callable[[ParameterValue], None]
+Watch: TypeAlias = Callable[[ParameterValue], object]
 
 
 #: Default limits of a tree: levels, names and bytes.
@@ -48,11 +48,8 @@ def measured(value: ParameterValue, max_depth: float = inf) -> tuple[int, int]:
 
     The value is traversed level by level: a call for each of many small tables would be far slower.
 
-    Args:
-        max_depth: maximum levels of tables and lists.
-
     Raises:
-        _TooDeep: it has more levels.
+        _TooDeep: it has more than `max_depth` levels of tables and lists.
         ParameterRejected: it has an integer beyond 64 bits.
     """
     names = size = depth = 0
@@ -171,20 +168,13 @@ class ParameterTree:
         return True
 
     def get(self, name: str) -> ParameterValue:
-        """Return a copy of a value, or of a branch as a dictionary.
-
-        Raises:
-            NotFound: it is not set.
-        """
+        """Return a copy of a value, or of a branch as a dictionary. Raises :exc:`NotFound`."""
         return _copied(self._find(name))
 
     def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
-        """Return the result of a function of a value or branch.
+        """Return the result of a function of a value or branch, which must not change or keep it.
 
-        The value is not copied: the function must not change or keep it.
-
-        Raises:
-            NotFound: it is not set.
+        The value is not copied. Raises :exc:`NotFound`.
         """
         return read(self._find(name))
 

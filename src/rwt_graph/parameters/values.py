@@ -25,19 +25,11 @@ class ParameterType(IntEnum):
     DOUBLE_ARRAY = 8
     STRING_ARRAY = 9
 
+    @property
+    def field(self) -> str:
+        """Field of `rcl_interfaces/ParameterValue` with values of this type."""
+        return f"{self.name.lower()}_value"
 
-#: Field of `rcl_interfaces/ParameterValue` for each type.
-FIELDS: Mapping[ParameterType, str] = {
-    ParameterType.BOOL: "bool_value",
-    ParameterType.INTEGER: "integer_value",
-    ParameterType.DOUBLE: "double_value",
-    ParameterType.STRING: "string_value",
-    ParameterType.BYTE_ARRAY: "byte_array_value",
-    ParameterType.BOOL_ARRAY: "bool_array_value",
-    ParameterType.INTEGER_ARRAY: "integer_array_value",
-    ParameterType.DOUBLE_ARRAY: "double_array_value",
-    ParameterType.STRING_ARRAY: "string_array_value",
-}
 
 _SCALARS: Mapping[type, ParameterType] = {
     bool: ParameterType.BOOL,
@@ -111,24 +103,19 @@ def _named(kind: ParameterType) -> str:
 
 
 def encode(value: ParameterValue) -> dict[str, object]:
-    """Return a value as fields of `rcl_interfaces/ParameterValue`; None is NOT_SET.
-
-    Raises:
-        ParameterRejected: ROS 2 has no such type.
-    """
+    """Return the fields of `rcl_interfaces/ParameterValue`; None is NOT_SET. Raises as :func:`type_of`."""
     kind = type_of(value)
     if kind is ParameterType.NOT_SET:
         return {"type": 0}
     if kind is ParameterType.DOUBLE_ARRAY:
         value = coerce([float(item) for item in value] if isinstance(value, list | tuple) else value, kind)
-    return {"type": int(kind), FIELDS[kind]: value}
+    return {"type": int(kind), kind.field: value}
 
 
 def decode(message: Message) -> ParameterValue:
     """Return the value of an `rcl_interfaces/ParameterValue`; None for NOT_SET.
 
-    Raises:
-        ParameterRejected: its type is unknown to ROS 2.
+    Raises :exc:`ParameterRejected` for an unknown type.
     """
     try:
         kind = ParameterType(message.type)
@@ -136,7 +123,7 @@ def decode(message: Message) -> ParameterValue:
         raise ParameterRejected(f"{message.type} is not a parameter type; ROS 2 has 0 to 9") from None
     if kind is ParameterType.NOT_SET:
         return None
-    value = getattr(message, FIELDS[kind])
+    value = getattr(message, kind.field)
     if kind is ParameterType.BYTE_ARRAY:
         return bytes(value)
     # Convert numpy arrays to Python values.

@@ -114,15 +114,16 @@ class ZenohGraph(MemoryGraph):
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def _join(self) -> None:
-        """Connect to the other processes.
-
-        Raises:
-            ZenohError: an endpoint or the configuration file cannot be used.
-        """
+        """Connect to the other processes. Raises :exc:`ZenohError`."""
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
         link = ZenohLink(session, self.options.domain, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
-        self._log_neighbours(link)
+        info, asked = session.info, ", ".join(self.options.connect)
+        met = len(info.peers_zid()) + len(info.routers_zid())
+        if asked and not met:
+            logger.warning("no process answers at %s yet; connecting is tried until one does", asked)
+        else:
+            logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
         self._discovery.open(link, alive)
         self._link = link
         for participant in self._participants:
@@ -130,26 +131,16 @@ class ZenohGraph(MemoryGraph):
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
 
-    def _log_neighbours(self, link: ZenohLink) -> None:
-        met, asked = link.count_others(), ", ".join(self.options.connect)
-        if asked and not met:
-            logger.warning("no process answers at %s yet; connecting is tried until one does", asked)
-        else:
-            logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
-
     async def __aexit__(self, *exc: object) -> None:
         try:
             self._close_participants()
         finally:
-            self._leave()
+            self._link = None
+            self._discovery.close()
+            self._zenoh_topics.close()
+            self._zenoh_services.close()
             try:
                 with anyio.CancelScope(shield=True):
                     await anyio.to_thread.run_sync(self._session.close)
             finally:
                 await super().__aexit__(*exc)
-
-    def _leave(self) -> None:
-        self._link = None
-        self._discovery.close()
-        self._zenoh_topics.close()
-        self._zenoh_services.close()

@@ -65,21 +65,23 @@ class RemoteCall(MemoryCall):
             abandon()
         return super()._end()
 
-    def answered(self, body: bytes) -> None:
-        """End the call with a response."""
+    def replied(self, reply: zenoh.Reply) -> None:
+        """End the call with a provider's response or failure; if it only leaves, another may still answer."""
+        error = reply.err
+        if error is not None:
+            text = error.payload.to_bytes().decode(errors="replace")
+            if str(error.encoding).partition(";")[2] == GONE:
+                self._failure = ProviderGone(text)
+            else:
+                self.abandon = None
+                self.fail(text)
+            return
+        assert reply.ok is not None  # A reply is one of the two.
         self.abandon = None
         try:
-            self.reply(Payload.from_cdr(self._response, body))
+            self.reply(Payload.from_cdr(self._response, reply.ok.payload.to_bytes()))
         except InvalidMessage:
             self.fail(f"the answer of {self.service} is not a {self._response.name}")
-
-    def refused(self, text: str, kind: str) -> None:
-        """End the call because a provider failed; if it only leaves, another may still answer."""
-        if kind == GONE:
-            self._failure = ProviderGone(text)
-        else:
-            self.abandon = None
-            self.fail(text)
 
     def over(self) -> None:
         """End the call after all providers have replied or left."""
@@ -126,25 +128,18 @@ class Client:
         else:
             self._unsent[call] = sessions
             call.abandon = partial(self._unsent.pop, call, None)
-            self._await_somebody()
+            if self._listener is None:
+                handler = self._link.callback(self._send_waiting)
+                self._listener = self._querier.declare_matching_listener(handler)
+            # A provider may have appeared between the check and the declaration.
+            self._send_waiting()
         return call
 
     def _somebody_answers(self) -> bool:
         found: bool = self._querier.matching_status.matching  # type: ignore[attr-defined]  # zenoh returns a MatchingStatus, its stub says bool
         return found
 
-    def _await_somebody(self) -> None:
-        if self._listener is None:
-            handler = zenoh.handlers.Callback(self._matched, indirect=False)
-            self._listener = self._querier.declare_matching_listener(handler)
-        # It may have appeared between the check and the declaration.
-        self._send_waiting()
-
-    def _matched(self, _status: zenoh.MatchingStatus) -> None:
-        """Called on a thread of Zenoh's."""
-        self._link.run_on_graph(self._send_waiting)
-
-    def _send_waiting(self) -> None:
+    def _send_waiting(self, _status: zenoh.MatchingStatus | None = None) -> None:
         if self._unsent and self._somebody_answers():
             unsent, self._unsent = self._unsent, {}
             for call, sessions in unsent.items():
@@ -155,27 +150,11 @@ class Client:
         token = zenoh.CancellationToken()
         call.abandon = partial(self._abandon, number, token, sessions)
         self._querier.get(
-            zenoh.handlers.Callback(partial(self._replied, call), partial(self._over, call), indirect=False),
+            self._link.callback(call.replied, call.over),
             payload=call.request.cdr(),
             attachment=Attachment(number, self._time_ns(), self._presence.gid).encode(),
             cancellation_token=token,
         )
-
-    def _replied(self, call: RemoteCall, reply: zenoh.Reply) -> None:
-        """Called on a thread of Zenoh's."""
-        error = reply.err
-        if error is None:
-            assert reply.ok is not None  # A reply is one of the two.
-            body = reply.ok.payload.to_bytes()
-            self._link.run_on_graph(partial(call.answered, body))
-            return
-        text = error.payload.to_bytes().decode(errors="replace")
-        kind = str(error.encoding).partition(";")[2]
-        self._link.run_on_graph(partial(call.refused, text, kind))
-
-    def _over(self, call: RemoteCall) -> None:
-        """Called on a thread of Zenoh's."""
-        self._link.run_on_graph(call.over)
 
     def _abandon(self, number: int, token: zenoh.CancellationToken, sessions: set[str]) -> None:
         token.cancel()
@@ -184,7 +163,6 @@ class Client:
             self._link.session.put(abandoned_key(self._link.domain, session), note)
 
     def close(self) -> None:
-        """Undeclare the client."""
         self._presence.end()
         if self._listener is not None:
             self._listener.undeclare()

@@ -70,18 +70,19 @@ class Discovery:
         for key in alive:
             self._born(key)
         # Called on Zenoh's receiving thread: samples must not overtake the token of their publisher.
-        handler = zenoh.handlers.Callback(partial(self._heard, link), indirect=False)
         self._subscriber = link.session.liveliness().declare_subscriber(
-            all_tokens(link.domain), handler, history=True
+            all_tokens(link.domain), link.callback(self._heard), history=True
         )
 
     def close(self) -> None:
-        """Ignore tokens from now on."""
         self._link = None
 
-    def _heard(self, link: ZenohLink, sample: zenoh.Sample) -> None:
-        act = self._born if sample.kind == zenoh.SampleKind.PUT else self._died
-        link.run_on_graph(partial(act, str(sample.key_expr)))
+    def _heard(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._born(key)
+        elif (forget := self._alive.pop(key, None)) is not None:
+            forget()
 
     def _born(self, key: str) -> None:
         link = self._link
@@ -98,11 +99,6 @@ class Discovery:
         if token.session != link.id:
             self._alive[key] = self._add(token, key)
 
-    def _died(self, key: str) -> None:
-        forget = self._alive.pop(key, None)
-        if forget is not None:
-            forget()
-
     def _add(self, token: Token, key: str) -> Callable[[], None]:
         end = token.endpoint
         if end is None:
@@ -116,7 +112,13 @@ class Discovery:
 
     def _add_endpoint(self, token: Token, end: TokenEndpoint, key: str) -> Callable[[], None]:
         publishes = token.kind is EntityKind.PUBLISHER
-        name, known = self._type_of(end, token)
+        known: MessageType | None = None
+        try:
+            name = type_name(end.dds_type)
+        except WireError:
+            name = end.dds_type
+        else:
+            known = self._types.find(name, end.type_hash, end.name, token.node)
         endpoint = RemoteEndpoint(token.node, name, known, end.qos)
         gid = gid_of(key)
         if publishes:
@@ -130,18 +132,8 @@ class Discovery:
             self._zenoh_topics.publishers.pop(gid, None)
             self._topics.remote_left(end.name, endpoint)
             if publishes and end.qos.durability is Durability.TRANSIENT_LOCAL:
-                self._remember_gone(gid)
+                self._gone[gid] = None
+                if len(self._gone) > _MOST_GONE:
+                    del self._gone[next(iter(self._gone))]
 
         return forget
-
-    def _remember_gone(self, gid: bytes) -> None:
-        self._gone[gid] = None
-        if len(self._gone) > _MOST_GONE:
-            del self._gone[next(iter(self._gone))]
-
-    def _type_of(self, end: TokenEndpoint, token: Token) -> tuple[str, MessageType | None]:
-        try:
-            name = type_name(end.dds_type)
-        except WireError:
-            return end.dds_type, None
-        return name, self._types.find(name, end.type_hash, end.name, token.node)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import zenoh
 
 from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import zenoh
-
     from rwt_graph.memory.tables import NodeResources
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,6 @@ class Presence:
     _own_gids: set[bytes]
 
     def end(self) -> None:
-        """Undeclare the token."""
         self._own_gids.discard(self.gid)
         self._token.undeclare()
 
@@ -50,13 +52,22 @@ class ZenohLink:
         self._nodes: dict[NodeResources, int] = {}
         self._liveliness = session.liveliness()
 
-    def count_others(self) -> int:
-        """Return the number of connected peers and routers."""
-        info = self.session.info
-        return len(info.peers_zid()) + len(info.routers_zid())
+    def callback(
+        self, function: Callable[[T], None], done: Callable[[], None] | None = None
+    ) -> zenoh.handlers.Callback[T]:
+        """Return a callback for Zenoh's receiving thread that calls `function` on the graph's thread.
+
+        Args:
+            done: called there after the last item.
+        """
+
+        def receive(item: T) -> None:
+            self.run_on_graph(partial(function, item))
+
+        drop = None if done is None else partial(self.run_on_graph, done)
+        return zenoh.handlers.Callback(receive, drop, indirect=False)
 
     def declare_node(self, owner: NodeResources) -> Presence:
-        """Declare the token of a node."""
         number = self._node(owner)
         return self._declare(Token(self.domain, self.id, number, number, EntityKind.NODE, owner.name))
 
@@ -71,7 +82,6 @@ class ZenohLink:
         return number
 
     def declare(self, kind: EntityKind, owner: NodeResources, endpoint: TokenEndpoint) -> Presence:
-        """Declare the token of an endpoint of a node."""
         node, entity = self._node(owner), next(self._next)
         return self._declare(Token(self.domain, self.id, node, entity, kind, owner.name, endpoint))
 

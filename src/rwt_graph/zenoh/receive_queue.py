@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -45,8 +44,8 @@ class ReceiveQueue:
     ) -> None:
         self._on_sample = on_sample
         self._run_on_graph = link.run_on_graph
+        self._link = link
         self._key = key
-        self._session = link.session
         self._waiting: deque[zenoh.Sample] = deque()
         self._scheduled = False
         self._closed = False
@@ -96,26 +95,19 @@ class ReceiveQueue:
 
         Zenoh's own subscriber also queries a publisher that reconnects, but omits its earlier samples.
         """
-        self._session.get(
+        self._link.session.get(
             f"{self._key}/@adv/pub/**",
-            zenoh.handlers.Callback(self._on_reply, indirect=False),
+            self._link.callback(self._on_reply),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
         )
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        """Called on a thread of Zenoh's."""
-        sample = reply.ok
-        if sample is not None:
-            self._run_on_graph(partial(self._handle_cached, sample))
-
-    def _handle_cached(self, sample: zenoh.Sample) -> None:
-        if not self._closed:
-            self._on_sample(sample)
+        if reply.ok is not None and not self._closed:
+            self._on_sample(reply.ok)
 
     def close(self) -> None:
-        """Receive nothing more."""
         if not self._closed:
             self._closed = True
             self._undeclare()

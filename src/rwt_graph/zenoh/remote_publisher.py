@@ -55,19 +55,15 @@ class ZenohPublisher:
         self._sender.undeclare()  # type: ignore[no-untyped-call]  # zenoh's stubs lack its return type
 
 
-def _flow(qos: QoS) -> tuple[zenoh.Reliability, zenoh.CongestionControl]:
-    """Return reliability and congestion control as in rmw_zenoh: only keep-all waits for slow receivers."""
-    if qos.reliability is Reliability.BEST_EFFORT:
-        return zenoh.Reliability.BEST_EFFORT, zenoh.CongestionControl.DROP
-    if qos.history is History.KEEP_ALL:
-        return zenoh.Reliability.RELIABLE, zenoh.CongestionControl.BLOCK
-    return zenoh.Reliability.RELIABLE, zenoh.CongestionControl.DROP
-
-
 def _declare(
     session: zenoh.Session, key: str, qos: QoS, *, is_cached: bool
 ) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
-    reliability, congestion = _flow(qos)
+    # As in rmw_zenoh: only keep-all waits for slow receivers.
+    reliability, congestion = zenoh.Reliability.RELIABLE, zenoh.CongestionControl.DROP
+    if qos.reliability is Reliability.BEST_EFFORT:
+        reliability = zenoh.Reliability.BEST_EFFORT
+    elif qos.history is History.KEEP_ALL:
+        congestion = zenoh.CongestionControl.BLOCK
     remote = zenoh.Locality.REMOTE
     if not is_cached:
         return session.declare_publisher(

@@ -106,14 +106,18 @@ class SampleRouter:
         number, stamp_ns, _, gid = attachment.unpack(data)
         if gid in self._own_gids:
             return
-        publisher = self._publishers.get(gid) or self._only_publisher()
+        publisher = self._publishers.get(gid)
+        if publisher is None and len(self._topic.remote_publishers) == 1:
+            # Its GID was not made as in rmw_zenoh.
+            publisher = self._topic.remote_publishers[0]
         sample = self._sample(received, stamp_ns, publisher)
         if sample.expires_ns and sample.expires_ns < self._clock.time_ns():
             return
-        if self._filters is None or publisher is None or not _is_transient_local(publisher):
+        filters = self._filters
+        if filters is None or publisher is None or publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
             self._deliver(sample)
         else:
-            self._deliver_new(self._filters, publisher, sample, gid, number)
+            self._deliver_new(filters, publisher, sample, gid, number)
 
     def _sample(self, received: zenoh.Sample, stamp_ns: int, publisher: RemoteEndpoint | None) -> Sample:
         payload = Payload.relayed_cdr(self._type, received.payload.to_bytes())
@@ -122,11 +126,6 @@ class SampleRouter:
         lifespan = publisher.qos.lifespan
         expires = stamp_ns + round(lifespan * NANOSECONDS) if lifespan else 0
         return Sample(self._topic.name, payload, stamp_ns, publisher.node, expires)
-
-    def _only_publisher(self) -> RemoteEndpoint | None:
-        """Return the topic's only publisher, for an unknown GID that was not made as in rmw_zenoh."""
-        publishers = self._topic.remote_publishers
-        return publishers[0] if len(publishers) == 1 else None
 
     def _deliver(self, sample: Sample) -> None:
         history = self._filters is not None
@@ -150,7 +149,3 @@ class SampleRouter:
                 continue
             if filters.setdefault(subscription, ReplayFilter()).is_new(gid, number):
                 subscription.deliver(sample)
-
-
-def _is_transient_local(publisher: RemoteEndpoint) -> bool:
-    return publisher.qos.durability is Durability.TRANSIENT_LOCAL

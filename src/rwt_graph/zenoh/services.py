@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -27,24 +26,10 @@ from rwt_participant.errors import CallFailed, ProviderGone
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply, PendingCall
     from rwt_graph.memory.services import MemoryProvider, Services
-    from rwt_graph.zenoh.link import Presence, ZenohLink
+    from rwt_graph.zenoh.link import ZenohLink
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import ServiceType
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class DeclaredService:
-    """Token and queryable of a service of this process."""
-
-    presence: Presence
-    queryable: zenoh.Queryable[None]
-
-    def end(self) -> None:
-        """Undeclare both: no more requests arrive."""
-        self.presence.end()
-        self.queryable.undeclare()
 
 
 class ZenohServices:
@@ -55,7 +40,8 @@ class ZenohServices:
         self._registry = registry
         self._time_ns = time_ns
         self._link: ZenohLink | None = None
-        self._offers: dict[MemoryProvider, DeclaredService] = {}
+        # Functions that undeclare the services of this process.
+        self._offers: dict[MemoryProvider, Callable[[], None]] = {}
         self._remote: RemoteServiceTable[tuple[Token, TokenEndpoint]] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         # Unanswered requests of other processes, by client and number.
@@ -64,12 +50,11 @@ class ZenohServices:
         self._callers = NodeResources("/_remote", private=True)
 
     def open(self, link: ZenohLink) -> None:
-        """Declare every service of this process."""
         self._link = link
-        handler = zenoh.handlers.Callback(partial(self._on_abandoned, link), indirect=False)
-        key = abandoned_key(link.domain, link.id)
         self._abandonments = link.session.declare_subscriber(
-            key, handler, allowed_origin=zenoh.Locality.REMOTE
+            abandoned_key(link.domain, link.id),
+            link.callback(self._on_abandoned),
+            allowed_origin=zenoh.Locality.REMOTE,
         )
         for provider in self._services:
             self.offered(provider)
@@ -85,25 +70,26 @@ class ZenohServices:
         link = self._link
         if link is None or provider.owner.private:
             return
-        names = self._type_of(provider.type)
+        names = dds_type(self._registry.type_name(provider.type)), provider.type.rihs01
         key = data_key(link.domain, provider.name, *names)
-        handler = zenoh.handlers.Callback(partial(self._on_query, link, provider, key), indirect=False)
+        handler = link.callback(partial(self._serve, provider, key))
         queryable = link.session.declare_queryable(
             key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE
         )
         presence = link.declare(EntityKind.SERVICE, provider.owner, TokenEndpoint(provider.name, *names))
-        self._offers[provider] = DeclaredService(presence, queryable)
+
+        def undeclare() -> None:
+            presence.end()
+            queryable.undeclare()
+
+        self._offers[provider] = undeclare
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        offer = self._offers.pop(provider, None)
+        undeclare = self._offers.pop(provider, None)
         link = self._link
-        if offer is not None and link is not None:
+        if undeclare is not None and link is not None:
             # Deferred until its open calls have ended, which the caller does next.
-            link.run_on_graph(offer.end)
-
-    def _on_query(self, link: ZenohLink, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
-        """Called on a thread of Zenoh's."""
-        link.run_on_graph(partial(self._serve, provider, key, query))
+            link.run_on_graph(undeclare)
 
     def _serve(self, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
         raw, body = query.attachment, query.payload
@@ -125,7 +111,11 @@ class ZenohServices:
             self._asked.setdefault(sent.gid, {})[sent.sequence] = call
 
     def _answer(self, key: str, query: zenoh.Query, sent: Attachment, answer: Payload | CallFailed) -> None:
-        self._forget(sent)
+        calls = self._asked.get(sent.gid)
+        if calls is not None:
+            calls.pop(sent.sequence, None)
+            if not calls:
+                del self._asked[sent.gid]
         if isinstance(answer, CallFailed):
             _refuse(query, str(answer), GONE if isinstance(answer, ProviderGone) else FAILED)
             return
@@ -133,19 +123,8 @@ class ZenohServices:
         query.reply(key, answer.cdr(), attachment=echo.encode())
         query.drop()
 
-    def _forget(self, sent: Attachment) -> None:
-        calls = self._asked.get(sent.gid)
-        if calls is not None:
-            calls.pop(sent.sequence, None)
-            if not calls:
-                del self._asked[sent.gid]
-
-    def _on_abandoned(self, link: ZenohLink, sample: zenoh.Sample) -> None:
-        """Called on a thread of Zenoh's."""
-        link.run_on_graph(partial(self._abandon, sample.payload.to_bytes()))
-
-    def _abandon(self, note: bytes) -> None:
-        gid, number = read_abandoned(note)
+    def _on_abandoned(self, sample: zenoh.Sample) -> None:
+        gid, number = read_abandoned(sample.payload.to_bytes())
         call = self._asked.get(gid, {}).pop(number, None)
         if call is not None:
             call.cancel()
@@ -203,9 +182,6 @@ class ZenohServices:
 
             caller.add(client, close)
         return client
-
-    def _type_of(self, type: ServiceType) -> tuple[str, str]:
-        return dds_type(self._registry.type_name(type)), type.rihs01
 
 
 def _refuse(query: zenoh.Query, text: str, kind: str) -> None:

@@ -71,12 +71,17 @@ class ZenohOptions:
 
 
 def configuration(options: ZenohOptions) -> zenoh.Config:
-    """Return the session's configuration.
-
-    Raises:
-        ZenohError: the file cannot be read, or Zenoh rejects a value.
-    """
-    config = _from_file(options.config) if options.config is not None else zenoh.Config()
+    """Return the session's configuration. Raises :exc:`ZenohError` for a file or a value that is invalid."""
+    config = zenoh.Config()
+    if options.config is not None:
+        name = fspath(options.config)
+        try:
+            config = zenoh.Config.from_file(name)
+        except Exception as error:  # The binding raises its own exceptions, Python's and Rust's.
+            raise ZenohError(
+                f"the Zenoh configuration {name} cannot be used: it is not there, or not JSON5 as Zenoh"
+                " writes it"
+            ) from error
     for key, (own, zenohs) in _DEFAULTS.items():
         if json.loads(config.get_json(key)) == zenohs:
             _insert(config, key, own)
@@ -94,16 +99,6 @@ def configuration(options: ZenohOptions) -> zenoh.Config:
     return config
 
 
-def _from_file(path: str | PathLike[str]) -> zenoh.Config:
-    name = fspath(path)
-    try:
-        return zenoh.Config.from_file(name)
-    except Exception as error:  # The binding raises its own exceptions, Python's and Rust's.
-        raise ZenohError(
-            f"the Zenoh configuration {name} cannot be used: it is not there, or not JSON5 as Zenoh writes it"
-        ) from error
-
-
 def _insert(config: zenoh.Config, key: str, value: object) -> None:
     try:
         config.insert_json5(key, json.dumps(value))
@@ -119,11 +114,7 @@ class ZenohSession:
         self._lock = threading.Lock()
 
     def open(self, options: ZenohOptions) -> zenoh.Session:
-        """Open the session; blocks until it is connected.
-
-        Raises:
-            ZenohError: an endpoint cannot be used.
-        """
+        """Open the session; blocks until it is connected. Raises :exc:`ZenohError`."""
         config = configuration(options)
         # Set before opening, so that an exception in between cannot leave the session open.
         atexit.register(self.close)

@@ -43,7 +43,6 @@ class Channel:
 
     @property
     def empty(self) -> bool:
-        """True if nothing is declared or remembered."""
         return not (self.publishers or self.queues or self.subscribers or self.filters)
 
 
@@ -61,7 +60,6 @@ class ZenohTopics:
         self._channels: dict[str, Channel] = {}
 
     def open(self, link: ZenohLink) -> None:
-        """Declare every topic of this process."""
         self._link = link
         for topic in self._topics.all():
             self.changed(topic)

@@ -37,7 +37,6 @@ class Attachment(NamedTuple):
     gid: bytes
 
     def encode(self) -> bytes:
-        """Return the 33 bytes."""
         return pack(self.sequence, self.stamp_ns, _GID_SIZE, self.gid)
 
 

@@ -22,11 +22,7 @@ def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
 
 
 def dds_type(type_name: str) -> str:
-    """Convert `std_msgs/msg/String` to `std_msgs::msg::dds_::String_`.
-
-    Raises:
-        WireError: not a three-part name.
-    """
+    """Convert `std_msgs/msg/String` to `std_msgs::msg::dds_::String_`. Raises :exc:`WireError`."""
     parts = type_name.split("/")
     if len(parts) != 3 or parts[1] not in _KINDS or not all(parts):
         raise WireError(f"{type_name[:80]!r} is not a type name of three parts, like std_msgs/msg/String")
@@ -35,11 +31,7 @@ def dds_type(type_name: str) -> str:
 
 
 def type_name(dds: str) -> str:
-    """Convert `std_msgs::msg::dds_::String_` to `std_msgs/msg/String`.
-
-    Raises:
-        WireError: it has another form.
-    """
+    """Convert `std_msgs::msg::dds_::String_` to `std_msgs/msg/String`. Raises :exc:`WireError`."""
     parts = dds.split("::")
     if (
         len(parts) != 4

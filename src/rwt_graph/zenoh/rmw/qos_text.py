@@ -39,11 +39,7 @@ def encode(qos: QoS) -> str:
 
 
 def decode(text: str) -> QoS:
-    """Decode a QoS.
-
-    Raises:
-        WireError: not six parts, a part without its commas, or an invalid number.
-    """
+    """Decode a QoS. Raises :exc:`WireError`."""
     parts = text.split(":")
     fields = [part.split(",") for part in parts]
     if [len(field) for field in fields] != [1, 1, 2, 2, 2, 3]:

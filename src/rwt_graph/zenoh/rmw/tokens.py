@@ -70,7 +70,6 @@ class Token:
     enclave: str = "/"
 
     def key(self) -> str:
-        """Key of the token."""
         namespace, _, name = self.node.rpartition("/")
         ids = f"{_PREFIX}/{self.domain}/{self.session}/{self.node_id}/{self.entity_id}/{self.kind.value}"
         key = f"{ids}/{mangle(self.enclave)}/{mangle(namespace)}/{name}"
@@ -94,11 +93,7 @@ def all_tokens(domain: int) -> str:
 
 
 def parse(key: str) -> Token:
-    """Decode a token.
-
-    Raises:
-        WireError: it is invalid; the text names the part.
-    """
+    """Decode a token. Raises :exc:`WireError`, which names the invalid part."""
     if len(key) > MAX_LENGTH:
         raise WireError(f"a liveliness token of {len(key)} characters; the longest read is {MAX_LENGTH}")
     parts = key.split("/")

@@ -19,7 +19,7 @@ from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
 if TYPE_CHECKING:
     from rwt.cli.console.yaml_text import YamlValue
     from rwt_client import Robot
-    from rwt_client.robot import SubscribeKeywords
+    from rwt_client.endpoints.subscriptions import SubscribeOptions
     from rwt_interfaces.structs import MessageType
     from rwt_participant.messages import RawMessage
 
@@ -112,7 +112,7 @@ async def echo_messages(
 
     from rwt_participant.errors import TimedOut
 
-    options: SubscribeKeywords = {"qos": qos_from(arguments)}
+    options: SubscribeOptions = {"qos": qos_from(arguments)}
     if arguments.max_rate:
         options["throttle"] = 1 / arguments.max_rate
     message_type = await robot.types.message(kind)
