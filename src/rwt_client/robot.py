@@ -14,7 +14,7 @@ import msgspec
 
 from rwt_client.endpoints.goals import ActionlibGoal, WireGoal
 from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
-from rwt_client.endpoints.remote_handle import Connection
+from rwt_client.endpoints.remote_handle import ClientConnection
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.servers import ActionServer, Offered, ServiceServer
 from rwt_client.endpoints.services import WireCall, call_service
@@ -117,7 +117,7 @@ class Robot(RobotApi):
         self.params = RosapiParameters(ask)
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
-        self._connection = Connection(session, self.types, tasks, drained, binary)
+        self._connection = ClientConnection(session, self.types, tasks, drained, binary)
         self._tf = RemoteTransforms(self._connection, self.subscribe, self.advertise, self.call, timeout)
         session.events.listen(self._tf.on_event)
         self._services: Offered[ServiceServer] = Offered()

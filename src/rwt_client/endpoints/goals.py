@@ -18,14 +18,14 @@ from rwt_protocol.payloads import RawJson
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rwt_client.endpoints.remote_handle import Connection
+    from rwt_client.endpoints.remote_handle import ClientConnection
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType
     from rwt_participant.handles import Handle, Publisher
     from rwt_participant.transforms import SubscribeVerb
 
 
-class RemoteGoal(Goal):
+class SentGoal(Goal):
     """Goal whose connection is released at its end."""
 
     def end(self, outcome: GoalResult | Exception, reason: str = "") -> None:
@@ -33,11 +33,11 @@ class RemoteGoal(Goal):
         self.abandon()
 
 
-class WireGoal(RemoteGoal):
+class WireGoal(SentGoal):
     """Goal that is sent as an op; satisfies :class:`rwt_client.wire.session.Restorable`."""
 
     def __init__(
-        self, connection: Connection, action: str, on_feedback: Callable[[Message], object] | None
+        self, connection: ClientConnection, action: str, on_feedback: Callable[[Message], object] | None
     ) -> None:
         super().__init__(action, connection.session.next_id("send_action_goal", action), on_feedback)
         self._connection = connection
@@ -103,7 +103,7 @@ _ENDED: Final = {
 """Final states of ``actionlib_msgs/GoalStatus``, which differ from those of ROS 2 (ALB-08)."""
 
 
-class ActionlibGoal(RemoteGoal):
+class ActionlibGoal(SentGoal):
     """Goal of ROS 1, which is sent as a message."""
 
     _cancels: Publisher

@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from typing import Any, Final, TypedDict
 
-from rwt_client.endpoints.remote_handle import Connection, RemoteHandle
+from rwt_client.endpoints.remote_handle import ClientConnection, RemoteHandle
 from rwt_client.errors import ConnectionLost, ServerRefused
 from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
@@ -63,7 +63,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
     _message_type: MessageType
     _wire_type: str
 
-    def __init__(self, connection: Connection, name: str, options: AdvertiseOptions) -> None:
+    def __init__(self, connection: ClientConnection, name: str, options: AdvertiseOptions) -> None:
         super().__init__(connection, "advertise", name)
         self.sent = 0
         self.dropped = 0

@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 @dataclass(slots=True)
-class Connection:
+class ClientConnection:
     """Connection of a client, as its endpoints use it.
 
     Attributes:
@@ -47,7 +47,7 @@ class RemoteHandle(Handle, Generic[T]):
         closed: True if this program has closed it.
     """
 
-    def __init__(self, connection: Connection, kind: str, name: str) -> None:
+    def __init__(self, connection: ClientConnection, kind: str, name: str) -> None:
         self.name = name
         self.id = connection.session.next_id(kind, name)
         self._connection = connection

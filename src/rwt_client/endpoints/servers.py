@@ -7,7 +7,7 @@ from abc import abstractmethod
 from functools import partial
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from rwt_client.endpoints.remote_handle import Connection, RemoteHandle
+from rwt_client.endpoints.remote_handle import ClientConnection, RemoteHandle
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ActionType, ServiceType
@@ -59,7 +59,7 @@ class RemoteServer(RemoteHandle[T]):
         offered: services or actions that this program offers, by name.
     """
 
-    def __init__(self, connection: Connection, kind: str, name: str, offered: Offered[Self]) -> None:
+    def __init__(self, connection: ClientConnection, kind: str, name: str, offered: Offered[Self]) -> None:
         super().__init__(connection, kind, name)
         self._offered = offered
         previous = offered.get(name)
@@ -92,7 +92,11 @@ class ServiceServer(RemoteServer[ServiceType]):
     """Service of this program, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
-        self, connection: Connection, name: str, offered: Offered[ServiceServer], handler: ServiceHandler
+        self,
+        connection: ClientConnection,
+        name: str,
+        offered: Offered[ServiceServer],
+        handler: ServiceHandler,
     ) -> None:
         super().__init__(connection, "advertise_service", name, offered)
         self._handler = handler
@@ -132,7 +136,7 @@ class ActionServer(RemoteServer[ActionType]):
     """Action of this program, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
-        self, connection: Connection, name: str, offered: Offered[ActionServer], execute: Execute
+        self, connection: ClientConnection, name: str, offered: Offered[ActionServer], execute: Execute
     ) -> None:
         super().__init__(connection, "advertise_action", name, offered)
         self._execute = execute

@@ -10,7 +10,7 @@ from typing import Any, Final, TypedDict, Unpack
 import anyio
 
 from rwt_client.endpoints.publisher import wire_qos
-from rwt_client.endpoints.remote_handle import Connection, RemoteHandle
+from rwt_client.endpoints.remote_handle import ClientConnection, RemoteHandle
 from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
 from rwt_client.wire.decoding import UnparsedMessage
@@ -93,7 +93,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
 
     def __init__(
         self,
-        connection: Connection,
+        connection: ClientConnection,
         name: str,
         callback: MessageCallback | None,
         **options: Unpack[SubscribeOptions],
@@ -218,7 +218,7 @@ class RawSubscription(RemoteSubscription):
 
     _decode_plain: Callable[[UnparsedMessage], Message]
 
-    def __init__(self, connection: Connection, name: str, callback: RawCallback) -> None:
+    def __init__(self, connection: ClientConnection, name: str, callback: RawCallback) -> None:
         super().__init__(connection, name, callback, qos=_EVERYTHING)
 
     def take_type(self, type: MessageType) -> None:

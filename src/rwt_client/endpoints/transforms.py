@@ -7,7 +7,7 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import Any, Final
 
-from rwt_client.endpoints.remote_handle import Connection
+from rwt_client.endpoints.remote_handle import ClientConnection
 from rwt_client.errors import ConnectionLost
 from rwt_client.events import ConnectionEvent
 from rwt_participant.errors import RobotError
@@ -26,7 +26,7 @@ class RemoteTransforms(Transforms):
 
     def __init__(
         self,
-        connection: Connection,
+        connection: ClientConnection,
         subscribe: Callable[..., Handle],
         advertise: AdvertiseVerb,
         call: Callable[[str, dict[str, object], str], Awaitable[Any]],
