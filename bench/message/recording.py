@@ -17,13 +17,14 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
+import anyio.lowlevel
 from mcap.writer import CompressionType, Writer
 
 from bench.traffic import messages
 from rwt.nodes.recording import ChannelForm, RecordingWriter, channel_form
-from rwt_client.endpoints.raw_subscription import RawSubscription
+from rwt_client.endpoints.remote_handle import ClientConnection
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.subscriptions import SubscriptionTable
+from rwt_client.endpoints.subscriptions import RawSubscription
 from rwt_client.wire.session import ReconnectingSession
 from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
@@ -92,9 +93,9 @@ def _recording(load: Load, types: RemoteTypes, message: MessageType, payloads: l
                 writer.write(channel, stamp, stamp, raw.data)
 
             line = ReconnectingSession(None, WireLimits())
-            table = SubscriptionTable(line, types, TaskStarter(), binary=True)
-            subscription = RawSubscription(table, load.stream.topic, receive)
-            subscription.open(message, partial(types.message, message.name), table.tasks)
+            connection = ClientConnection(line, types, TaskStarter(), anyio.lowlevel.checkpoint, True)
+            subscription = RawSubscription(connection, load.stream.topic, receive)
+            subscription.open(message, partial(types.message, message.name))
             for index in range(load.count):
                 line.receive(frames[index % len(frames)], True)
                 if not index % 1000:
