@@ -9,7 +9,7 @@ import json
 import subprocess
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,11 +27,19 @@ class Program:
         module: its module.
         arguments: its arguments.
         environment: environment of the process.
+        prefix: words before the command, such as those that run it in a network namespace.
     """
 
-    def __init__(self, python: str, module: str, *arguments: str, environment: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        python: str,
+        module: str,
+        *arguments: str,
+        environment: Mapping[str, str],
+        prefix: Sequence[str] = (),
+    ) -> None:
         self.process = subprocess.Popen(
-            [python, "-m", module, *arguments],
+            [*prefix, python, "-m", module, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

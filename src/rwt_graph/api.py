@@ -24,7 +24,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 from msgspec import Struct
 
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_participant.errors import CallFailed
 
+
+OnConnection: TypeAlias = Callable[[str, bool], None]
+"""Called with a text for clients, and False if the connection is lost, True if it is restored."""
 
 #: Maximum number of concurrent goals of one action server.
 MOST_GOALS: Final = 1000
@@ -467,6 +471,8 @@ class Graph(GraphListings):
         parameters: global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
         dds_rules: True if publishers and subscriptions with incompatible QoS are not connected.
         in_batch: calls a function that delivers what other processes sent; servers send the results at once.
+        observers: called when the connection to other processes is lost or restored, by backends that
+            notice it.
     """
 
     dds_rules: bool = False
@@ -475,6 +481,10 @@ class Graph(GraphListings):
     registry: Registry
     clock: Clock
     parameters: ParameterTree
+
+    @cached_property
+    def observers(self) -> set[OnConnection]:
+        return set()
 
     @abstractmethod
     def participant(self, name: str) -> Participant:

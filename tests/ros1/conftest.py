@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
@@ -34,19 +34,22 @@ def needs_ros() -> None:
 class Ros:
     """A ROS 1 master, and programs that use it.
 
+    Args:
+        host: address of the master and of the programs, by default on this host.
+
     Attributes:
         uri: address of the master.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, host: str = "127.0.0.1") -> None:
         self.port = free_port()
-        self.uri = f"ros1://127.0.0.1:{self.port}"
+        self.uri = f"ros1://{host}:{self.port}"
         self.environment = {
             "PATH": "/usr/bin:/bin",
             "HOME": str(folder),
             "ROS_HOME": str(folder),
-            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
-            "ROS_IP": "127.0.0.1",
+            "ROS_MASTER_URI": f"http://{host}:{self.port}",
+            "ROS_IP": host,
             "ROS_PACKAGE_PATH": "/usr/share",
             "PYTHONUNBUFFERED": "1",
         }
@@ -70,10 +73,14 @@ class Ros:
             self._master.wait()
             self._master = None
 
-    def program(self, node: str = "program") -> Program:
+    def program(
+        self, node: str = "program", prefix: Sequence[str] = (), environment: Mapping[str, str] | None = None
+    ) -> Program:
         """Start a `rospy` program in the namespace `/robot`, which ends with the test."""
-        environment = {**self.environment, "ROS_NAMESPACE": "/robot"}
-        program = Program("/usr/bin/python3", "tests.ros1.program", node, environment=environment)
+        variables = {**self.environment, "ROS_NAMESPACE": "/robot", **(environment or {})}
+        program = Program(
+            "/usr/bin/python3", "tests.ros1.program", node, environment=variables, prefix=prefix
+        )
         self._programs.callback(program.close)
         program.run("")
         return program

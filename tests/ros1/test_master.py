@@ -14,7 +14,7 @@ from tests.processes import running
 from tests.ros1.conftest import Ros
 from tests.ros1.test_actions import CLIENT, SERVER
 from tests.ros1.test_services import CALL, OFFER
-from tests.waiting import until, wait_until
+from tests.waiting import until, until_answered, wait_until
 
 if TYPE_CHECKING:
     from tests.statements import Program
@@ -39,6 +39,7 @@ def core(tmp_path: Path) -> Iterator[tuple[Ros, str]]:
 async def test_the_tools_of_topics_nodes_and_recordings(core: tuple[Ros, str], tmp_path: Path) -> None:
     ros, _ = core
     ros.start("rostopic", "pub", "-r", "20", "/chatter", "std_msgs/String", "data: tick")
+    assert "/chatter" in ros.tool("rostopic", "list")
     assert ros.tool("rostopic", "echo", "-n", "2", "/chatter").count('data: "tick"') == 2
     assert "std_msgs/String" in ros.tool("rostopic", "info", "/chatter")
     assert "average rate: 20" in ros.tool(
@@ -103,7 +104,11 @@ async def test_programs_and_clients_of_the_server_meet(core: tuple[Ros, str]) ->
         values: list[Any] = []
         robot.subscribe("/out", values.append, "std_msgs/String")
         await until(lambda: values)
-        assert "/robot/server" in (await robot.call("/rosapi/nodes", {}, "rosapi/Nodes")).nodes
+
+        async def is_listed() -> bool:
+            return "/robot/server" in (await robot.call("/rosapi/nodes", {}, "rosapi/Nodes")).nodes
+
+        await until_answered(is_listed)  # The tables are read every second.
         # A second node of the name makes the first one leave.
         second = ros.program("client")
         await until(lambda: client.run("result = rospy.is_shutdown()"))

@@ -12,7 +12,9 @@ import anyio.to_thread
 import pytest
 
 from rwt_graph.api import Sample
+from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
 from rwt_participant.qos import LATCHED
 from tests.waiting import until
 
@@ -118,6 +120,18 @@ int main(int argc, char** argv) {
 """
 
 
+def build_node(folder: Path) -> str:
+    """Compile the program of roscpp; returns its path."""
+    registry = Registry(NOETIC)
+    registry.add_text("string name\nfloat64[2] values\nint32 count\n", "never_seen/Pose")
+    source, program = folder / "node.cpp", str(folder / "node")
+    md5 = registry.message("never_seen/Pose").md5
+    source.write_text(NODE_CPP.replace('"MD5"', f'"{md5}"'), encoding="utf-8")
+    libraries = ("-lroscpp", "-lrosconsole", "-lroscpp_serialization", "-lrostime", "-lboost_system")
+    subprocess.run(("g++", "-O0", "-o", program, str(source), *libraries), check=True, timeout=300)
+    return program
+
+
 async def test_every_standard_message_is_the_same_as_in_rospy(ros: Ros, graph: Ros1Graph) -> None:
     program = ros.program()
     sums: dict[str, str] = program.run(PROGRAM)
@@ -142,14 +156,7 @@ async def test_every_standard_message_is_the_same_as_in_rospy(ros: Ros, graph: R
 
 
 async def test_roscpp_with_a_package_that_nobody_else_has(ros: Ros, graph: Ros1Graph, tmp_path: Path) -> None:
-    graph.registry.add_text("string name\nfloat64[2] values\nint32 count\n", "elsewhere/Pose")
-    md5 = graph.registry.message("elsewhere/Pose").md5
-    source = tmp_path / "node.cpp"
-    source.write_text(NODE_CPP.replace('"MD5"', f'"{md5}"'), encoding="utf-8")
-    libraries = ("-lroscpp", "-lrosconsole", "-lroscpp_serialization", "-lrostime", "-lboost_system")
-    build = ("g++", "-O0", "-o", str(tmp_path / "node"), str(source), *libraries)
-    await anyio.to_thread.run_sync(partial(subprocess.run, build, check=True, timeout=300))
-    process = ros.start(str(tmp_path / "node"))
+    process = ros.start(await anyio.to_thread.run_sync(build_node, tmp_path))
     poses: list[tuple[str, list[float], int]] = []
     node = graph.node("checker")
     node.subscribe("/poses", lambda each: poses.append((each.name, list(each.values), each.count)))

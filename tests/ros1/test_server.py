@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import anyio.to_thread
 import pytest
 import websockets
+from websockets import Subprotocol
 
 from rwt_client import connect
 from tests.processes import running
-from tests.ros1.test_topics import OTHER_STRING, UNKNOWN
+from tests.ros1.test_topics import OTHER_STRING, PUBLISH, UNKNOWN
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -57,6 +59,37 @@ async def test_clients_exchange_topics_and_calls_with_ros_1(ros: Ros) -> None:
             assert details.typedefs[0].fieldnames == ["number", "inner", "when"]
     assert ros.tool("rosnode", "list").split() == ["/robot/program"]
     assert "rosapi" not in ros.tool("rosservice", "list")
+
+
+async def test_clients_are_notified_when_the_master_goes_and_returns(ros: Ros) -> None:
+    with server(ros) as url:
+        async with (
+            websockets.connect(url) as rosbridge,
+            websockets.connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as foxglove,
+        ):
+            await rosbridge.send('{"op": "set_level", "level": "warning"}')
+            for change, text, levels in (
+                (ros.stop_master, "The ROS 1 master does not answer", ("error", 2)),
+                (ros.start_master, "The ROS 1 master answers", ("warning", 0)),
+            ):
+                await anyio.to_thread.run_sync(change)
+                for client, level in zip((rosbridge, foxglove), levels, strict=True):
+                    notice = await _next_status(client)
+                    assert notice["level"] == level
+                    assert text in str(notice)
+            ros.program().run(PUBLISH.replace("queue_size=1000", "latch=True") + "publisher.publish('on')")
+            await rosbridge.send('{"op": "subscribe", "topic": "/chatter", "type": "std_msgs/String"}')
+            async for frame in rosbridge:
+                if json.loads(frame).get("msg") == {"data": "on"}:
+                    break
+
+
+async def _next_status(client: websockets.ClientConnection) -> dict[str, Any]:
+    async for text in client:
+        message: dict[str, Any] = json.loads(text) if isinstance(text, str) else {}
+        if message.get("op") == "status":
+            return message
+    raise AssertionError("the connection was closed")
 
 
 async def test_a_client_uses_the_definition_of_the_robot(ros: Ros) -> None:

@@ -62,6 +62,31 @@ async def test_rosnode(ros: Ros, graph: Ros1Graph, caplog: pytest.LogCaptureFixt
     assert graph.topic("/chatter") is not None
 
 
+async def test_rosservice(ros: Ros, graph: Ros1Graph) -> None:
+    graph.node("server").advertise_service(
+        "/switch", "std_srvs/SetBool", lambda request: {"success": request.data, "message": "switched"}
+    )
+    await until(lambda: "/switch" in ros.tool("rosservice", "list"))
+    info = await _tool(ros, "rosservice", "info", "/switch")
+    assert "Node: /server" in info
+    assert "Type: std_srvs/SetBool" in info
+    assert "rosrpc://127.0.0.1:" in await _tool(ros, "rosservice", "uri", "/switch")
+    assert "/switch" in await _tool(ros, "rosservice", "find", "std_srvs/SetBool")
+    called = await _tool(ros, "rosservice", "call", "/switch", "true")
+    assert called.split("\n")[:2] == ["success: True", 'message: "switched"']
+
+
+async def test_rosparam(ros: Ros, graph: Ros1Graph) -> None:
+    tree = graph.parameters
+    tree.set("/ours/gains", {"p": 1.5, "names": ["a", "b"]})
+    await until(lambda: "/ours/gains/p" in ros.tool("rosparam", "list"))
+    assert "1.5" in await _tool(ros, "rosparam", "get", "/ours/gains/p")
+    await _tool(ros, "rosparam", "set", "/ours/gains/p", "2.5")
+    await until(lambda: tree.get("/ours/gains/p") == 2.5)
+    await _tool(ros, "rosparam", "delete", "/ours/gains")
+    await until(lambda: not tree.has("/ours/gains"))
+
+
 @pytest.mark.usefixtures("robot")
 async def test_rosbag(ros: Ros, robot: list[str], tmp_path: Path) -> None:
     bag = str(tmp_path / "a.bag")

@@ -135,6 +135,7 @@ class ConnectionGateway(Gateway, Generic[C]):
         self.turns = client_turns(graph.clock)
         self._clients: dict[int, C] = {}
         self._count = 0
+        graph.observers.add(self._on_connection)
 
     @property
     def clients(self) -> tuple[C, ...]:
@@ -145,6 +146,16 @@ class ConnectionGateway(Gateway, Generic[C]):
     def client_count(self) -> int:
         """Number of connected clients."""
         return len(self._clients)
+
+    def _on_connection(self, text: str, is_connected: bool) -> None:
+        """Report to the clients that the graph has lost other processes, or has found them again."""
+        for client in self.clients:
+            client.report_connection(text, is_connected)
+
+    def close(self) -> None:
+        """See :meth:`Gateway.close`."""
+        self.shared.graph.observers.discard(self._on_connection)
+        super().close()
 
     @abstractmethod
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
@@ -355,6 +366,10 @@ class ConnectedClient(ABC, Generic[T]):
             self._decode(data, binary, now)
         self._worked += self._monotonic() - now
         return presses
+
+    @abstractmethod
+    def report_connection(self, text: str, is_connected: bool) -> None:
+        """Send a notice about the graph's connection to other processes."""
 
     @abstractmethod
     def _presses_stop(self, data: bytes, binary: bool) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -19,6 +20,7 @@ from rwt_graph.ros1.services import Ros1Services
 from rwt_graph.ros1.session import Session
 from rwt_graph.ros1.topics import Ros1Topics
 from rwt_graph.ros1.wire.rpc import address_of
+from rwt_graph.ros_time import RosTime
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
 from rwt_participant.qos import DEFAULT_QOS, QoS
@@ -30,6 +32,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+
+#: Parameter that makes ROS time follow `/clock`, and seconds between two looks at it.
+_USE_SIM_TIME: Final = "/use_sim_time"
+_TIME_CHECK_SECONDS: Final = 1.0
 
 #: How to add a type, at the end of errors about unknown ones.
 _ADVICE: Final = (
@@ -56,7 +62,7 @@ class Ros1Graph(MemoryGraph):
 
     Args:
         registry: interfaces of a ROS 1 distribution; by default the standard ones.
-        clock: the wall clock by default.
+        clock: by default real time, and that of `/clock` while the parameter `/use_sim_time` is true.
         master: `ros1://host:port`; by default `ROS_MASTER_URI`. With `ros1-master://host:port`, the graph is
             the master itself and listens there: other programs need no ROS core.
 
@@ -67,7 +73,7 @@ class Ros1Graph(MemoryGraph):
     def __init__(
         self, registry: Registry | None = None, clock: Clock | None = None, *, master: str | None = None
     ) -> None:
-        super().__init__(registry or Registry(NOETIC), clock)
+        super().__init__(registry or Registry(NOETIC), clock or RosTime(is_real=True))
         if self.distro.serialisation != "ros1":
             raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
         self.master = master_uri(master)
@@ -78,6 +84,7 @@ class Ros1Graph(MemoryGraph):
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
         self._session: Session | None = None
+        self._time_source: MemoryParticipant | None = None
         self._ros_actions = Ros1Actions(self, self._ros_topics)
         self.topic_table.remote = self._ros_topics
         self.service_table.remote = self._ros_services
@@ -118,6 +125,7 @@ class Ros1Graph(MemoryGraph):
             raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
         try:
             await discovery.poll()
+            await parameters.join(session)
         except Ros1Error as error:
             session.on_master_error(error)
         else:
@@ -126,6 +134,22 @@ class Ros1Graph(MemoryGraph):
         self.spawn(discovery.run, "discovery of ROS 1")
         self.spawn(partial(parameters.run, session), "parameters of ROS 1")
         self.spawn(session.keep_sweeping, "connections of ROS 1")
+        self._check_time()
+
+    def _check_time(self) -> None:
+        """Follow `/use_sim_time`, now and every second."""
+        clock, tree = self.clock, self.parameters
+        if isinstance(clock, RosTime):
+            is_real = not (tree.has(_USE_SIM_TIME) and tree.get(_USE_SIM_TIME) is True)
+            if is_real and self._time_source is not None:
+                clock.unfollow()
+                self._time_source.close()
+                self._time_source = None
+            elif not is_real and self._time_source is None:
+                # No node of this graph, which would be listed.
+                self._time_source = self.make_participant(f"/rwt_clock_{os.getpid()}")
+                clock.follow(self._time_source)
+            clock.call_later(_TIME_CHECK_SECONDS, self._check_time)
 
     def _collect_logs(self) -> None:
         """Repeat the messages of `/rosout` on `/rosout_agg`, as ROS 1's node of that name does."""
@@ -138,6 +162,8 @@ class Ros1Graph(MemoryGraph):
         session = self._session
         try:
             self._close_participants()
+            if self._time_source is not None:
+                self._time_source.close()
             if session is not None:
                 await session.registrar.leave()
         finally:

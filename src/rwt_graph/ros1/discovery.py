@@ -145,12 +145,13 @@ class Discovery:
     def _add(self, key: Key, type_name: str) -> None:
         type_name = "" if type_name == "*" else type_name
         known = self._endpoints.get(key)
-        if known is None:
-            type = self._session.types.known(type_name) if type_name else None
+        type = self._session.types.known(type_name) if known is None and type_name else None
+        # The topic of an unknown type is listed after the probe: clients that see it can use it.
+        if known is None and (type is not None or not key[2]):
             self._join(key, RemoteEndpoint(key[1], type_name, type, DEFAULT_QOS))
             known = self._endpoints[key]
-        if known[0].type is None and key[2]:
-            self._probe(key, partial(self._probe_topic, key))
+        if key[2] and (known is None or known[0].type is None):
+            self._probe(key, partial(self._probe_topic, key, type_name))
 
     def _join(self, key: Key, endpoint: RemoteEndpoint) -> None:
         earlier = self._endpoints.get(key)
@@ -197,8 +198,21 @@ class Discovery:
                     self._reported.add(str(error))
                     logger.warning("%s", error)
 
-    async def _probe_topic(self, key: Key) -> None:
-        topic, node, _ = key
+    async def _probe_topic(self, key: Key, type_name: str) -> None:
+        try:
+            type, is_latched = await self._topic_type(*key[:2])
+        except (Ros1Error, WireError):
+            if key not in self._endpoints and self._is_listed(key):
+                self._join(key, RemoteEndpoint(key[1], type_name, None, DEFAULT_QOS))
+            raise
+        if self._is_listed(key):
+            self.found_publisher(key[0], key[1], type, is_latched=is_latched).cache = None
+
+    def _is_listed(self, key: Key) -> bool:
+        return key[1] in self._state.publishers.get(key[0], ())
+
+    async def _topic_type(self, topic: str, node: str) -> tuple[MessageType, bool]:
+        """Ask a publisher for its type, and if it is latched."""
         session = self._session
         uri = await session.call_master("lookupNode", "/rwt", node)
         host, port = await request_topic(str(uri), "/rwt", topic)
@@ -209,8 +223,7 @@ class Discovery:
         type = session.types.find(
             header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", "")
         )
-        if key in self._endpoints:
-            self.found_publisher(topic, node, type, is_latched=header.get("latching") == "1").cache = None
+        return type, header.get("latching") == "1"
 
     # What should be, and is not
 

@@ -94,7 +94,7 @@ class MasterParameters(ParameterTree):
             self._wake = anyio.Event()
             try:
                 if not self._is_joined:
-                    await self._join(session)
+                    await self.join(session)
                 while self._requests and self._is_joined:
                     await self._send(session, *self._requests[0])
                     self._requests.popleft()
@@ -114,7 +114,8 @@ class MasterParameters(ParameterTree):
         elif self.has(name):
             await session.call_master(method, session.monitor.name, name, self.get(name))
 
-    async def _join(self, session: Session) -> None:
+    async def join(self, session: Session) -> None:
+        """Read all parameters, and follow their changes; raises Ros1Error."""
         monitor = session.monitor
         found = await session.call_master("subscribeParam", monitor.name, monitor.uri, "/")
         self._is_joined = True

@@ -108,6 +108,7 @@ class Session:
         """Report once that the master does not answer."""
         if self.has_master is not False:
             logger.warning("%s; it is tried again until it answers", error)
+            self._notify("The ROS 1 master does not answer; connections to its nodes continue", False)
         self.has_master = False
 
     def on_master_answer(self) -> None:
@@ -115,7 +116,12 @@ class Session:
         if self.has_master is False:
             logger.warning("the ROS 1 master at %s answers; everything is registered again", self.master)
             self.on_forgotten()
+            self._notify("The ROS 1 master answers; everything is registered again", True)
         self.has_master = True
+
+    def _notify(self, text: str, is_connected: bool) -> None:
+        for observer in tuple(self.graph.observers):
+            observer(text, is_connected)
 
     async def keep_sweeping(self) -> None:
         """Sweep every second."""

@@ -15,9 +15,9 @@ from rwt_graph.ros2.ament import add_installed
 from rwt_graph.ros2.connection import Connection
 from rwt_graph.ros2.discovery import Discovery
 from rwt_graph.ros2.remapping import RemappedParticipant, Remapping
-from rwt_graph.ros2.ros_time import RosTime
 from rwt_graph.ros2.services import Ros2Services
 from rwt_graph.ros2.topics import Ros2Topics
+from rwt_graph.ros_time import RosTime
 from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Ros2Graph(MemoryGraph):
         if registry is None:
             registry = Registry()
             add_installed(registry)
-        super().__init__(registry, RosTime() if use_sim_time else clock)
+        super().__init__(registry, RosTime(is_real=False) if use_sim_time else clock)
         if self.distro.ros_version != 2:
             raise Ros2Error(
                 f"a graph of {self.distro.name} cannot join ROS 2: use the graph in memory, "

@@ -33,13 +33,14 @@ class Cable:
 
     Attributes:
         here: the address of this end.
+        there: the address of the other end.
         there_runs: what stands before a command that runs at the other end.
     """
 
     def __init__(self) -> None:
         number = os.getpid() % 16_000
         self._name, self._end = f"rwt-{os.getpid()}-operator", f"rwt{os.getpid()}"
-        self.here, self._there = (f"10.79.{number // 64}.{number % 64 * 4 + host}" for host in (1, 2))
+        self.here, self.there = (f"10.79.{number // 64}.{number % 64 * 4 + host}" for host in (1, 2))
         self.there_runs = ("ip", "netns", "exec", self._name)
 
     def __enter__(self) -> Cable:
@@ -48,7 +49,7 @@ class Cable:
             ip("link", "add", self._end, "type", "veth", "peer", "name", "cable", "netns", self._name)
             ip("addr", "add", f"{self.here}/30", "dev", self._end)
             ip("link", "set", self._end, "up")
-            ip("-n", self._name, "addr", "add", f"{self._there}/30", "dev", "cable")
+            ip("-n", self._name, "addr", "add", f"{self.there}/30", "dev", "cable")
             ip("-n", self._name, "link", "set", "cable", "up")
             ip("-n", self._name, "link", "set", "lo", "up")
         except BaseException:
@@ -66,3 +67,7 @@ class Cable:
     def pull(self) -> None:
         """Drop every packet silently."""
         ip("-n", self._name, "link", "set", "cable", "down")
+
+    def plug(self) -> None:
+        """Let packets pass again."""
+        ip("-n", self._name, "link", "set", "cable", "up")

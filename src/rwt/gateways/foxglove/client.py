@@ -157,6 +157,10 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             self._gate_notice = text
             self._gate_notices.send(status(Level.WARNING, f"gate: {text}", "gate"))
 
+    def report_connection(self, text: str, is_connected: bool) -> None:
+        """Send a status: an error if the connection is lost."""
+        self.replies.send(status(Level.INFO if is_connected else Level.ERROR, text, "graph"))
+
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         try:
             message = said.parse_binary(data) if binary else None

@@ -86,6 +86,10 @@ class Peer(ConnectedClient[_Waiting]):
     def _tell_notice(self, text: str) -> None:
         self.replies.send(Status(level="warning", msg=f"gate: {text}"))
 
+    def report_connection(self, text: str, is_connected: bool) -> None:
+        """Send a status: an error if the connection is lost."""
+        self.replies.send(Status(level="warning" if is_connected else "error", msg=text))
+
     def _run_usual(self, data: bytes) -> bool:
         """Run the usual `publish`, call or response."""
         if not self._session.is_quick:

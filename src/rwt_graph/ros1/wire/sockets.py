@@ -44,6 +44,16 @@ _ACCEPT_BATCH: Final = 16
 QUEUE_BYTES: Final = 16 * 1024 * 1024
 
 
+#: Options by which peers that disappear without a word are noticed within a minute: the last one while bytes
+#: are unacknowledged, the others while the connection is idle. Windows and macOS lack some of them.
+LOST_PEER_OPTIONS: Final = {
+    "TCP_KEEPIDLE": 30,
+    "TCP_KEEPINTVL": 10,
+    "TCP_KEEPCNT": 3,
+    "TCP_USER_TIMEOUT": 60_000,
+}
+
+
 class Sockets:
     """Callbacks of readable sockets.
 
@@ -215,8 +225,7 @@ class Stream:
         self.dropped = 0
         self.large: LargeFrame | None = None
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # Peers that disappear without a word are noticed within a minute.
-        for option, value in (("TCP_KEEPIDLE", 30), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 3)):
+        for option, value in LOST_PEER_OPTIONS.items():
             if hasattr(socket, option):
                 sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

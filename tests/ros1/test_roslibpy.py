@@ -1,0 +1,134 @@
+"""roslibpy, through the server, beside programs of rospy and roscpp."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+
+from tests.ros1.test_actions import SERVER
+from tests.ros1.test_messages import PROGRAM, build_node
+from tests.ros1.test_server import server
+from tests.ros1.test_services import OFFER
+from tests.statements import Program
+from tests.waiting import wait_until
+
+if TYPE_CHECKING:
+    from tests.ros1.conftest import Ros
+
+#: Sends back every message that comes, unchanged.
+ECHO: Final = """
+import json
+received, topics = {{}}, []
+def echo(name):
+    back = roslibpy.Topic(ros, '/back/' + name, name, latch=True)
+    back.advertise()
+    def on_message(message):
+        received[name] = message
+        back.publish(message)
+    topics.append(roslibpy.Topic(ros, '/from/' + name, name))
+    topics[-1].subscribe(on_message)
+for name in {names}:
+    echo(name)
+"""
+
+
+@pytest.fixture
+def client(ros: Ros) -> Iterator[Program]:
+    """A client of a server on the graph of the master."""
+    pytest.importorskip("roslibpy")
+    with (
+        server(ros) as url,
+        closing(
+            Program(sys.executable, "tests.ros1.roslibpy_program", url, environment=dict(os.environ))
+        ) as program,
+    ):
+        yield program
+
+
+def test_every_standard_message_is_the_same_as_in_rospy(ros: Ros, client: Program) -> None:
+    robot = ros.program()
+    names = [*robot.run(PROGRAM)]
+    client.run(ECHO.format(names=names))
+    wait_until(lambda: robot.run("result = len(back)") == len(names))
+    expected = robot.run("result = {name: plain(sent[name]) for name in sent}")
+    assert client.run("result = received") == expected
+    assert robot.run("result = [name for name in sent if plain(sent[name]) != plain(back[name])]") == []
+
+
+def test_roscpp_with_a_package_that_nobody_else_has(ros: Ros, client: Program, tmp_path: Path) -> None:
+    ros.start(build_node(tmp_path))
+    wait_until(lambda: client.run("result = ros.get_topic_type('/poses')") == "never_seen/Pose")
+    client.run(
+        """
+poses = []
+topic = roslibpy.Topic(ros, '/poses', 'never_seen/Pose')
+topic.subscribe(poses.append)
+"""
+    )
+    first = {"name": "first", "values": [1.5, -2.0], "count": 1}
+    wait_until(lambda: client.run("result = poses") == [first])
+    client.run(
+        """
+target = roslibpy.Topic(ros, '/set_pose', 'never_seen/Pose', latch=True)
+target.advertise()
+target.publish({'name': 'set', 'values': [0.5, 3.0], 'count': 4})
+"""
+    )
+    second = {"name": "set", "values": [0.5, 3.0], "count": 5}
+    wait_until(lambda: client.run("result = poses") == [first, second])
+
+
+def test_services_parameters_and_actions_of_rospy(ros: Ros, client: Program) -> None:
+    robot = ros.program()
+    robot.run(OFFER + SERVER)
+    robot.run("rospy.set_param('/speed', 1.5)")
+
+    def ask(statement: str) -> Any:
+        return client.run(f"import json\nresult = json.loads(json.dumps({statement}))")
+
+    wait_until(lambda: "/switch" in ask("ros.get_services()"))
+    call = "dict(roslibpy.Service(ros, '/switch', 'std_srvs/SetBool').call({'data': True}, timeout=30))"
+    assert ask(call) == {"success": True, "message": "switched"}
+    assert ask("ros.get_service_type('/switch')") == "std_srvs/SetBool"
+    wait_until(lambda: ask("ros.get_param('/speed')") == 1.5)
+    client.run("ros.set_param('/limit', 2)")
+    wait_until(lambda: robot.run("result = rospy.get_param('/limit', None)") == 2)
+    assert "/robot/program" in ask("ros.get_nodes()")
+    client.run(
+        """
+import roslibpy.ros1.actionlib
+actions = roslibpy.ros1.actionlib.ActionClient(ros, '/double', 'actionlib/TestAction')
+"""
+    )
+    ends = "(server.action_server.result_pub, server.action_server.goal_sub)"
+    wait_until(lambda: all(robot.run(f"result = [each.get_num_connections() for each in {ends}]")))
+    client.run(
+        """
+goal = roslibpy.ros1.actionlib.Goal(actions, {'goal': 21})
+goal.send()
+"""
+    )
+    assert ask("goal.wait(30)") == {"result": 42}
+
+
+def test_rospy_calls_a_service_of_the_client(ros: Ros, client: Program) -> None:
+    client.run(
+        """
+def switch(request, response):
+    response['success'], response['message'] = request['data'], 'by the client'
+    return True
+service = roslibpy.Service(ros, '/client/switch', 'std_srvs/SetBool')
+service.advertise(switch)
+"""
+    )
+    wait_until(lambda: "/client/switch" in ros.tool("rosservice", "list"))
+    called = ros.tool("rosservice", "call", "/client/switch", "true")
+    assert "by the client" in called
+    assert json.loads(json.dumps(client.run("result = ros.is_connected"))) is True
