@@ -80,7 +80,8 @@ async def test_the_end_of_a_session_ends_its_subscriptions() -> None:
 
 async def test_a_stream_is_told_until_it_ends() -> None:
     async with small_robot() as (server, _), agent_at(url_of(server)) as agent:
-        assert agent.server_capabilities.resources.subscribe
+        resources = agent.server_capabilities.resources
+        assert resources is not None and resources.subscribe
         async with agent.listen(resource_subscriptions=[NUMBER]) as events:
             found = [await anext(events) for _ in range(2)]
         assert found == [ResourceUpdated(NUMBER)] * 2
