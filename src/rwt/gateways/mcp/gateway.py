@@ -440,7 +440,8 @@ class McpGateway(Gateway):
         said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
         line = self._log_rate.admit(one_line(said), time.monotonic())
         if line is not None:
-            self.access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
+            level = logging.INFO if acts else logging.DEBUG
+            self.access.audit.write(level, "%s", line, client=f"{self.name}:{_name_of(context)}")
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool."""
