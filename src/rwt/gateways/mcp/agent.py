@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 from rwt.gateways.mcp.content.answer import Answer, bounded_value
 from rwt.gateways.mcp.content.images import show
@@ -12,7 +12,12 @@ from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.errors import ToolError
 
 if TYPE_CHECKING:
+    from contextlib import AbstractAsyncContextManager
+
+    from mcp.server.context import ServerRequestContext
+
     from rwt.gateways.mcp.goals import GoalTable
+    from rwt.gateways.mcp.person import Questions
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_participant.api import RobotApi
     from rwt_participant.handles import Publisher
@@ -121,3 +126,30 @@ def shown(message: Message, type: str, settings: McpSettings) -> Answer:
     """Return a message, as the member `message` and for the model, within the bounds."""
     data = {"message": bounded_value(plain(message), settings.result_bytes)}
     return Answer(data, show(message, type, settings.result_bytes, settings.picture_pixels))
+
+
+Allow = Callable[[str, str], Awaitable[None]]
+"""Asks a person to permit an action of an owner's agent; raises if the person declines."""
+
+
+class Host(Protocol):
+    """Context of the server: identifies agents, logs and counts their actions."""
+
+    questions: Questions
+    settings: McpSettings
+
+    def agent(
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None, *, lasts: bool = False
+    ) -> AbstractAsyncContextManager[Agent]:
+        """Return the sender of a request. Raises :exc:`ToolError`.
+
+        Args:
+            allow: asks its user.
+            lasts: True for an agent that outlasts the request.
+        """
+
+    def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
+        """Write an action of an agent into the audit log."""
+
+    def count(self, tool: str, outcome: str) -> None:
+        """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""

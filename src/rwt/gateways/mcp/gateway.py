@@ -63,9 +63,8 @@ if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
-    from rwt.gateways.mcp.agent import Act, Recordings
+    from rwt.gateways.mcp.agent import Act, Allow, Recordings
     from rwt.gateways.mcp.content.answer import Answer
-    from rwt.gateways.mcp.server import Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo

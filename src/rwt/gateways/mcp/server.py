@@ -5,11 +5,10 @@ from __future__ import annotations
 import base64
 import logging
 import time
-from collections.abc import Awaitable, Callable, Sequence
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import mcp_types as types
 import msgspec
@@ -31,40 +30,12 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup
     from mcp.server.context import ServerRequestContext
 
-    from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.person import Questions
-    from rwt.gateways.mcp.settings import McpSettings
+    from rwt.gateways.mcp.agent import Act, Agent, Host
     from rwt.gateways.mcp.tools.tool import Tool
 
     Context = ServerRequestContext[Any, Any]
 
 logger = logging.getLogger(__name__)
-
-Allow = Callable[[str, str], Awaitable[None]]
-"""Asks a person to permit an action of an owner's agent; raises if the person declines."""
-
-
-class Host(Protocol):
-    """Context of the server: identifies agents, logs and counts their actions."""
-
-    questions: Questions
-    settings: McpSettings
-
-    def agent(
-        self, context: Context, allow: Allow | None = None, *, lasts: bool = False
-    ) -> AbstractAsyncContextManager[Agent]:
-        """Return the sender of a request. Raises :exc:`ToolError`.
-
-        Args:
-            allow: asks its user.
-            lasts: True for an agent that outlasts the request.
-        """
-
-    def note(self, context: Context, text: str, *, acts: bool) -> None:
-        """Write an action of an agent into the audit log."""
-
-    def count(self, tool: str, outcome: str) -> None:
-        """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""
 
 
 def make_server(host: Host, version: str, *, keeps_sessions: bool = True) -> Server[TaskGroup]:

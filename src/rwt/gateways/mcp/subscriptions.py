@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mcp.server.context import ServerRequestContext
     from mcp.server.lowlevel import Server
 
-    from rwt.gateways.mcp.server import Host
+    from rwt.gateways.mcp.agent import Host
 
     Context = ServerRequestContext[TaskGroup, Any]
 

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
     from mcp.server.context import ServerRequestContext
 
-    from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.server import Allow
+    from rwt.gateways.mcp.agent import Act, Agent, Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_client import ConnectionEvent, Robot
 
