@@ -26,8 +26,18 @@ This page is generated from the program by `tools/generate_tools.py`. Agents con
 `rwt mcp`: see [the how-to](../how-to/agents.md).
 
 Supported versions of the Model Context Protocol: 2026-07-28 (without sessions), 2025-11-25, 2025-06-18, 2025-03-26 and
-2024-11-05. A tool that fails returns the reason and what to do instead. `mcp.result_bytes` limits the text of a result,
-`mcp.picture_pixels` the width and height of an image, `mcp.longest_seconds` the duration of a call.
+2024-11-05. A tool that fails returns the reason and what to do instead. Results have text, and structured content with
+the fields that `outputSchema` of the tool describes. `mcp.result_bytes` limits the text of a result and each message in its
+structured content, `mcp.picture_pixels` the width and height of an image, `mcp.longest_seconds` the duration of a call.
+
+Results of tools that act have the field `gate` if the [gate](../how-to/gate.md) clamped a value or required approval. Its lines are
+part of the text, too, also if the call fails.
+"""
+
+_SUBSCRIPTIONS: Final = """
+Agents can subscribe to `robot://topics/…`, by `resources/subscribe` in a session or `subscriptions/listen` since 2026-07-28: they are
+notified of new messages, at most once a second for each topic. A session or stream has at most 16 topics, and an agent at most
+`mcp.requests_per_address`.
 """
 
 
@@ -49,7 +59,8 @@ def _lines() -> Iterator[str]:
     yield "| URI | content |\n|---|---|"
     for resource in RESOURCES:
         yield f"| `{resource.uri}` | {resource.description} |"
-    yield "\n## Prompts\n"
+    yield _SUBSCRIPTIONS
+    yield "## Prompts\n"
     yield "| name | purpose | arguments |\n|---|---|---|"
     for prompt in PROMPTS.values():
         arguments = "; ".join(f"`{name}`: {about}" for name, about in prompt.arguments.items())
@@ -67,7 +78,8 @@ def _tool(tool: Tool[Any]) -> Iterator[str]:
     for name, each in tool.schema["properties"].items():
         default = "" if name in required else f"`{json.dumps(each.get('default'))}`"
         yield f"| `{name}` | {_type(each)} | {default} | {each.get('description', '')} |"
-    yield ""
+    results = ", ".join(f"`{name}`" for name in tool.result_schema["properties"])
+    yield f"\nResult: {results}.\n"
 
 
 def _type(schema: dict[str, Any]) -> str:
@@ -76,12 +88,8 @@ def _type(schema: dict[str, Any]) -> str:
     if "enum" in schema:
         return ", ".join(f"`{each}`" for each in schema["enum"])
     if schema.get("type") == "array":
-        return f"list of {_type(schema['items'])}" if "items" in schema else _fixed(schema)
+        return f"list of {_type(schema['items'])}"
     return str(schema.get("type", "any"))
-
-
-def _fixed(schema: dict[str, Any]) -> str:
-    return f"{len(schema['prefixItems'])} times {_type(schema['prefixItems'][0])}"
 
 
 if __name__ == "__main__":

@@ -91,7 +91,13 @@ def _cloned(folder: Path) -> str:
     for command in (
         ["git", "clone", "--quiet", str(ROOT), str(clone)],
         [sys.executable, "-m", "venv", str(environment)],
-        [str(environment / "bin/pip"), "install", "--quiet", f"{clone}[mcap]", str(clone / "conformance")],
+        [
+            str(environment / "bin/pip"),
+            "install",
+            "--quiet",
+            f"{clone}[mcap,mcp]",
+            str(clone / "conformance"),
+        ],
     ):
         subprocess.run(command, check=True)
     return f"{environment / 'bin'}{os.pathsep}{os.environ['PATH']}"

@@ -176,6 +176,32 @@ def test_the_container_runs_the_same(settings: tuple[Path, int]) -> None:
     assert subprocess.run(check, timeout=LONGEST, check=False, capture_output=True).returncode != 0
 
 
+def test_the_container_needs_no_writable_root(settings: tuple[Path, int]) -> None:
+    assert "--read-only" in (FILES.parent / "deploy.md").read_text(encoding="utf-8")
+    text = (FILES / "Containerfile").read_text(encoding="utf-8")
+    command = json.loads(text.rpartition("\nCMD ")[2])
+    # A namespace of its own in which no file system but those of the kernel can be written to.
+    mounts = "awk '$5 !~ \"^/(proc|sys|dev)\" {print $5}' /proc/self/mountinfo | sort -u"
+    script = f'for at in $({mounts}); do mount -o remount,bind,ro "$at" || exit 9; done'
+    script += '; touch "$0" 2>/dev/null && exit 9; exec "$@"'
+    probe = settings[0].parent / "probe"
+    trial = ["unshare", "--mount", "sh", "-c", script, str(probe)]
+    if shutil.which("unshare") is None or subprocess.run([*trial, "true"], check=False).returncode:
+        pytest.skip("this system has no mount namespaces for tests")
+    words = [*trial, sys.executable, "-m", "rwt.cli", *arguments(" ".join(command), settings[0])]
+    variables = {"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN, "PYTHONPATH": str(ROOT / "src")}
+    environment = {**os.environ, **variables}
+    with subprocess.Popen(words, env=environment, stdout=-1, stderr=-1, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
+        while not (line := process.stdout.readline()).startswith("listening on "):
+            assert line, process.stderr.read()
+        with connect(f"ws://127.0.0.1:{settings[1]}?token={TOKEN}") as operator:
+            operator.send(ADVERTISE)
+        process.terminate()
+        assert "Read-only file system" not in process.stderr.read()
+    assert process.returncode == 0 and not probe.exists()
+
+
 def test_a_manager_that_is_gone_ends_nothing(tmp_path: Path) -> None:
     gone = {"NOTIFY_SOCKET": os.fspath(tmp_path / "nobody")}
     with running("serve", "ws://127.0.0.1:0", environment=gone) as (process, url):

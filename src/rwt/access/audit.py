@@ -32,11 +32,13 @@ class Audit:
         level: int,
         text: str,
         *arguments: object,
-        client: int | None = None,
+        client: str | None = None,
         op_id: object = None,
         error: BaseException | None = None,
     ) -> None:
         """Write one line, with the fields `client` and `op_id` for formatters.
+
+        `client` is the name that leases, requests for approval and the gate's audit log use, `rosbridge:3`.
 
         If writing fails, the line is dropped and counted.
         """

@@ -172,7 +172,7 @@ class ConnectionGateway(Gateway, Generic[C]):
         self.shared.counters.clients += 1
         self.access.audit.write(
             logging.INFO, f"{self.log_prefix}client %d joined from %s over %s",
-            number, info.address or "?", info.transport, client=number,
+            number, info.address or "?", info.transport, client=f"{self.name}:{number}",
         )  # fmt: skip
         return client
 
@@ -195,7 +195,7 @@ class ControlLane:
         max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
     """
 
-    __slots__ = ("_audit", "_number", "_prefix", "log_rate", "max_bytes", "monotonic", "sink")
+    __slots__ = ("_audit", "_name", "_number", "_prefix", "log_rate", "max_bytes", "monotonic", "sink")
 
     def __init__(self, gateway: ConnectionGateway[Any], number: int, sink: Sink) -> None:
         self.sink = sink
@@ -205,6 +205,7 @@ class ControlLane:
         self.max_bytes = gateway.access.limits.outgoing_message_bytes
         self._number = number
         self._prefix = gateway.log_prefix
+        self._name = f"{gateway.name}:{number}"
 
     def too_large(self, size: int) -> str | None:
         """Return why a message of `size` bytes is not sent; None if it is within the limit."""
@@ -220,13 +221,13 @@ class ControlLane:
         line = self.log_rate.admit(note + one_line(text), self.monotonic())
         if line is not None:
             self._audit.write(
-                level, f"[{self._prefix}client %d] %s", self._number, line, client=self._number, op_id=id_
+                level, f"[{self._prefix}client %d] %s", self._number, line, client=self._name, op_id=id_
             )
 
     def log_internal_error(self, op: str, error: Exception, id_: object = None) -> None:
         """Log a fault of the server with its traceback. The client only receives "internal error"."""
         self._audit.write(
-            logging.ERROR, "internal error in %s", op, client=self._number, op_id=id_, error=error
+            logging.ERROR, "internal error in %s", op, client=self._name, op_id=id_, error=error
         )
 
 
@@ -542,7 +543,7 @@ class ConnectedClient(ABC, Generic[T]):
             reason += f" ({left_out} lines about it were left out)"
         self._gateway.access.audit.write(
             logging.INFO, f"{self._gateway.log_prefix}client %d left: %d %s", self.number, code, reason,
-            client=self.number,
+            client=f"{self._gateway.name}:{self.number}",
         )  # fmt: skip
 
     @abstractmethod

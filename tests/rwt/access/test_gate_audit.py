@@ -419,3 +419,22 @@ def test_a_changed_parameter_has_its_values_before_and_after(tmp_path: Path, dis
     lines = [line for line in _lines(robot, file) if line["act"] == "set_param"]
     assert [line.get("before") for line in lines] == [1.5, 2.5, None]
     assert all("value" in str(line["after"]) for line in lines)
+
+
+def test_log_gate_and_audit_name_a_client_in_the_same_way(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "rwt.bridge")
+    file = tmp_path / "audit.jsonl"
+    robot = GatedRobot({"drive": {**DRIVE, "emergency": True}}, audit={"file": file})
+    client = robot.client("agent")
+    drive(client, 100.0)
+    client.say("unsubscribe", topic="/nought", id="the id")
+    robot.client("supervisor")
+    call(client, "/gate/stop")
+    records = [vars(record) for record in caplog.records if record.name == "rwt.bridge"]
+    named = [record for record in records if record.get("client") == "rosbridge:1"]
+    assert any(record["op_id"] == "the id" for record in named)
+    assert any(record["message"].startswith("gate: stop") for record in named)
+    assert {record["client"] for record in records} == {"rosbridge:1", "rosbridge:2"}
+    assert "rosbridge:1" in {line.get("client") for line in _lines(robot, file)}

@@ -254,7 +254,7 @@ async def _over_mcp(server: Server, kind: str, name: str) -> str:
         (_over_http, "action", "waiting for approval by supervisor (4"),
         (_over_http, "parameter", "waiting for approval by supervisor (4"),
         (_over_mcp, "topic", "under id 1: send it again"),
-        (_over_mcp, "service", "the gate has not received an approval"),
+        (_over_mcp, "service", "waiting for approval by supervisor (45 s left"),
         (_over_mcp, "action", ""),
     ],
 )

@@ -91,7 +91,7 @@ def test_a_full_disk_costs_lines_and_says_how_many(
     assert [line["message"] for line in _lines(disk)] == ["3 lines of the log were lost", "back"]
 
 
-def test_the_command_logs_json_with_the_clients_number() -> None:
+def test_the_command_logs_json_with_the_clients_name() -> None:
     with running("serve", "ws://127.0.0.1:0", "--log-format", "json") as (process, url):
         with connect(url) as wire:
             wire.send('{"op":"unsubscribe","topic":"/x","id":"u:1"}')
@@ -101,7 +101,7 @@ def test_the_command_logs_json_with_the_clients_number() -> None:
         _, errors = process.communicate(timeout=10)
     lines = [json.loads(line) for line in errors.splitlines()]
     bridge = [line for line in lines if line["logger"] == "rwt.bridge"]
-    assert {line["client"] for line in bridge} == {1}
+    assert {line["client"] for line in bridge} == {"rosbridge:1"}
     assert {"u:1", "c:1"} <= {line.get("op_id") for line in bridge}
 
 

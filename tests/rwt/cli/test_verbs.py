@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import base64
 import io
+import math
 import re
 import sys
 from importlib.metadata import version
@@ -19,6 +20,7 @@ from rwt.cli import COMMANDS, main, parser_for
 from rwt.cli.commands.topic.echo import ECHO
 from rwt.cli.commands.topic.qos import qos_from
 from rwt.cli.console.output import Output
+from rwt.cli.console.plot import Plot
 from rwt.cli.console.yaml_text import read_yaml
 from rwt.cli.graph_lookup import absolute_name
 from rwt_client import connect
@@ -172,6 +174,24 @@ def test_echo_only_what_a_filter_lets_through(rwt: Rwt) -> None:
     assert (ended.code, "'m.pose >' is not a Python expression" in ended.err) == (2, True)
     ended = rwt("topic", "echo", "/odom", "--filter", "m.poses")
     assert (ended.code, "--filter: AttributeError: " in ended.err) == (2, True)
+
+
+def test_echo_as_a_plot(rwt: Rwt) -> None:
+    rwt("topic", "pub", "--once", "/cmd_vel", _TWIST, "{linear: {x: 0.3}}")
+    last = rwt("topic", "echo", "/odom", "--plot", "-n", "3", "--field", "pose.pose").out.splitlines()
+    assert {line.split()[0] for line in last if " … " in line} >= {"position.x", "orientation.w"}
+    scan, _ = rwt("topic", "echo", "/scan", "--plot", "--once", "--field", "ranges").out.splitlines()
+    assert scan.startswith("value  ") and len(set("▁▂▃▄▅▆▇█") & set(scan)) > 3
+    assert rwt("topic", "echo", "/odom", "--plot", "--csv").code == 2
+
+
+def test_a_plot_of_any_numbers() -> None:
+    plot = Plot()
+    for value in (0.0, math.nan, 1e308, -1e308, math.inf):
+        (line,) = plot.lines({"a": {"b": value}, "header": {"stamp": 1}, "text": "x", "none": []})
+    assert line.startswith("a.b  ▅?█▁?") and line.endswith("inf (-1e+308 … 1e+308)")
+    assert Plot().lines("text") == []
+    assert len(Plot().lines({f"{n}": n for n in range(100)})) == 20
 
 
 def test_echo_undecoded(rwt: Rwt) -> None:

@@ -307,6 +307,7 @@ class Recorder:
                 logging.WARNING if decision in ("stop", "would refuse") else logging.INFO,
                 "gate: %s: %s by %s: %s",
                 decision, one_line(f"{act} {name}".rstrip()), one_line(who), one_line(text),
+                client=None if client is None else client.name,
             )  # fmt: skip
         if self._file is None:
             return

@@ -22,7 +22,7 @@ _FIELDS: Final = ("worker", "client", "op_id")
 
 class JsonFormatter(logging.Formatter):
     """Formatter of JSON lines: `time` (UTC, RFC 3339), `level`, `logger`, `message`, and if present `worker`
-    (with `--workers`), `client` (its number), `op_id` and `error` (the traceback)."""
+    (with `--workers`), `client` (its name, `rosbridge:3`), `op_id` and `error` (the traceback)."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the JSON object of a record."""

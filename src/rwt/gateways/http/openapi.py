@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.gateways.http import actions, calls, parameters, topics
 from rwt.gateways.http.problems import CONTENT_TYPE as PROBLEM
-from rwt.gateways.http.representations import CBOR, JSON
+from rwt.gateways.http.representations import CBOR, EVENTS, JSON
 from rwt.gateways.http.schemas import Schema, Schemas
 
 if TYPE_CHECKING:
@@ -33,10 +33,11 @@ _ANY_VALUE: Final[Schema] = {
     "description": "a boolean, a number, a string, or an array of one of these; on ROS 1 anything",
 }
 
-_EVENTS: Final = "x-events"
-"""Marker of operations that answer `Accept: text/event-stream` with events. A response of its own would make
-generated clients type each answer as a string, too.
-"""
+_EVENT_STREAM: Final[Schema] = {
+    "type": "string",
+    "description": "server-sent events (HTML standard, section 9.2), whose `data` is JSON; of events without"
+    " a name, it is that of the other representations",
+}
 
 _WAITS: Final[Schema] = {
     "202": {
@@ -90,6 +91,7 @@ def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str)
                 "Problem": _PROBLEM_SCHEMA,
                 "NameAndType": _NAME_AND_TYPE,
                 "ParameterValue": _ANY_VALUE,
+                "EventStream": _EVENT_STREAM,
                 **dict(sorted(description.schemas.found.items())),
             },
         },
@@ -170,7 +172,7 @@ class _Description:
                 f"get{name}",
                 "topics",
                 f"The message of {name} that is kept, or the next one",
-                _ok(self.schemas.reference(type)),
+                _ok(self.schemas.reference(type), has_events=True),
                 query=(
                     self._seconds("wait", "wait so many seconds for the next message"),
                     _query("throttle", {"type": "number", "minimum": 0, "maximum": topics.MAX_THROTTLE},
@@ -178,7 +180,7 @@ class _Description:
                     _query("queue", {"type": "integer", "minimum": 1, "maximum": topics.MAX_EVENTS},
                            "of events: how many may wait for a slow reader"),
                 ),
-            ) | {_EVENTS: True}  # fmt: skip
+            )  # fmt: skip
         if self._role.allows("publish", name):
             item["post"] = self._operation(
                 f"publish{name}",
@@ -240,8 +242,9 @@ class _Description:
         }  # fmt: skip
         found[f"{path}/goals/{{goal_id}}"] = {
             "parameters": [goal_id],
-            "get": self._operation(f"get_goal{name}", "actions", f"A goal of {name}", _ok(goal))
-            | {_EVENTS: True},
+            "get": self._operation(
+                f"get_goal{name}", "actions", f"A goal of {name}", _ok(goal, has_events=True)
+            ),
             "delete": self._operation(f"cancel_goal{name}", "actions", f"Cancel a goal of {name}", canceled),
         }
         return found
@@ -296,5 +299,6 @@ def _written(schema: Mapping[str, object]) -> dict[str, Schema]:
     return {JSON: {"schema": schema}, CBOR: {"schema": schema}}
 
 
-def _ok(schema: Mapping[str, object]) -> Schema:
-    return {"200": {"description": "as asked for", "content": _written(schema)}}
+def _ok(schema: Mapping[str, object], *, has_events: bool = False) -> Schema:
+    events: Schema = {EVENTS: {"schema": _named("EventStream")}} if has_events else {}
+    return {"200": {"description": "as asked for", "content": {**_written(schema), **events}}}

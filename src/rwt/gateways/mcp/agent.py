@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
+from rwt.gateways.mcp.content.answer import Answer, bounded_value
 from rwt.gateways.mcp.content.images import show
+from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.errors import ToolError
 
 if TYPE_CHECKING:
-    from rwt.gateways.mcp.content.answer import Answer
+    from contextlib import AbstractAsyncContextManager
+
+    from mcp.server.context import ServerRequestContext
+
     from rwt.gateways.mcp.goals import GoalTable
+    from rwt.gateways.mcp.person import Questions
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_participant.api import RobotApi
     from rwt_participant.handles import Publisher
@@ -39,6 +45,16 @@ class Recordings(Protocol):
 
     def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:
         """Return the first message of a topic at or after an offset in seconds, its type and its offset."""
+
+
+#: Maximum number of different notices of the gate in one result.
+_MAX_NOTICES: Final = 10
+
+
+def note_once(notices: list[str], text: str) -> None:
+    """Record a notice of the gate about a command, once: a command may be repeated many times a second."""
+    if text not in notices and len(notices) < _MAX_NOTICES:
+        notices.append(text)
 
 
 async def _no_progress(progress: float, total: float | None, message: str | None) -> None:
@@ -102,8 +118,38 @@ class Agent:
         return seconds
 
     async def show(self, message: Message, type: str) -> Answer:
-        """Return a message for the model, within the bounds."""
-        settings = self.settings
-        return await self.in_thread(
-            lambda: show(message, type, settings.result_bytes, settings.picture_pixels)
-        )
+        """Return a message, as the member `message` and for the model, within the bounds."""
+        return await self.in_thread(lambda: shown(message, type, self.settings))
+
+
+def shown(message: Message, type: str, settings: McpSettings) -> Answer:
+    """Return a message, as the member `message` and for the model, within the bounds."""
+    data = {"message": bounded_value(plain(message), settings.result_bytes)}
+    return Answer(data, show(message, type, settings.result_bytes, settings.picture_pixels))
+
+
+Allow = Callable[[str, str], Awaitable[None]]
+"""Asks a person to permit an action of an owner's agent; raises if the person declines."""
+
+
+class Host(Protocol):
+    """Context of the server: identifies agents, logs and counts their actions."""
+
+    questions: Questions
+    settings: McpSettings
+
+    def agent(
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None, *, lasts: bool = False
+    ) -> AbstractAsyncContextManager[Agent]:
+        """Return the sender of a request. Raises :exc:`ToolError`.
+
+        Args:
+            allow: asks its user.
+            lasts: True for an agent that outlasts the request.
+        """
+
+    def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
+        """Write an action of an agent into the audit log."""
+
+    def count(self, tool: str, outcome: str) -> None:
+        """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""

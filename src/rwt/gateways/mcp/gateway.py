@@ -29,7 +29,7 @@ from rwt.access.graph_view import STOP, canonical
 from rwt.access.roles import glob_pattern
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import MAX_STOP_BYTES, Gateway
-from rwt.gateways.mcp.agent import Agent
+from rwt.gateways.mcp.agent import Agent, note_once
 from rwt.gateways.mcp.asgi import AgentExchange
 from rwt.gateways.mcp.client_robot import ClientRobot
 from rwt.gateways.mcp.errors import ToolError
@@ -63,17 +63,13 @@ if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
-    from rwt.gateways.mcp.agent import Act, Recordings
+    from rwt.gateways.mcp.agent import Act, Allow, Recordings
     from rwt.gateways.mcp.content.answer import Answer
-    from rwt.gateways.mcp.server import Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo
 
 logger = logging.getLogger(__name__)
-
-#: Maximum number of different notices of the gate in one result.
-_MAX_NOTICES: Final = 10
 
 PATH: Final = "/mcp"
 """Path at which agents are served."""
@@ -99,7 +95,7 @@ class _Caller:
 
     Attributes:
         role: role by its token, or that of agents without a token. May change while the request is served.
-        is_stream: True if the request only opens a stream of events.
+        is_stream: True if the request only opens a stream of events, and for a subscription of its session.
         presses_stop: True if the request presses the emergency stop.
         at_end: callbacks that cancel the request's work, called when the reader has disconnected.
     """
@@ -180,7 +176,7 @@ class McpGateway(Gateway):
         self.questions = Questions()
         self._keeps_sessions = not several_processes
         self._manager = StreamableHTTPSessionManager(
-            make_server(self, version("robot-web-tools")),
+            make_server(self, version("robot-web-tools"), keeps_sessions=not several_processes),
             stateless=several_processes,
             session_idle_timeout=settings.session_idle_seconds,
             max_sessions=settings.sessions,
@@ -353,13 +349,19 @@ class McpGateway(Gateway):
 
     @asynccontextmanager
     async def agent(
-        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None, *, lasts: bool = False
     ) -> AsyncIterator[Agent]:
-        """Return the sender of a request that is being served."""
+        """Return the sender of a request, while it is served or, if it `lasts`, for its subscription."""
         caller = _caller_of(context)
-        running = sum(len(each.clients) for each in self._callers)
+        if lasts:
+            caller = _Caller(caller.info, caller.role, is_stream=True)
+        alike = [each for each in self._callers if each.is_stream is lasts]
+        running = sum(len(each.clients) for each in alike)
         if running >= self.settings.requests and not caller.presses_stop:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
+        own = sum(len(each.clients) for each in alike if each.owner == caller.owner)
+        if lasts and own >= self.settings.requests_per_address:
+            raise ToolError(f"you have {own} subscriptions (mcp.requests_per_address): end one of them")
         name = f"mcp:{_name_of(context)}"
         client = self.access.client(self.shared, caller.role, caller.info.address, name)
         gate, leave = self.access.gate, None
@@ -367,8 +369,10 @@ class McpGateway(Gateway):
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
         robot = ClientRobot(self.shared.graph, client, NODE, leave)
         notices: list[str] = []
-        client.tell_notices(partial(_note_once, notices))
+        client.tell_notices(partial(note_once, notices))
         caller.clients.add(client)
+        if lasts:
+            self._callers.add(caller)
         with anyio.CancelScope() as scope:
             caller.at_end.append(scope.cancel)
             try:
@@ -393,6 +397,8 @@ class McpGateway(Gateway):
             finally:
                 caller.at_end.remove(scope.cancel)
                 caller.clients.discard(client)
+                if lasts:
+                    self._callers.discard(caller)
                 robot.close()
         if scope.cancelled_caught:
             raise ToolError("the request was abandoned: its client has gone")
@@ -433,7 +439,8 @@ class McpGateway(Gateway):
         said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
         line = self._log_rate.admit(one_line(said), time.monotonic())
         if line is not None:
-            self.access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
+            level = logging.INFO if acts else logging.DEBUG
+            self.access.audit.write(level, "%s", line, client=f"{self.name}:{_name_of(context)}")
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool."""
@@ -506,12 +513,6 @@ def _opens_session(request: HttpRequest) -> bool:
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers
-
-
-def _note_once(notices: list[str], text: str) -> None:
-    """Record a notice of the gate about a command, once: a command may be repeated many times a second."""
-    if text not in notices and len(notices) < _MAX_NOTICES:
-        notices.append(text)
 
 
 def presses_stop(request: HttpRequest) -> bool:

@@ -12,7 +12,7 @@ from rwt.gateways.mcp.tools import TOOLS
 
 if TYPE_CHECKING:
     from rwt.gateways.mcp.agent import Agent
-    from rwt.gateways.mcp.content.answer import Answer
+    from rwt.gateways.mcp.content.answer import Answer, Parts
 
 INSTRUCTIONS: Final = """\
 This is a robot. Start with `list_robot`; `describe_type` shows the fields of messages, services and actions.
@@ -69,12 +69,12 @@ RESOURCES: Final = (
 """All resources."""
 
 
-async def read_resource(agent: Agent, uri: str) -> Answer:
+async def read_resource(agent: Agent, uri: str) -> Parts:
     """Return the content behind a URI. Raises ToolError."""
     for resource in RESOURCES:
         start, template, _ = resource.uri.partition("{")
         if (uri.startswith(start) and uri != start) if template else uri == start:
-            return await resource.read(agent, uri.removeprefix(start))
+            return (await resource.read(agent, uri.removeprefix(start))).parts
     raise ToolError(f"unknown resource {uri[:200]!r}; available: {', '.join(each.uri for each in RESOURCES)}")
 
 

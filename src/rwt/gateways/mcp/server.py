@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import logging
 import time
-from collections.abc import Awaitable, Callable
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import mcp_types as types
+import msgspec
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
@@ -20,57 +20,42 @@ from rwt.gateways.mcp.content.answer import Part, Picture, as_text
 from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
 from rwt.gateways.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
 from rwt.gateways.mcp.person import Person, asked
+from rwt.gateways.mcp.subscriptions import Subscriptions, running_subscriptions
 from rwt.gateways.mcp.tools import TOOLS
 from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
 from rwt_transports.http.routes import any_of
 
 if TYPE_CHECKING:
+    from anyio.abc import TaskGroup
     from mcp.server.context import ServerRequestContext
 
-    from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.person import Questions
-    from rwt.gateways.mcp.settings import McpSettings
+    from rwt.gateways.mcp.agent import Act, Agent, Host
     from rwt.gateways.mcp.tools.tool import Tool
 
     Context = ServerRequestContext[Any, Any]
 
 logger = logging.getLogger(__name__)
 
-Allow = Callable[[str, str], Awaitable[None]]
-"""Asks a person to permit an action of an owner's agent; raises if the person declines."""
 
-
-class Host(Protocol):
-    """Context of the server: identifies agents, logs and counts their actions."""
-
-    questions: Questions
-    settings: McpSettings
-
-    def agent(self, context: Context, allow: Allow | None = None) -> AbstractAsyncContextManager[Agent]:
-        """Return the sender of a request being handled; `allow` asks its user. Raises :exc:`ToolError`."""
-
-    def note(self, context: Context, text: str, *, acts: bool) -> None:
-        """Write an action of an agent into the audit log."""
-
-    def count(self, tool: str, outcome: str) -> None:
-        """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""
-
-
-def make_server(host: Host, version: str) -> Server[Any]:
+def make_server(host: Host, version: str, *, keeps_sessions: bool = True) -> Server[TaskGroup]:
     """Server of one gateway, or of one program connected over standard input and output."""
-    handlers = _Handlers(host)
+    handlers, subscriptions = _Handlers(host), Subscriptions(host)
     return Server(
         "robot-web-tools",
         version=version,
         title="Robot",
         instructions=INSTRUCTIONS,
+        lifespan=running_subscriptions,
         get_tool_input_schema=lambda name: TOOLS[name].schema if name in TOOLS else None,
         on_list_tools=handlers.list_tools,
         on_call_tool=handlers.call_tool,
         on_list_resources=handlers.list_resources,
         on_list_resource_templates=handlers.list_templates,
         on_read_resource=handlers.read_resource,
+        on_subscribe_resource=subscriptions.subscribe if keeps_sessions else None,
+        on_unsubscribe_resource=subscriptions.unsubscribe if keeps_sessions else None,
+        on_subscriptions_listen=subscriptions.listen,
         on_list_prompts=handlers.list_prompts,
         on_get_prompt=handlers.get_prompt,
     )
@@ -100,8 +85,10 @@ class _Handlers:
         said = f"{tool.name} {as_text(given)}"
         self._host.note(context, said, acts=tool.act is not None)
         person = Person(context, params, self._host.questions)
+        notices: Sequence[str] = ()
         try:
             async with self._host.agent(context, person.allow) as agent:
+                notices = agent.notices
                 if not tool.is_offered_to(agent):
                     raise ToolError(_not_offered(tool, agent))
                 heard = replace(
@@ -110,21 +97,24 @@ class _Handlers:
                     report_progress=context.session.report_progress,
                 )
                 answer = await Metered(tool(heard, given), agent.charge, time.monotonic)
-                if agent.notices:
-                    answer = (*answer, "the gate: " + "; ".join(agent.notices))
         except AnswerNeeded as needed:
             self._host.count(tool.name, "asked")
             return asked(needed)
         except (ToolError, RobotError, AccessError) as error:
             self._host.count(tool.name, "refused")
             self._host.note(context, f"{tool.name}: refused: {error}", acts=tool.act is not None)
-            return types.CallToolResult(content=[types.TextContent(text=str(error))], is_error=True)
+            content = [_content(part) for part in (str(error), *_of_gate(notices))]
+            return types.CallToolResult(content=content, is_error=True)
         except Exception:
             self._host.count(tool.name, "failed")
             logger.exception("the tool %s failed", tool.name)
             return types.CallToolResult(content=[types.TextContent(text="internal error")], is_error=True)
         self._host.count(tool.name, "done")
-        return types.CallToolResult(content=[_content(part) for part in answer])
+        data = {**answer.data, "gate": list(notices)} if notices else dict(answer.data)
+        return types.CallToolResult(
+            content=[_content(part) for part in (*answer.parts, *_of_gate(notices))],
+            structured_content=msgspec.json.decode(as_text(data)),
+        )
 
     async def _confirm(
         self, context: Context, person: Person, owner: str, act: Act, name: str, what: str
@@ -206,6 +196,11 @@ class _Handlers:
         )
 
 
+def _of_gate(notices: Sequence[str]) -> Sequence[str]:
+    """Return a line about what the gate did to a command, for an agent that only reads texts."""
+    return ["the gate: " + "; ".join(notices)] if notices else []
+
+
 def _not_offered(tool: Tool[Any], agent: Agent) -> str:
     if tool.act is None:
         return "there are no recordings to look at here (mcp.recordings)"
@@ -222,10 +217,11 @@ def _described(tool: Tool[Any]) -> types.Tool:
         title=tool.title,
         description=tool.description,
         input_schema=dict(tool.schema),
+        output_schema=dict(tool.result_schema),
         annotations=types.ToolAnnotations(
             read_only_hint=looks,
-            destructive_hint=None if looks else True,
-            idempotent_hint=None if looks else tool.act == "set_param",
+            destructive_hint=None if looks else tool.can_destroy,
+            idempotent_hint=None if looks else tool.is_idempotent,
             open_world_hint=not looks,
         ),
     )

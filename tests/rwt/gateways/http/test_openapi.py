@@ -43,6 +43,15 @@ async def test_the_document_is_valid_to_others(described: Path) -> None:
     await anyio.to_thread.run_sync(OpenAPIV31SpecValidator(document).validate)
 
 
+async def test_streams_of_events_are_described_as_responses(described: Path) -> None:
+    document = json.loads(await anyio.Path(described).read_bytes())
+    for path in ("/api/topics/open/label", "/api/actions/open/count/goals/{goal_id}"):
+        content = document["paths"][path]["get"]["responses"]["200"]["content"]
+        assert list(content) == ["application/json", "application/cbor", "text/event-stream"]
+        assert content["text/event-stream"]["schema"] == {"$ref": "#/components/schemas/EventStream"}
+    assert document["components"]["schemas"]["EventStream"]["type"] == "string"
+
+
 async def test_what_a_robot_sends_is_as_the_document_says() -> None:
     async with Server("ws://127.0.0.1:0", demo=True, web={"enabled": False}) as server:
         base = server.urls[0].replace("ws:", "http:", 1)

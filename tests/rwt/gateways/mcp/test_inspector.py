@@ -92,3 +92,21 @@ def _call(tool: str, *arguments: str) -> tuple[str, ...]:
     """The inspector's arguments for a call of a tool."""
     pairs = (part for argument in arguments for part in ("--tool-arg", argument))
     return ("tools/call", "--tool-name", tool, *pairs)
+
+
+async def test_the_typescript_sdk_uses_the_gateway() -> None:
+    rules = {
+        "slow": {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.25, "beyond": "clamp"}}},
+        "asked": {"services": ["/add"], "approval": {"roles": ["admin"], "seconds": 20}},
+    }
+    roles = {**GUARDED["roles"], "pilot": {**GUARDED["roles"]["pilot"], "call": ["/add"]}}
+    settings = Settings.model_validate({**GUARDED, "roles": roles, "gate": {"rules": rules}})
+    async with small_robot(settings) as (server, robot):
+        done = await anyio.run_process(["node", str(NODE.parent / "client.mjs"), url_of(server), PILOT])
+    found = json.loads(done.stdout)
+    assert found["annotations"]["read_topic"] == {"readOnlyHint": True, "openWorldHint": False}
+    assert {row["name"] for row in found["listed"]["topics"]["rows"]} >= {"/battery", "/cmd_vel"}
+    assert found["battery"]["message"]["percentage"] == 0.75
+    assert robot.heard == [0.25] and "0.25 in place of 0.5" in found["clamped"]["gate"][0]
+    assert "waiting for approval by admin" in found["waits"]
+    assert found["updated"] == "robot://topics/battery"

@@ -6,10 +6,11 @@ import json
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import anyio
 import pytest
+from jsonschema import Draft202012Validator
 
 from tests.rwt.gateways.mcp.agents import (
     agent_at,
@@ -237,10 +238,103 @@ async def test_frames_are_listed_and_looked_up() -> None:
 async def test_what_tools_say_of_themselves() -> None:
     async with _agent("gateway") as (agent, _):
         tools = {tool.name: tool for tool in (await agent.list_tools()).tools}
-    looks = {name for name, tool in tools.items() if tool.annotations and tool.annotations.read_only_hint}
-    assert tools.keys() - looks == {
-        "publish", "call_service", "send_goal", "cancel_goal", "set_parameter", "drive",
-    } & tools.keys()  # fmt: skip
-    assert "check_goal" in looks and "send_goal" not in looks
-    # Some models do not support tuples of JSON Schema.
-    assert not [name for name, tool in tools.items() if "prefixItems" in json.dumps(tool.input_schema)]
+    hints = {name: tool.annotations for name, tool in tools.items() if tool.annotations}
+    looks = {name for name, hint in hints.items() if hint.read_only_hint}
+    acts = {"publish", "call_service", "send_goal", "cancel_goal", "set_parameter"}
+    assert hints.keys() == tools.keys() and tools.keys() - looks == acts
+    assert {name for name in acts if hints[name].destructive_hint} == acts - {"cancel_goal"}
+    assert {name for name in acts if hints[name].idempotent_hint} == {"cancel_goal", "set_parameter"}
+    assert {name for name in tools if hints[name].open_world_hint} == acts
+    for tool in tools.values():
+        assert tool.output_schema is not None and tool.output_schema["type"] == "object"
+        Draft202012Validator.check_schema(tool.output_schema)
+        # Some models do not support tuples of JSON Schema.
+        assert "prefixItems" not in json.dumps((tool.input_schema, tool.output_schema))
+
+
+@pytest.mark.parametrize("way", WAYS)
+async def test_results_have_the_structure_that_the_tools_state(way: str) -> None:
+    async with _agent(way) as (agent, _):
+        schemas = {tool.name: tool.output_schema for tool in (await agent.list_tools()).tools}
+        found: dict[str, Any] = {}
+
+        async def call(tool: str, **arguments: object) -> None:
+            result = await agent.call_tool(tool, arguments)
+            assert not result.is_error, text_of(result)
+            assert schemas[tool] is not None
+            Draft202012Validator(schemas[tool]).validate(result.structured_content)
+            found[tool] = result.structured_content
+
+        await call("list_robot", kinds=["topics", "services", "actions", "parameters"])
+        battery = {"name": "/battery", "type": "sensor_msgs/msg/BatteryState"}
+        listed = {kind: [row["name"] for row in rows["rows"]] for kind, rows in found["list_robot"].items()}
+        assert any(row.items() >= battery.items() for row in found["list_robot"]["topics"]["rows"])
+        assert {"/add", "/fail"} <= set(listed["services"]) and "/count" in listed["actions"]
+        assert "/small_robot:speed" in listed["parameters"]
+        await call("describe_type", type="example_interfaces/srv/AddTwoInts")
+        described = found["describe_type"]
+        assert described["defaults"] == {"request": {"a": 0, "b": 0}, "response": {"sum": 0}}
+        assert "a: int64" in described["fields"]["request"]
+        for topic, member, expected in (
+            ("/battery", "percentage", 0.75),
+            ("/camera", "data", "3600 bytes"),
+            ("/scan", "range_min", 0.1),
+        ):
+            await call("read_topic", topic=topic)
+            assert found["read_topic"]["message"][member] == pytest.approx(expected)
+        await call("read_topic", topic="/battery", fields=["percentage"])
+        assert found["read_topic"]["fields"] == {"percentage": 0.75}
+        await call("watch_numbers", topic="/number", seconds=0.3)
+        assert found["watch_numbers"]["fields"]["data"]["last"] > 0
+        await call("wait_for", topic="/number", field="data", comparison=">", value=1)
+        assert found["wait_for"]["value"] > 1
+        await call("get_parameter", name="/small_robot:speed")
+        assert found["get_parameter"] == {"name": "/small_robot:speed", "value": 0.5}
+        await call("set_parameter", name="/small_robot:speed", value=0.25)
+        await call("list_frames", seconds=0.1)
+        await call("publish", topic="/cmd_vel", message={}, seconds=0.2)
+        assert found["publish"]["topic"] == "/cmd_vel" and found["publish"]["stop"] == {}
+        await call("call_service", service="/add", request={"a": 2, "b": 3})
+        assert found["call_service"]["message"] == {"sum": 5}
+        await call("send_goal", action="/count", goal={"order": 0}, timeout=0.3)
+        goal = found["send_goal"]["goal_id"]
+        assert found["send_goal"]["state"] == "executing" and found["send_goal"]["feedback"]["sequence"]
+        await call("check_goal", goal_id=goal)
+        await call("cancel_goal", goal_id=goal)
+        assert found["cancel_goal"]["state"] == "canceled"
+
+
+async def test_structured_content_is_bounded_as_texts_are() -> None:
+    async with small_robot(gateways=["mcp"], mcp={"default_role": "admin", "result_bytes": 2048}) as (
+        server,
+        robot,
+    ):
+        for number in range(60):
+            robot.node.advertise(f"/a_topic_of_the_robot_{number}", "std_msgs/String")
+        rows = [{"header": {"frame_id": f"a rather long name {number}" * 5}} for number in range(12)]
+        robot.node.publish("/path", {"poses": rows}, "nav_msgs/Path", latch=True)
+        async with agent_at(url_of(server)) as agent:
+            for tool, arguments in (
+                ("list_robot", {}),
+                ("describe_type", {"type": "nav_msgs/Odometry"}),
+                ("read_topic", {"topic": "/path"}),
+                ("read_topic", {"topic": "/path", "fields": ["poses", "header"]}),
+            ):
+                content = (await agent.call_tool(tool, arguments)).structured_content
+                assert len(json.dumps(content)) < 2048 + 512, tool
+            listed = (await agent.call_tool("list_robot", {})).structured_content
+            assert listed is not None and listed["topics"]["left_out"] > 0
+
+
+@pytest.mark.parametrize("way", WAYS)
+async def test_results_state_what_the_gate_clamped(way: str) -> None:
+    fields = {"linear.x": {"max": 0.25, "beyond": "clamp"}}
+    gate = {"rules": {"slow": {"topics": ["/cmd_vel"], "fields": fields}}}
+    async with small_robot(gateways=["mcp"], mcp={"default_role": "admin"}, gate=gate) as (server, robot):
+        at = agent_at(url_of(server)) if way == "gateway" else agent_of_connection(server.urls[0])
+        async with at as agent:
+            drive = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}}
+            result = await agent.call_tool("publish", drive)
+        assert robot.heard == [0.25] and result.structured_content is not None
+        assert "0.25 in place of 0.5" in result.structured_content["gate"][0]
+        assert "the gate: " in text_of(result)

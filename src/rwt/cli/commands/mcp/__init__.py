@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
     from mcp.server.context import ServerRequestContext
 
-    from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.server import Allow
+    from rwt.gateways.mcp.agent import Act, Agent, Allow
     from rwt.gateways.mcp.settings import McpSettings
-    from rwt_client import Robot
+    from rwt_client import ConnectionEvent, Robot
+
+#: Start of status messages of a robot's gate.
+_OF_GATE: Final = "gate: "
 
 _EXAMPLES: Final = """\
 examples:
@@ -110,7 +112,7 @@ class CommandHost:
 
     @asynccontextmanager
     async def agent(
-        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None, *, lasts: bool = False
     ) -> AsyncIterator[Agent]:
         """Yield the only agent."""
         from functools import partial
@@ -118,9 +120,16 @@ class CommandHost:
         import anyio.to_thread
 
         from rwt.cli.commands.mcp.checked_publisher import CheckedPublisher, take_lease
-        from rwt.gateways.mcp.agent import Agent
+        from rwt.gateways.mcp.agent import Agent, note_once
 
-        yield Agent(
+        notices: list[str] = []
+
+        def take(event: ConnectionEvent) -> None:
+            if event.kind == "status" and event.text.startswith(_OF_GATE):
+                note_once(notices, event.text.removeprefix(_OF_GATE))
+
+        end = self._robot.on_event(take)
+        agent = Agent(
             owner="",
             robot=self._robot,
             settings=self.settings,
@@ -133,7 +142,12 @@ class CommandHost:
             advertise=partial(CheckedPublisher, self._robot),
             lease_seconds=partial(take_lease, self._robot),
             recordings=self._recordings,
+            notices=notices,
         )
+        try:
+            yield agent
+        finally:
+            end()
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Log an act of the agent on standard error."""

@@ -35,6 +35,11 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     )
     shape = add_echo_arguments(parser)
     shape.add_argument("--raw", action="store_true", help="print the serialised messages")
+    shape.add_argument(
+        "--plot",
+        action="store_true",
+        help="plot the numbers over the last 60 messages, and lists as they are",
+    )
     parser.add_argument(
         "--filter",
         type=expression,
@@ -180,6 +185,7 @@ async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, ou
 
 
 def _printer(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
+    from rwt.cli.console.plot import Plot
     from rwt.cli.console.yaml_text import block, flow
 
     formatting = _formatting(arguments, output)
@@ -190,9 +196,17 @@ def _printer(message_type: MessageType, arguments: Arguments, output: Output) ->
             return plain(message_type, message, formatting)
         return plain_value(path.field_type, path.of(message), formatting)
 
+    plot = Plot() if getattr(arguments, "plot", False) and not output.json else None
+
     def show(message: Any) -> None:
         value = value_of(message)
-        if output.json:
+        if plot is not None:
+            lines = [output.escape_terminal(line) for line in plot.lines(value)]
+            if output.people:
+                output.live(lines)
+            else:
+                output.text("".join(f"{line}\n" for line in (*lines, "---")))
+        elif output.json:
             output.record(value)
         elif arguments.csv:
             output.line(output.escape_terminal(csv_line(value)))
@@ -205,7 +219,7 @@ def _printer(message_type: MessageType, arguments: Arguments, output: Output) ->
 
 
 def _formatting(arguments: Arguments, output: Output) -> Formatting:
-    whole = arguments.full_length or arguments.csv or output.json
+    whole = arguments.full_length or arguments.csv or output.json or getattr(arguments, "plot", False)
     return Formatting(
         arrays=not arguments.no_arr,
         strings=not arguments.no_str,

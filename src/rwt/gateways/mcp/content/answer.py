@@ -1,7 +1,8 @@
-"""Result of a tool: texts and images of bounded size."""
+"""Result of a tool: data, texts and images of bounded size."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -18,8 +19,26 @@ class Picture:
 
 
 Part = str | Picture
-Answer = tuple[Part, ...]
-"""Result of a tool, in the order in which the model sees it."""
+Parts = tuple[Part, ...]
+"""Texts and images, in the order in which the model sees them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Result of a tool.
+
+    Attributes:
+        data: structured content, as the tool's output schema describes it.
+        shown: what the model reads; by default the data as JSON.
+    """
+
+    data: Mapping[str, object]
+    shown: Parts = ()
+
+    @property
+    def parts(self) -> Parts:
+        """What the model reads."""
+        return self.shown or (as_text(self.data),)
 
 
 def as_text(value: object) -> str:
@@ -34,3 +53,9 @@ def bounded(text: str, most: int) -> str:
         return text
     note = _CUT.format(most=most, size=len(data))
     return data[: max(0, most - len(note.encode()))].decode(errors="ignore") + note
+
+
+def bounded_value(value: object, most: int) -> object:
+    """Return a plain value, or its JSON as a string, cut to a number of bytes, if that is longer."""
+    text = as_text(value)
+    return value if len(text.encode()) <= most else bounded(text, most)

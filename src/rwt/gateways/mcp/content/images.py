@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from rwt.gateways.mcp.content.answer import Answer, Picture, as_text, bounded
+from rwt.gateways.mcp.content.answer import Parts, Picture, as_text, bounded
 from rwt.gateways.mcp.content.plain import plain
 from rwt_participant.errors import ImageFormat
 from rwt_participant.images import image_to_pillow, open_compressed
@@ -26,7 +26,7 @@ _MAX_CELLS: Final = 100_000_000
 _JPEG_QUALITY: Final = 80
 
 
-def draw_image(message: Message, side: int) -> Answer:
+def draw_image(message: Message, side: int) -> Parts:
     """Draw a `sensor_msgs/Image` or `CompressedImage`; near is dark in depth images. Raises ImageFormat."""
     if hasattr(message, "format"):
         image = open_compressed(message, _MAX_PIXELS)
@@ -60,7 +60,7 @@ def _shades(depth: Image) -> tuple[Image, str]:
     return pillow.fromarray(shades), text
 
 
-def draw_scan(message: Message, side: int) -> Answer:
+def draw_scan(message: Message, side: int) -> Parts:
     """Draw a `sensor_msgs/LaserScan` from above, ahead is up, and describe distances."""
     import numpy as np
     from PIL import Image as pillow
@@ -119,7 +119,7 @@ def _scan_in_words(message: Message, ranges: object, angles: object, valid: obje
     return "; ".join(said)
 
 
-def draw_map(message: Message, side: int) -> Answer:
+def draw_map(message: Message, side: int) -> Parts:
     """Draw a `nav_msgs/OccupancyGrid`, north (+y) up, and describe its extent. Raises ImageFormat."""
     import numpy as np
     from PIL import Image as pillow
@@ -165,7 +165,7 @@ def _png(image: Image) -> Picture:
     return Picture(file.getvalue(), "image/png")
 
 
-def _cloud(message: Message, side: int) -> Answer:
+def _cloud(message: Message, side: int) -> Parts:
     """Describe a `sensor_msgs/PointCloud2`: number of points and bounds."""
     import numpy as np
 
@@ -192,7 +192,7 @@ def _cloud(message: Message, side: int) -> Answer:
     return ("; ".join(said),)
 
 
-_SEEN: Final[Mapping[str, Callable[[Message, int], Answer]]] = MappingProxyType(
+_SEEN: Final[Mapping[str, Callable[[Message, int], Parts]]] = MappingProxyType(
     {
         "sensor_msgs/Image": draw_image,
         "sensor_msgs/CompressedImage": draw_image,
@@ -203,7 +203,7 @@ _SEEN: Final[Mapping[str, Callable[[Message, int], Answer]]] = MappingProxyType(
 )
 
 
-def show(message: Message, type: str, max_bytes: int, side: int) -> Answer:
+def show(message: Message, type: str, max_bytes: int, side: int) -> Parts:
     """Present a message to a model: as an image with a description if possible, otherwise as JSON."""
     draw = _SEEN.get(type)
     if draw is not None:

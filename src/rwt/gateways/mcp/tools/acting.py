@@ -10,7 +10,7 @@ from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, canonical
 from rwt.gateways.mcp.content.answer import Answer, as_text
 from rwt.gateways.mcp.errors import ToolError
-from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt.gateways.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, Tool
 from rwt_participant.errors import NotFound, UnknownType
 
 if TYPE_CHECKING:
@@ -44,6 +44,14 @@ class PublishArguments(Arguments):
     ] = None
 
 
+class PublishResult(Acted):
+    """Result of `publish`."""
+
+    topic: str
+    published: Annotated[int, Field(description="number of messages, without the last one of `stop`")]
+    stop: Annotated[dict[str, Any] | None, Field(description="last message; null: none was sent")]
+
+
 async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
     type = await _message_type(agent, asked)
@@ -64,10 +72,12 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
             )
         await _publish_first(agent, publisher, asked)
         if not seconds:
-            return (f"published one message on {publisher.name}",)
+            data: PublishResult = {"topic": publisher.name, "published": 1, "stop": None}
+            return Answer(data, (f"published one message on {publisher.name}",))
         count = await _publish_for(agent, publisher, asked, seconds, stop)
     ending = "" if stop is None else f", then {as_text(stop) if stop else 'zeros'}"
-    return (f"published {count} messages on {publisher.name} in {seconds:g} s{ending}",)
+    data = {"topic": publisher.name, "published": count, "stop": stop}
+    return Answer(data, (f"published {count} messages on {publisher.name} in {seconds:g} s{ending}",))
 
 
 async def _message_type(agent: Agent, asked: PublishArguments) -> str:
@@ -119,6 +129,7 @@ PUBLISH: Final = Tool(
     "Publish a message on a topic, once or repeatedly. To drive a robot, publish a velocity with `seconds`:"
     " the robot is stopped at the end, even if the call fails or is cancelled.",
     PublishArguments,
+    PublishResult,
     _publish,
     act="publish",
 )
@@ -130,6 +141,12 @@ class CallServiceArguments(Arguments):
     service: Annotated[Name, Field(description="absolute name")]
     request: Fields = Field(default_factory=dict)
     timeout: Annotated[Seconds, Field(gt=0, description="seconds to wait for the response")] = 10.0
+
+
+class CallServiceResult(Acted):
+    """Result of `call_service`."""
+
+    message: MessageValue
 
 
 async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
@@ -146,6 +163,7 @@ CALL_SERVICE: Final = Tool(
     "Call a service and wait for its response. `list_robot` shows its type, `describe_type` the fields of the"
     " request.",
     CallServiceArguments,
+    CallServiceResult,
     _call_service,
     act="call",
 )
@@ -158,10 +176,18 @@ class SetParameterArguments(Arguments):
     value: Annotated[Any, Field(description="true, false, a number, a string, or a list of one of these")]
 
 
+class SetParameterResult(Acted):
+    """Result of `set_parameter`."""
+
+    name: str
+    value: object
+
+
 async def _set_parameter(agent: Agent, asked: SetParameterArguments) -> Answer:
     await agent.confirm("set_param", asked.name, f"set the parameter {asked.name} to {as_text(asked.value)}")
     await agent.robot.params.set(asked.name, asked.value)
-    return (f"{asked.name} is now {as_text(asked.value)[:1000]}",)
+    data: SetParameterResult = {"name": asked.name, "value": asked.value}
+    return Answer(data, (f"{asked.name} is now {as_text(asked.value)[:1000]}",))
 
 
 SET_PARAMETER: Final = Tool(
@@ -169,6 +195,8 @@ SET_PARAMETER: Final = Tool(
     "Set a parameter",
     "Set a parameter of a node. The node may reject the value.",
     SetParameterArguments,
+    SetParameterResult,
     _set_parameter,
     act="set_param",
+    is_idempotent=True,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, NotRequired
 
 import anyio
 from pydantic import Field
@@ -12,7 +12,7 @@ from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.goals import AgentGoal
 from rwt.gateways.mcp.tools.acting import Fields
-from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt.gateways.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, Tool
 from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallTimeout, NotFound
 from rwt_participant.spelling import did_you_mean
@@ -36,6 +36,17 @@ class SendGoalArguments(Arguments):
     timeout: Annotated[
         Seconds, Field(description="seconds to wait for the result; the goal continues after them")
     ] = 30.0
+
+
+class GoalResult(Acted):
+    """Result of the tools for goals."""
+
+    goal_id: str
+    action: str
+    state: Annotated[str, Field(description="such as `executing`, `succeeded`, `aborted` or `canceled`")]
+    reason: NotRequired[str]
+    result: NotRequired[MessageValue]
+    feedback: NotRequired[MessageValue]
 
 
 async def _send_goal(agent: Agent, asked: SendGoalArguments) -> Answer:
@@ -87,11 +98,17 @@ async def _follow(agent: Agent, sent: AgentGoal, patience: float, *, cancel: boo
             agent.goals.forget(goal.id)
         raise
     agent.goals.forget(goal.id)
+    answer = await agent.show(result, sent.result_type)
+    data: GoalResult = {**_state(sent), "state": status.name.lower(), "result": answer.data["message"]}
     reason = f" ({goal.reason})" if goal.reason else ""
-    return (
-        f"the goal {status.name.lower()}{reason}; its result:",
-        *await agent.show(result, sent.result_type),
-    )
+    if goal.reason:
+        data["reason"] = goal.reason
+    return Answer(data, (f"the goal {status.name.lower()}{reason}; its result:", *answer.shown))
+
+
+def _state(sent: AgentGoal) -> GoalResult:
+    goal = sent.goal
+    return {"goal_id": goal.id, "action": goal.action, "state": goal.status.name.lower()}
 
 
 def _brief(message: Message | None) -> str:
@@ -105,8 +122,10 @@ async def _still_running(agent: Agent, sent: AgentGoal) -> Answer:
         " for its result, or `cancel_goal` to cancel it."
     )
     if sent.feedback is None:
-        return (how,)
-    return (how, "last feedback:", *await agent.show(sent.feedback, sent.feedback_type))
+        return Answer(_state(sent), (how,))
+    answer = await agent.show(sent.feedback, sent.feedback_type)
+    data: GoalResult = {**_state(sent), "feedback": answer.data["message"]}
+    return Answer(data, (how, "last feedback:", *answer.shown))
 
 
 SEND_GOAL: Final = Tool(
@@ -116,6 +135,7 @@ SEND_GOAL: Final = Tool(
     " reports. If it takes longer than `timeout`, the goal continues and its id is returned. Cancelling the"
     " call cancels the goal.",
     SendGoalArguments,
+    GoalResult,
     _send_goal,
     act="goals",
 )
@@ -140,6 +160,7 @@ CHECK_GOAL: Final = Tool(
     "Report the progress of a goal that `send_goal` left running, and wait for its result. The result is"
     " returned once.",
     CheckGoalArguments,
+    GoalResult,
     _check_goal,
     act="goals",
     only_looks=True,
@@ -159,7 +180,7 @@ async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
     try:
         return await _follow(agent, sent, _CANCEL_SECONDS, cancel=False)
     except ToolError as error:
-        return (bounded(str(error), agent.settings.result_bytes),)
+        return Answer(_state(sent), (bounded(str(error), agent.settings.result_bytes),))
 
 
 CANCEL_GOAL: Final = Tool(
@@ -167,6 +188,9 @@ CANCEL_GOAL: Final = Tool(
     "Cancel a goal",
     "Cancel a goal that `send_goal` left running, and report how it ended. Needs no approval.",
     CancelGoalArguments,
+    GoalResult,
     _cancel_goal,
     act="goals",
+    can_destroy=False,
+    is_idempotent=True,
 )

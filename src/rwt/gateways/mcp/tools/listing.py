@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Final, Literal, NotRequired
 
 from pydantic import Field
+from typing_extensions import TypedDict
 
-from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
 from rwt_interfaces import field_types
@@ -60,26 +61,67 @@ class ListRobotArguments(Arguments):
     ] = False
 
 
+class Row(TypedDict):
+    """Topic, service, action or parameter. A parameter has no type, and only topics have endpoints."""
+
+    name: str
+    type: NotRequired[str]
+    publishers: NotRequired[int]
+    subscribers: NotRequired[int]
+
+
+class Rows(TypedDict):
+    """Rows of one kind."""
+
+    rows: list[Row]
+    left_out: Annotated[int, Field(description="rows that match, but are not listed: use `filter`")]
+    hidden: Annotated[int, Field(description="number that the agent's role does not see")]
+    requires: NotRequired[Annotated[str, Field(description="setting that would show the hidden ones")]]
+
+
+class ListRobotResult(TypedDict, total=False):
+    """Result of `list_robot`."""
+
+    topics: Rows
+    services: Rows
+    actions: Rows
+    parameters: Rows
+
+
 async def _list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
     robot = agent.robot
-    parts: list[str] = []
+    found: dict[Kind, list[Row]] = {}
     for kind in dict.fromkeys(asked.kinds):
         if kind == "parameters":
-            names = [each for each in await robot.params.names() if _fits(each, asked)]
-            parts.append(_lines(kind, names))
-            continue
-        find = {"topics": robot.topics, "services": robot.services, "actions": robot.actions}[kind]
-        rows = [each for each in await find() if _fits(each.name, asked)]
-        parts.append(_lines(kind, map(_row, rows)) + _hidden(agent, kind))
-    return (bounded("\n\n".join(parts), agent.settings.result_bytes),)
+            rows: list[Row] = [{"name": each} for each in await robot.params.names()]
+        else:
+            find = {"topics": robot.topics, "services": robot.services, "actions": robot.actions}[kind]
+            rows = [_row(each) for each in await find()]
+        found[kind] = [each for each in rows if _fits(each["name"], asked)]
+    listed: dict[str, Rows] = {kind: _shown(agent, kind, rows) for kind, rows in found.items()}
+    text = "\n\n".join(_lines(kind, rows) for kind, rows in listed.items())
+    while len(as_text(listed)) > agent.settings.result_bytes and any(
+        each["rows"] for each in listed.values()
+    ):
+        listed = {kind: _halved(rows) for kind, rows in listed.items()}
+    return Answer(listed, (bounded(text, agent.settings.result_bytes),))
 
 
-def _hidden(agent: Agent, kind: str) -> str:
-    """Return a line about names that the role does not see: without it, they would not seem to exist."""
-    count = agent.hidden().get(kind, 0)
-    return (
-        f"\n{count} more require `{_REQUIRED[kind]}` (roles.{agent.role}.{_REQUIRED[kind]})" if count else ""
-    )
+def _shown(agent: Agent, kind: Kind, rows: Sequence[Row]) -> Rows:
+    """Return the first rows, and how many the role does not see, as they would not seem to exist."""
+    shown: Rows = {
+        "rows": list(rows[:_MAX_LINES]),
+        "left_out": max(0, len(rows) - _MAX_LINES),
+        "hidden": agent.hidden().get(kind, 0),
+    }
+    if shown["hidden"]:
+        shown["requires"] = f"roles.{agent.role}.{_REQUIRED[kind]}"
+    return shown
+
+
+def _halved(rows: Rows) -> Rows:
+    kept = rows["rows"][: len(rows["rows"]) // 2]
+    return {**rows, "rows": kept, "left_out": rows["left_out"] + len(rows["rows"]) - len(kept)}
 
 
 def _fits(name: str, asked: ListRobotArguments) -> bool:
@@ -88,18 +130,28 @@ def _fits(name: str, asked: ListRobotArguments) -> bool:
     return asked.plumbing or not any(fnmatch.fnmatchcase(name, glob) for glob in _PLUMBING)
 
 
-def _row(each: Listed) -> str:
-    if each.publishers is None or each.subscribers is None:
-        return f"{each.name} [{each.type}]" if each.type else each.name
-    ends = f"{len(each.publishers)} publishers, {len(each.subscribers)} subscribers"
-    return f"{each.name} [{each.type or 'no type yet'}] ({ends})"
+def _row(each: Listed) -> Row:
+    row: Row = {"name": each.name, "type": each.type or ""}
+    if each.publishers is not None and each.subscribers is not None:
+        row |= {"publishers": len(each.publishers), "subscribers": len(each.subscribers)}
+    return row
 
 
-def _lines(kind: str, rows: Iterable[str]) -> str:
-    found = list(rows)
-    shown = found[:_MAX_LINES]
-    more = [f"… and {len(found) - _MAX_LINES} more: use `filter`"] if len(found) > _MAX_LINES else []
-    return "\n".join([f"{kind} ({len(found)}):", *shown, *more])
+def _lines(kind: str, listed: Rows) -> str:
+    lines = [f"{kind} ({len(listed['rows']) + listed['left_out']}):", *map(_line, listed["rows"])]
+    if listed["left_out"]:
+        lines.append(f"… and {listed['left_out']} more: use `filter`")
+    if "requires" in listed:
+        right = listed["requires"].rpartition(".")[2]
+        lines.append(f"{listed['hidden']} more require `{right}` ({listed['requires']})")
+    return "\n".join(lines)
+
+
+def _line(row: Row) -> str:
+    if "publishers" not in row:
+        return f"{row['name']} [{row['type']}]" if row.get("type") else row["name"]
+    ends = f"{row['publishers']} publishers, {row['subscribers']} subscribers"
+    return f"{row['name']} [{row['type'] or 'no type yet'}] ({ends})"
 
 
 LIST_ROBOT: Final = Tool(
@@ -108,6 +160,7 @@ LIST_ROBOT: Final = Tool(
     "List the robot's topics (streams of messages), services (calls with a response), actions (long-running"
     " goals) and parameters, with their types. Start here. Names are absolute, such as /battery_state.",
     ListRobotArguments,
+    ListRobotResult,
     _list_robot,
 )
 
@@ -118,31 +171,52 @@ class DescribeTypeArguments(Arguments):
     type: Annotated[Name, Field(description="such as geometry_msgs/Twist or std_srvs/srv/SetBool")]
 
 
+class DescribeTypeResult(TypedDict):
+    """Result of `describe_type`."""
+
+    kind: Literal["message", "service", "action"]
+    name: str
+    fields: Annotated[
+        dict[str, str],
+        Field(description="fields with types and constants, of `message`, `request`, `response`, `goal` …"),
+    ]
+    defaults: Annotated[dict[str, object], Field(description="an example with defaults for each of them")]
+
+
 async def _describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
-    found = await agent.robot.interface(asked.type)
-    return (bounded(describe(found), agent.settings.result_bytes),)
+    found, most = await agent.robot.interface(asked.type), agent.settings.result_bytes
+    kind, parts = _parts(found)
+    fields = {part: _message(type) for part, type in parts.items()}
+    defaults = {part: plain(type.struct()) for part, type in parts.items()}
+    lines = [f"{kind} {found.name}"]
+    for part in parts:
+        heading = [] if part == kind else [f"{part}:"]
+        lines += [*heading, fields[part], f"  with defaults: {as_text(defaults[part])}"]
+    share = most // (2 * len(parts))
+    data: DescribeTypeResult = {
+        "kind": kind,
+        "name": found.name,
+        "fields": {part: bounded(text, share) for part, text in fields.items()},
+        "defaults": {part: bounded_value(value, share) for part, value in defaults.items()},
+    }
+    return Answer(data, (bounded("\n".join(lines), most),))
 
 
-def describe(interface: MessageType | ServiceType | ActionType) -> str:
-    """Return the fields of an interface, nested messages included, and an example with defaults."""
-    if isinstance(interface, MessageType):
-        return f"message {interface.name}\n{_message(interface)}"
-    if isinstance(interface, ServiceType):
-        return (
-            f"service {interface.name}\nrequest:\n{_message(interface.request)}\n"
-            f"response:\n{_message(interface.response)}"
-        )
-    return (
-        f"action {interface.name}\ngoal:\n{_message(interface.goal)}\nresult:\n{_message(interface.result)}\n"
-        f"feedback:\n{_message(interface.feedback)}"
-    )
+def _parts(
+    found: MessageType | ServiceType | ActionType,
+) -> tuple[Literal["message", "service", "action"], Mapping[str, MessageType]]:
+    if isinstance(found, MessageType):
+        return "message", {"message": found}
+    if isinstance(found, ServiceType):
+        return "service", {"request": found.request, "response": found.response}
+    return "action", {"goal": found.goal, "result": found.result, "feedback": found.feedback}
 
 
 def _message(type: MessageType) -> str:
+    """Return the fields of a message, nested messages included."""
     lines: list[str] = []
     _fields(type, "  ", lines, (type.name,))
-    example = as_text(plain(type.struct()))
-    return "\n".join([*(lines or ["  (no fields)"]), f"  with defaults: {example}"])
+    return "\n".join(lines or ["  (no fields)"])
 
 
 def _fields(type: MessageType, indent: str, lines: list[str], within: tuple[str, ...]) -> None:
@@ -161,5 +235,6 @@ DESCRIBE_TYPE: Final = Tool(
     "Describe a message, service or action type: fields with types, constants, and an example with default"
     " values. Use it before you publish, call or send a goal.",
     DescribeTypeArguments,
+    DescribeTypeResult,
     _describe_type,
 )

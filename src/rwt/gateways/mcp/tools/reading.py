@@ -6,15 +6,16 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NotRequired
 
 import anyio
 from pydantic import Field
+from typing_extensions import TypedDict
 
-from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.gateways.mcp.content.plain import field, numeric_fields, plain
 from rwt.gateways.mcp.errors import ToolError
-from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt.gateways.mcp.tools.tool import Arguments, MessageValue, Name, Seconds, Tool
 
 if TYPE_CHECKING:
     from rwt.gateways.mcp.agent import Agent
@@ -27,6 +28,9 @@ _MAX_MESSAGES: Final = 10_000
 
 #: Fields that `watch_numbers` evaluates.
 _MAX_FIELDS: Final = 20
+
+#: Maximum number of bytes of the value that `wait_for` reports.
+_SEEN_BYTES: Final = 1000
 
 #: Values listed per field.
 _SHOWN_VALUES: Final = 20
@@ -41,6 +45,14 @@ class ReadTopicArguments(Arguments):
         tuple[FieldPath, ...],
         Field(max_length=50, description="only these fields, such as `pose.pose.position.x` or `ranges[0]`"),
     ] = ()
+
+
+class ReadTopicResult(TypedDict):
+    """Result of `read_topic`."""
+
+    type: str
+    message: NotRequired[MessageValue]
+    fields: NotRequired[Annotated[dict[str, object], Field(description="values of the requested fields")]]
 
 
 async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Message, str]:
@@ -74,15 +86,16 @@ async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Messag
 async def _read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
     message, type = await next_message(agent, asked.topic, asked.timeout)
     if not asked.fields:
-        return await agent.show(message, type)
+        answer = await agent.show(message, type)
+        return Answer({"type": type, **answer.data}, answer.shown)
     values = {path: field(message, path) for path in asked.fields}
-    return await agent.in_thread(
-        lambda: (
-            bounded(
-                as_text({path: plain(value) for path, value in values.items()}), agent.settings.result_bytes
-            ),
-        )
-    )
+
+    def fields() -> Answer:
+        found, most = {path: plain(value) for path, value in values.items()}, agent.settings.result_bytes
+        data = {path: bounded_value(value, most // len(found)) for path, value in found.items()}
+        return Answer({"type": type, "fields": data}, (bounded(as_text(found), most),))
+
+    return await agent.in_thread(fields)
 
 
 READ_TOPIC: Final = Tool(
@@ -92,6 +105,7 @@ READ_TOPIC: Final = Tool(
     " images, laser scans and maps as drawings with a summary, everything else as JSON. Use `fields` to get"
     " only some fields of a large message.",
     ReadTopicArguments,
+    ReadTopicResult,
     _read_topic,
 )
 
@@ -105,6 +119,27 @@ class WatchNumbersArguments(Arguments):
         tuple[FieldPath, ...],
         Field(max_length=_MAX_FIELDS, description="numeric fields; default: all, up to 20"),
     ] = ()
+
+
+class Statistics(TypedDict, total=False):
+    """Values of one field; without finite values, only `finite` is present, which is 0."""
+
+    finite: int
+    first: object
+    last: object
+    min: float
+    max: float
+    mean: float
+    values: list[object]
+
+
+class WatchNumbersResult(TypedDict):
+    """Result of `watch_numbers`."""
+
+    messages: int
+    seconds: float
+    per_second: NotRequired[float]
+    fields: dict[str, Statistics]
 
 
 async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
@@ -135,11 +170,11 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
         raise ToolError(f"no message on {asked.topic} within {seconds:g} s: use a longer `seconds`")
     if not values:
         raise ToolError(f"{type} has no field with a single number: use `read_topic`")
-    about: dict[str, object] = {"messages": len(times), "seconds": seconds}
+    data: WatchNumbersResult = {"messages": len(times), "seconds": seconds, "fields": {}}
     if len(times) > 1:
-        about["per_second"] = round((len(times) - 1) / max(times[-1] - times[0], 1e-9), 2)
-    about["fields"] = {path: _statistics(each) for path, each in values.items()}
-    return (bounded(as_text(about), agent.settings.result_bytes),)
+        data["per_second"] = round((len(times) - 1) / max(times[-1] - times[0], 1e-9), 2)
+    data["fields"] = {path: _statistics(each) for path, each in values.items()}
+    return Answer(data, (bounded(as_text(data), agent.settings.result_bytes),))
 
 
 def _all_numbers(message: Message) -> dict[str, float]:
@@ -154,7 +189,7 @@ def _number(message: Message, path: str) -> float:
     return float(value)
 
 
-def _statistics(values: list[float]) -> dict[str, object]:
+def _statistics(values: list[float]) -> Statistics:
     finite = [each for each in values if math.isfinite(each)]
     if not finite:
         return {"finite": 0}
@@ -175,6 +210,7 @@ WATCH_NUMBERS: Final = Tool(
     "Watch numeric fields of a topic for some seconds: first, last, minimum, maximum and mean value, sample"
     " values, and messages per second.",
     WatchNumbersArguments,
+    WatchNumbersResult,
     _watch_numbers,
 )
 
@@ -205,6 +241,13 @@ class WaitForArguments(Arguments):
         Field(description="number, true, false or string"),
     ]
     timeout: Annotated[Seconds, Field(description="seconds to wait")] = 30.0
+
+
+class WaitForResult(TypedDict):
+    """Result of `wait_for`, once the condition is true."""
+
+    seconds: float
+    value: Annotated[object, Field(description="value of the field for which it is true")]
 
 
 async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
@@ -241,13 +284,14 @@ async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
     async with agent.robot.subscribe(asked.topic, take, type):
         with agent.robot.clock.within(patience):
             await ended.wait()
-    seen = as_text(plain(last[0]))[:1000] if last else "no message"
+    seen = bounded(as_text(plain(last[0])), _SEEN_BYTES) if last else "no message"
     condition = f"{asked.field} {asked.comparison} {asked.value!r}"
     if not outcome:
         raise ToolError(f"{condition} did not become true within {patience:g} s; last seen: {seen}")
     if isinstance(outcome[0], ToolError):
         raise outcome[0]
-    return (f"{condition} is true after {outcome[0]:.2f} s; the value is {seen}",)
+    data: WaitForResult = {"seconds": outcome[0], "value": bounded_value(plain(last[0]), _SEEN_BYTES)}
+    return Answer(data, (f"{condition} is true after {outcome[0]:.2f} s; the value is {seen}",))
 
 
 WAIT_FOR: Final = Tool(
@@ -256,6 +300,7 @@ WAIT_FOR: Final = Tool(
     "Wait until a field of a topic's messages fulfils a condition, for example until the battery's"
     " `percentage` is below 0.2. Every message is checked, so short events are not missed.",
     WaitForArguments,
+    WaitForResult,
     _wait_for,
 )
 
@@ -266,9 +311,17 @@ class GetParameterArguments(Arguments):
     name: Annotated[Name, Field(description="`/node:parameter` on ROS 2, `/parameter` on ROS 1")]
 
 
+class GetParameterResult(TypedDict):
+    """Result of `get_parameter`."""
+
+    name: str
+    value: object
+
+
 async def _get_parameter(agent: Agent, asked: GetParameterArguments) -> Answer:
-    value = await agent.robot.params.get(asked.name)
-    return (bounded(as_text(plain(value)), agent.settings.result_bytes),)
+    value, most = plain(await agent.robot.params.get(asked.name)), agent.settings.result_bytes
+    data: GetParameterResult = {"name": asked.name, "value": bounded_value(value, most)}
+    return Answer(data, (bounded(as_text(value), most),))
 
 
 GET_PARAMETER: Final = Tool(
@@ -276,5 +329,6 @@ GET_PARAMETER: Final = Tool(
     "Read a parameter",
     'Read a parameter of a node. `list_robot` with `kinds` ["parameters"] lists the names.',
     GetParameterArguments,
+    GetParameterResult,
     _get_parameter,
 )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Final
 
 from pydantic import Field
+from typing_extensions import TypedDict
 
+from rwt.gateways.mcp.agent import shown
 from rwt.gateways.mcp.content.answer import Answer, bounded
-from rwt.gateways.mcp.content.images import show
 from rwt.gateways.mcp.errors import ToolError
-from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
+from rwt.gateways.mcp.tools.tool import Arguments, MessageValue, Name, Tool
 
 if TYPE_CHECKING:
     from rwt.gateways.mcp.agent import Agent, Recordings
@@ -29,15 +30,25 @@ class DescribeRecordingArguments(Arguments):
     ] = ""
 
 
+class DescribeRecordingResult(TypedDict, total=False):
+    """Result of `describe_recording`: names of recordings, or lines about one."""
+
+    recordings: list[str]
+    lines: list[str]
+
+
 async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -> Answer:
     recordings = _recordings(agent)
 
     def text() -> Answer:
         if not asked.recording:
             names = recordings.names()
-            return ("\n".join([f"recordings ({len(names)}):", *names[:200]]),)
-        lines = recordings.describe(asked.recording, agent.sees)
-        return (bounded("\n".join(lines), agent.settings.result_bytes),)
+            listed = [f"recordings ({len(names)}):", *names[:200]]
+            return Answer({"recordings": listed[1:]}, ("\n".join(listed),))
+        text = bounded(
+            "\n".join(recordings.describe(asked.recording, agent.sees)), agent.settings.result_bytes
+        )
+        return Answer({"lines": text.split("\n")}, (text,))
 
     return await agent.in_thread(text)
 
@@ -47,6 +58,7 @@ DESCRIBE_RECORDING: Final = Tool(
     "Look at recordings",
     "List the recordings, or describe one: duration, topics and message counts.",
     DescribeRecordingArguments,
+    DescribeRecordingResult,
     _describe_recording,
     reads_recordings=True,
 )
@@ -63,18 +75,24 @@ class ReadRecordingArguments(Arguments):
     ] = 0.0
 
 
+class ReadRecordingResult(TypedDict):
+    """Result of `read_recording`."""
+
+    type: str
+    seconds: Annotated[float, Field(description="time of the message after the recording's start")]
+    message: MessageValue
+
+
 async def _read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer:
     recordings = _recordings(agent)
     if not agent.sees(asked.topic):
         raise ToolError(f"{asked.recording} has no topic {asked.topic}")
-    settings = agent.settings
 
     def read() -> Answer:
         message, type, seconds = recordings.message(asked.recording, asked.topic, asked.at)
-        return (
-            f"recorded at {seconds:.3f} s:",
-            *show(message, type, settings.result_bytes, settings.picture_pixels),
-        )
+        answer = shown(message, type, agent.settings)
+        data = {"type": type, "seconds": seconds, **answer.data}
+        return Answer(data, (f"recorded at {seconds:.3f} s:", *answer.shown))
 
     return await agent.in_thread(read)
 
@@ -84,6 +102,7 @@ READ_RECORDING: Final = Tool(
     "Read a recorded message",
     "Read the first message of a topic at or after a time of a recording, formatted as by `read_topic`.",
     ReadRecordingArguments,
+    ReadRecordingResult,
     _read_recording,
     reads_recordings=True,
 )

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, NotRequired, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
 from rwt.gateways.mcp.errors import ToolError
 
@@ -25,6 +26,26 @@ class Arguments(BaseModel):
 Name = Annotated[str, Field(min_length=1, max_length=256)]
 Seconds = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
 
+MessageValue = Annotated[
+    object,
+    Field(
+        description="fields of the message; long lists are summarised, and beyond `mcp.result_bytes` it is"
+        " a string with the start of its JSON"
+    ),
+]
+
+
+class Acted(TypedDict):
+    """Result of a tool that acts."""
+
+    gate: NotRequired[
+        Annotated[
+            list[str],
+            Field(description="what the gate changed, such as clamped values, and what waits for approval"),
+        ]
+    ]
+
+
 A = TypeVar("A", bound=Arguments)
 
 
@@ -37,9 +58,12 @@ class Tool(Generic[A]):
         title: name for people.
         description: purpose and use, for the model.
         arguments: pydantic model of the arguments.
+        result: TypedDict of the structured content.
         run: implementation.
         act: required right; None for a tool that only reads.
         only_looks: True if the tool changes nothing of the robot, although it requires a right.
+        can_destroy: False for a tool that only ends what the agent has begun.
+        is_idempotent: True if the same call a second time changes nothing more.
         reads_recordings: True if the tool needs the setting `mcp.recordings`.
     """
 
@@ -47,15 +71,23 @@ class Tool(Generic[A]):
     title: str
     description: str
     arguments: type[A]
+    result: type
     run: Callable[[Agent, A], Awaitable[Answer]]
     act: Act | None = None
     only_looks: bool = False
+    can_destroy: bool = True
+    is_idempotent: bool = False
     reads_recordings: bool = False
 
     @cached_property
     def schema(self) -> dict[str, Any]:
         """The JSON Schema of the arguments."""
         return _plain_schema(self.arguments.model_json_schema())
+
+    @cached_property
+    def result_schema(self) -> dict[str, Any]:
+        """The JSON Schema of the structured content."""
+        return _plain_schema(TypeAdapter(self.result).json_schema(mode="serialization"))
 
     def is_offered_to(self, agent: Agent) -> bool:
         """Return True if an agent may use the tool."""
@@ -88,8 +120,9 @@ class Tool(Generic[A]):
 
 
 def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:
-    schema.pop("title", None)
-    schema.pop("description", None)
-    for each in schema.get("properties", {}).values():
-        each.pop("title", None)
+    for part in (schema, *schema.get("$defs", {}).values()):
+        part.pop("title", None)
+        part.pop("description", None)
+        for each in part.get("properties", {}).values():
+            each.pop("title", None)
     return schema

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, NotRequired
 
 from pydantic import Field
+from typing_extensions import TypedDict
 
-from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.content.answer import Answer, bounded
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
 from rwt_tf2.messages import write_transform
 
@@ -21,13 +22,19 @@ class ListFramesArguments(Arguments):
     seconds: Annotated[Seconds, Field(description="seconds to listen for moving frames")] = 1.0
 
 
+class ListFramesResult(TypedDict):
+    """Result of `list_frames`."""
+
+    tree: Annotated[str, Field(description="one frame a line, below its parent; empty: no transform came")]
+
+
 async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
     transforms = agent.robot.tf
     await transforms.start()
     await agent.robot.clock.sleep(seconds)
-    text = transforms.buffer.tree() or f"no transform on /tf or /tf_static within {seconds:g} s"
-    return (bounded(text, agent.settings.result_bytes),)
+    data: ListFramesResult = {"tree": bounded(transforms.buffer.tree(), agent.settings.result_bytes)}
+    return Answer(data, (data["tree"] or f"no transform on /tf or /tf_static within {seconds:g} s",))
 
 
 LIST_FRAMES: Final = Tool(
@@ -35,6 +42,7 @@ LIST_FRAMES: Final = Tool(
     "List the frames",
     "List the coordinate frames from /tf and /tf_static as a tree, with the rate of each.",
     ListFramesArguments,
+    ListFramesResult,
     _list_frames,
 )
 
@@ -55,13 +63,24 @@ class TransformArguments(Arguments):
     timeout: Annotated[Seconds, Field(description="seconds to wait for the transforms")] = 5.0
 
 
+class TransformResult(TypedDict):
+    """Result of `look_up_transform`."""
+
+    target: str
+    source: str
+    stamp_ns: int
+    transform: Annotated[object, Field(description="geometry_msgs/Transform, in metres")]
+    degrees: Annotated[dict[str, float], Field(description="the rotation as roll, pitch and yaw")]
+    point: NotRequired[Annotated[list[float], Field(description="the point in the target frame")]]
+
+
 async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
     timeout = agent.bounded_seconds(asked.timeout, "timeout")
     found = await agent.robot.tf.lookup(asked.target, asked.source, timeout=timeout)
     message = write_transform(found)["transform"]
     angles = found.transform.rpy()
     roll, pitch, yaw = (round(math.degrees(each), 3) for each in angles)
-    about: dict[str, object] = {
+    data: TransformResult = {
         "target": asked.target,
         "source": asked.source,
         "stamp_ns": found.stamp_ns,
@@ -70,8 +89,8 @@ async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
     }
     if asked.point is not None:
         x, y, z = asked.point
-        about["point"] = [float(each) for each in found.transform.apply((x, y, z))]
-    return (as_text(about),)
+        data["point"] = [float(each) for each in found.transform.apply((x, y, z))]
+    return Answer(data)
 
 
 LOOK_UP_TRANSFORM: Final = Tool(
@@ -80,5 +99,6 @@ LOOK_UP_TRANSFORM: Final = Tool(
     "Return the pose of one frame in another, for example of base_link in map: position in metres,"
     " orientation as a quaternion and in degrees. Optionally convert a point.",
     TransformArguments,
+    TransformResult,
     _look_up,
 )

@@ -4,7 +4,8 @@ import type { components, paths } from "./robot.ts";
 
 declare const process: { argv: string[] };
 
-const robot = createClient<paths>({ baseUrl: process.argv[2] });
+// The media type: the same resources are also streams of events.
+const robot = createClient<paths, "application/json" | "application/problem+json">({ baseUrl: process.argv[2] });
 
 const label = await robot.GET("/api/topics/open/label");
 const text: string | undefined = label.data?.data;
