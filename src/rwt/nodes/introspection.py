@@ -11,18 +11,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, OnReply, ServiceInfo
+from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, Graph, OnReply, Publisher, ServiceInfo
 from rwt_interfaces import Payload
-from rwt_participant.errors import RobotError
+from rwt_participant.errors import CallFailed, RobotError
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, QoS
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph, Publisher
-    from rwt_participant.errors import CallFailed
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

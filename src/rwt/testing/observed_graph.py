@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING
 
 from rwt.testing.journal import Journal, Kind, Received
 from rwt_graph.api import Publisher
+from rwt_graph.clock import Clock
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType
 from rwt_participant.qos import DEFAULT_QOS, QoS
-
-if TYPE_CHECKING:
-    from rwt_graph.clock import Clock
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
 
 
 class ObservedGraph(MemoryGraph):

@@ -11,25 +11,21 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 import anyio.to_thread
 
 from rwt.media.broadcast import EncoderThreads
 from rwt.media.errors import RequestRefused
-from rwt.media.webrtc.audio import DATA, INFO, INFO_SUFFIX, AudioUnreadable, read_info
+from rwt.media.webrtc.audio import DATA, INFO, INFO_SUFFIX, AudioFormat, AudioUnreadable, read_info
 from rwt.media.webrtc.opus_encoder import OpusEncoder, OpusPacket
-from rwt_graph import Node
+from rwt_graph import Graph, Node
+from rwt_graph.api import Sample
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
-
-if TYPE_CHECKING:
-    from rwt.media.webrtc.audio import AudioFormat
-    from rwt_graph import Graph
-    from rwt_graph.api import Sample
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.http.routes import Reader, Work
+from rwt_interfaces.payload import Payload
+from rwt_transports.http.routes import Reader, Work
 
 NAME: Final = "whep"
 PATIENCE: Final = 5.0

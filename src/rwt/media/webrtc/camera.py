@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import anyio.to_thread
 import numpy as np
+from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
 from av import VideoFrame
 
@@ -24,8 +25,6 @@ from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
 
 if TYPE_CHECKING:
-    from aiortc import MediaStreamTrack
-
     from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 TYPE: Final = "sensor_msgs/CompressedImage"

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from queue import Empty, Queue
-from typing import TYPE_CHECKING, Any, Final
+from threading import Event
+from typing import Any, Final
+
+from aiortc import RTCRtpReceiver
 
 from rwt.media.stream_request import MOST_AREA
 from rwt.media.webrtc.frame_size import BadFrame, h264_area, vp8_area
 from rwt_transports.webrtc.aiortc_internals import replace_decoder_queue
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from threading import Event
-
-    from aiortc import RTCRtpReceiver
 
 FRAME_BYTES: Final = 2 * 1024 * 1024
 """Maximum size of an encoded image; at 30 images per second it takes 480 Mbit/s."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import anyio.to_thread
+from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
 from av import AudioFrame, AudioResampler
 
@@ -24,8 +25,6 @@ from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
 
 if TYPE_CHECKING:
-    from aiortc import MediaStreamTrack
-
     from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)

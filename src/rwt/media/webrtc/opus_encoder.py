@@ -5,15 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from av import AudioFrame, AudioResampler, CodecContext
 
-from rwt.media.webrtc.audio import INFO, AudioBudget, AudioUnreadable, read_info
-
-if TYPE_CHECKING:
-    from rwt.media.webrtc.audio import AudioFormat
-    from rwt_interfaces.payload import Payload
+from rwt.media.webrtc.audio import INFO, AudioBudget, AudioFormat, AudioUnreadable, read_info
+from rwt_interfaces.payload import Payload
 
 RATE: Final = 48_000
 """Clock rate of RTP time stamps of Opus, whatever the sample rate (RFC 7587 section 4.1)."""

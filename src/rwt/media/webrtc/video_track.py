@@ -12,32 +12,30 @@ from fractions import Fraction
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, Never
 
-from aiortc import MediaStreamTrack
+from aiortc import MediaStreamTrack, RTCRtpTransceiver
 from aiortc.mediastreams import MediaStreamError
 from aiortc.rtp import (
     RTCP_PSFB_APP,
     RTCP_RTPFB_NACK,
+    AnyRtcpPacket,
     RtcpPsfbPacket,
     RtcpRtpfbPacket,
     unpack_remb_fci,
 )
 from av import Packet
 
+from rwt.media.broadcast import Viewer
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
 from rwt.media.webrtc.bitrate_ladder import RUNGS, SCALES, BitrateLadder
+from rwt_transports.http.routes import Work
 from rwt_transports.webrtc.congestion.controller import CongestionController
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender, negotiate_transport_feedback
+from rwt_transports.webrtc.peer import Peer
 
 if TYPE_CHECKING:
-    from aiortc import RTCRtpTransceiver
-    from aiortc.rtp import AnyRtcpPacket
-
-    from rwt.media.broadcast import Viewer
     from rwt.media.encoders.encoded import Encoded
     from rwt.nodes.video import WebVideoServer
-    from rwt_transports.http.routes import Work
-    from rwt_transports.webrtc.peer import Peer
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000

@@ -18,25 +18,20 @@ from aiortc.mediastreams import MediaStreamError
 from av import Packet
 
 from rwt.media.errors import RequestRefused
-from rwt.media.stream_request import Video, read_request
-from rwt.media.webrtc.audio_topics import topics_of
+from rwt.media.stream_request import StreamRequest, Video, read_request
+from rwt.media.webrtc.audio import AudioFormat
+from rwt.media.webrtc.audio_topics import AudioTopics, Listener, topics_of
 from rwt.media.webrtc.opus import check_sections, only_opus
 from rwt.media.webrtc.opus_encoder import RATE
 from rwt.media.webrtc.video_track import TopicTrack
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpResponse, Route
-from rwt_transports.webrtc.sdp import read_description
-from rwt_transports.webrtc.signalling import SDP, answering, opened, refuse_channels, resource_routes
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.webrtc.peer import Peer
+from rwt_transports.webrtc.sdp import Description, read_description
+from rwt_transports.webrtc.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
 
 if TYPE_CHECKING:
-    from rwt.media.stream_request import StreamRequest
-    from rwt.media.webrtc.audio import AudioFormat
-    from rwt.media.webrtc.audio_topics import AudioTopics, Listener
     from rwt.nodes.video import WebVideoServer
-    from rwt_transports.http.routes import HttpRequest, Reader
-    from rwt_transports.webrtc.peer import Peer
-    from rwt_transports.webrtc.sdp import Description
-    from rwt_transports.webrtc.signalling import Peers
 
 PATH: Final = "/whep"
 BITRATE: Final = 1_500_000

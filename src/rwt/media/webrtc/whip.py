@@ -13,33 +13,31 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
 
+from aiortc import MediaStreamTrack
+
 from rwt.access.errors import AccessError
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.media.webrtc.camera import QUALITY, Camera, CameraRequest
 from rwt.media.webrtc.decoding import bound_decoding
 from rwt.media.webrtc.microphone import RATE, RATES, Microphone, MicrophoneRequest
 from rwt.media.webrtc.opus import check_sections, only_opus
+from rwt_graph.api import Graph
 from rwt_graph.errors import InvalidGraphName
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpResponse, Route
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Route
+from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.sdp import BadDescription, read_description
-from rwt_transports.webrtc.signalling import SDP, answering, opened, refuse_channels, resource_routes
+from rwt_transports.webrtc.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
 
 if TYPE_CHECKING:
-    from aiortc import MediaStreamTrack
-
     from rwt.access.access import Access
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
-    from rwt_graph.api import Graph
-    from rwt_transports.http.routes import HttpRequest
-    from rwt_transports.webrtc.peer import Peer
-    from rwt_transports.webrtc.signalling import Peers
 
 PATH: Final = "/whip"
 NODE: Final = "/whip"

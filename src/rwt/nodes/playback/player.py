@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import anyio
 
@@ -17,16 +17,12 @@ from rwt.nodes.playback.publications import Publications, add_recorded_types
 from rwt.nodes.playback.read_ahead import ReadAhead
 from rwt.nodes.playback.recorded_services import RecordedServices
 from rwt.nodes.recording.errors import RecordingUnreadable
-from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
+from rwt.nodes.recording.recording import EVERYTHING, RecordedMessage, Recording, TopicSelection
+from rwt_graph.api import Graph, ServiceCall
 from rwt_graph.clock import END_OF_TIME_NS
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.recording import RecordedMessage, Recording
-    from rwt_graph.api import Graph, ServiceCall
-    from rwt_participant.timers import Timer
-
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

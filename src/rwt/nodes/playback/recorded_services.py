@@ -8,17 +8,14 @@ again. Any other request fails.
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rwt.nodes.playback.publications import read_payload
-from rwt.nodes.recording.recording import TopicSelection
+from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, TopicSelection
+from rwt_graph.api import Graph, ServiceCall
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
+from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
-    from rwt_graph.api import Graph, ServiceCall
-    from rwt_interfaces.structs import MessageType, ServiceType
 
 logger = logging.getLogger(__name__)
 

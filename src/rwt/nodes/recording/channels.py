@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 import msgspec
 
 from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
-
 
 Encoding = Literal["ros", "json"]
 """Encoding of messages: the serialisation of ROS (CDR, or that of ROS 1 on ROS 1), or JSON."""

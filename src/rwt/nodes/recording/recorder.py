@@ -6,24 +6,21 @@ import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
 from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
-from rwt.nodes.recording.writer import DEFAULT_OPTIONS, RecordingOptions, RecordingWriter
+from rwt.nodes.recording.writer import DEFAULT_OPTIONS, RecordedChannel, RecordingOptions, RecordingWriter
+from rwt_graph.api import Graph
 from rwt_graph.nodes.graph_robot import GraphRobot
 from rwt_interfaces import InvalidMessage, Payload
+from rwt_participant.api import Listed, RobotApi
 from rwt_participant.errors import UnknownType
 from rwt_participant.future import run_until_it_waits
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.writer import RecordedChannel
-    from rwt_graph.api import Graph
-    from rwt_participant.api import Listed, RobotApi
-    from rwt_participant.handles import Handle
-    from rwt_participant.messages import RawMessage
-    from rwt_participant.qos import QoS
-    from rwt_participant.timers import Timer
+from rwt_participant.handles import Handle
+from rwt_participant.messages import RawMessage
+from rwt_participant.qos import QoS
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 import anyio.to_thread
@@ -18,15 +18,12 @@ import anyio.to_thread
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
 from rwt.nodes.recording.recorder import Recorder, record_graph
 from rwt.nodes.recording.recording import TopicSelection
-from rwt.nodes.recording.writer import RecordingOptions
+from rwt.nodes.recording.writer import RecordingOptions, RecordingWriter
+from rwt_graph.api import Graph
 from rwt_graph.nodes.node import Node
+from rwt_participant.messages import Message
+from rwt_participant.timers import Timer
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.writer import RecordingWriter
-    from rwt_graph.api import Graph
-    from rwt_participant.messages import Message
-    from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.nodes.rosapi import graph_services, parameter_services, type_services
 from rwt.nodes.rosapi.service import CONVENTIONS
+from rwt_graph.api import Graph
+from rwt_graph.disclosure import Disclosure
 from rwt_graph.nodes.node import Node
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph
-    from rwt_graph.disclosure import Disclosure
 
 _SERVICES: Final = (*graph_services.SERVICES, *type_services.SERVICES, *parameter_services.SERVICES)
 

@@ -9,16 +9,14 @@ from __future__ import annotations
 import json
 import re
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 
 from rwt.nodes.rosapi.service import CONVENTIONS, Answer, Service
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
+from rwt_graph.nodes.node import Node
 from rwt_participant.errors import NotFound, RobotError, ServiceFailed
-
-if TYPE_CHECKING:
-    from rwt_graph.nodes.node import Node
 
 _DESCRIPTION = "robot_description"
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from rwt_graph.disclosure import Disclosure
+from rwt_graph.nodes.node import Node
 from rwt_interfaces.payload import Payload
 from rwt_participant.future import run_until_it_waits
-
-if TYPE_CHECKING:
-    from rwt_graph.disclosure import Disclosure
-    from rwt_graph.nodes.node import Node
-    from rwt_participant.messages import ServiceHandler
+from rwt_participant.messages import ServiceHandler
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

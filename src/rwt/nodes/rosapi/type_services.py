@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rwt.nodes.rosapi.service import Answer, Service
 from rwt.nodes.rosapi.typedefs import typedefs
 from rwt_graph.disclosure import NOTHING
+from rwt_graph.nodes.node import Node
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.names import KINDS, Kind
 from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import ServiceFailed
-
-if TYPE_CHECKING:
-    from rwt_graph.nodes.node import Node
 
 
 def interfaces(node: Node, _: Any) -> Answer:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from rwt.nodes.rosapi.service import CONVENTIONS
-from rwt_interfaces.definitions.model import WrittenType
-
-if TYPE_CHECKING:
-    from rwt_interfaces.definitions.model import Field, MessageDefinition
-    from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.definitions.model import Field, MessageDefinition, WrittenType
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType
 
 TypeDef = dict[str, str | list[str] | list[int]]
 

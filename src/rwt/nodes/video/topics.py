@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.media.errors import RequestRefused
-from rwt.media.stream_request import COMPRESSED, RAW
-
-if TYPE_CHECKING:
-    from rwt.media.stream_request import StreamRequest
-    from rwt_graph.api import Graph
-    from rwt_transports.http.routes import Reader
+from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest
+from rwt_graph.api import Graph
+from rwt_transports.http.routes import Reader
 
 INFO: Final = "sensor_msgs/CameraInfo"
 

@@ -10,18 +10,17 @@ from typing import TYPE_CHECKING
 from rwt.testing.errors import ScriptError
 from rwt.testing.journal import OF_THE_SERVER, Kind, Received
 from rwt.testing.script.errors import read_script
+from rwt.testing.script.file import FaultScript
 from rwt.testing.script.program import ProgramRobot, read_program
 from rwt.testing.script.robot import SteppedTopic, TomlRobot, inject
+from rwt.testing.scripted.robot import ScriptedRobot
 from rwt_graph.nodes.node import Node
-from rwt_participant.messages import Message, MessageLike
+from rwt_participant.handles import Handle
+from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 if TYPE_CHECKING:
     from rwt.testing.observed_graph import ObservedGraph
-    from rwt.testing.script.file import FaultScript
-    from rwt.testing.scripted.robot import ScriptedRobot
     from rwt.testing.wire.observed import ObservedWire
-    from rwt_participant.handles import Handle
-    from rwt_participant.messages import ParameterValue
 
 #: Node of the control services, and prefix of their names.
 CONTROL = "/rwt_script"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 from rwt.testing.errors import ScriptError, check_messages
 from rwt.testing.expectations import TIMEOUT_SECONDS, block_until, wait_until
+from rwt_graph.api import Graph
 from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_participant.messages import MessageLike
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 #: Maximum number of messages per turn of the event loop, so that a rate above what the machine can publish
 #: does not block it.

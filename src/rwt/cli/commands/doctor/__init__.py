@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import statistics
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -26,7 +26,6 @@ from rwt.cli.verbs import (
 
 if TYPE_CHECKING:
     import ssl
-    from collections.abc import Mapping
 
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
     from rwt_transports.errors import ConnectCause

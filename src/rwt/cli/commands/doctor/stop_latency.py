@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import anyio
 
 from rwt.server import Server
-from rwt_client import connect
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rwt_client import Robot
+from rwt_client import Robot, connect
 
 _TYPE: Final = "geometry_msgs/Twist"
 _LEASE_SECONDS: Final = 0.05

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -15,8 +16,6 @@ from rwt.cli.parser import Commands, add_commands
 from rwt.cli.verbs import epilog
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from rwt.access.roles import Role
     from rwt.access.settings import GateRule
     from rwt.cli.commands.gate.trial import Outcome

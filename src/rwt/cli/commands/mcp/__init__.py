@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,8 +13,6 @@ from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, add_robot_options, connecting, run_async
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
-
     from mcp.server.context import ServerRequestContext
 
     from rwt.gateways.mcp.agent import Act, Agent
