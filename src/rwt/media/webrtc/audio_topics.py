@@ -16,7 +16,7 @@ from typing import Final
 import anyio
 import anyio.to_thread
 
-from rwt.media.broadcast import EncoderThreads
+from rwt.media.broadcast import EncoderThreads, Listener, SharedStream
 from rwt.media.errors import RequestRefused
 from rwt.media.webrtc.audio import DATA, INFO, INFO_SUFFIX, AudioFormat, AudioUnreadable, read_info
 from rwt.media.webrtc.opus_encoder import OpusEncoder, OpusPacket
@@ -39,62 +39,13 @@ WAITING_PACKETS: Final = 25
 logger = logging.getLogger("rwt.media.webrtc")
 
 
-class Listener:
-    """Queue of packets for one listener.
-
-    Attributes:
-        work: account to which its share of the encoder's work is charged.
-        failure: reason why the audio ended; None if it did not fail.
-    """
-
-    def __init__(self, broadcast: AudioBroadcast, work: Work) -> None:
-        self._broadcast = broadcast
-        self.work = work
-        self.failure: AudioUnreadable | None = None
-        # The newest packet replaces the oldest.
-        self._waiting: deque[OpusPacket] = deque(maxlen=WAITING_PACKETS)
-        self._woken = anyio.Event()
-        self._over = False
-
-    def put(self, packet: OpusPacket) -> None:
-        """Queue a packet."""
-        self._waiting.append(packet)
-        self._woken.set()
-
-    async def next(self) -> OpusPacket | None:
-        """Wait for the next packet; None at the end of the audio."""
-        while not self._waiting:
-            if self._over:
-                return None
-            await self._woken.wait()
-            self._woken = anyio.Event()
-        return self._waiting.popleft()
-
-    def leave(self) -> None:
-        """Leave the broadcast."""
-        self._broadcast.leave(self)
-
-    def end(self, failure: AudioUnreadable | None = None) -> None:
-        """End the audio after the queued packets."""
-        if not self._over:
-            self.failure = failure
-            self._over = True
-            self._woken.set()
-
-
-class AudioBroadcast:
+class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
     """Subscriptions and encoder shared by all listeners of a topic.
 
     Args:
-        node: node that subscribes.
         topic: topic of `audio_common_msgs/AudioData`.
         samples: format of the samples until another `AudioInfo` arrives.
         threads: worker threads shared by all broadcasts.
-        on_end: called once when the last listener has left, or when the audio cannot be decoded.
-
-    Attributes:
-        topic: topic, as given.
-        listeners: present listeners.
     """
 
     def __init__(
@@ -103,53 +54,26 @@ class AudioBroadcast:
         topic: str,
         samples: AudioFormat,
         threads: EncoderThreads,
-        on_end: Callable[[AudioBroadcast], None],
+        on_end: Callable[[], object],
     ) -> None:
-        self.topic = topic
-        self.listeners: list[Listener] = []
+        super().__init__(on_end)
+        self._topic = topic
         self._threads = threads
-        self._on_end = on_end
         self._encoder = OpusEncoder(samples)
         self._waiting: deque[tuple[float, Payload]] = deque()
         self._waiting_bytes = 0
         self._complaint = ""
-        self._woken = anyio.Event()
-        self._over = False
         node.graph.spawn(self._run, f"sound of {topic}")
         self._subscriptions = (
             node.subscribe_samples(f"{topic}{INFO_SUFFIX}", self._take, INFO),
             node.subscribe_samples(topic, self._take, DATA),
         )
 
-    def join(self, work: Work) -> Listener:
-        """Add a listener.
-
-        Args:
-            work: account to which its share of the encoder's work is charged.
-        """
-        listener = Listener(self, work)
+    def join(self, work: Work) -> Listener[OpusPacket]:
+        """Add a listener."""
+        listener: Listener[OpusPacket] = Listener(work, self.leave, WAITING_PACKETS)
         self.listeners.append(listener)
         return listener
-
-    def leave(self, listener: Listener) -> None:
-        """Remove a listener; the last one ends the broadcast."""
-        if listener in self.listeners:
-            self.listeners.remove(listener)
-            listener.end()
-            if not self.listeners:
-                self.end()
-
-    def end(self, failure: AudioUnreadable | None = None) -> None:
-        """Stop, and end the audio of every listener."""
-        if self._over:
-            return
-        self._over = True
-        for subscription in self._subscriptions:
-            subscription.close()
-        for listener in self.listeners:
-            listener.end(failure)
-        self._on_end(self)
-        self._woken.set()
 
     def _take(self, sample: Sample) -> None:
         """Queue a message of either topic, in order of arrival; drop the oldest ones of a full queue."""
@@ -158,7 +82,7 @@ class AudioBroadcast:
         self._waiting_bytes += payload.kept_size
         while self._waiting_bytes > WAITING_BYTES or len(self._waiting) > WAITING_MESSAGES:
             self._waiting_bytes -= self._waiting.popleft()[1].kept_size
-        self._woken.set()
+        self.wake()
 
     async def _run(self) -> None:
         while not self._over:
@@ -176,7 +100,7 @@ class AudioBroadcast:
                 self._complain(error)
                 self.end(error)
             except Exception:
-                logger.exception("the sound of %s could not be encoded", self.topic)
+                logger.exception("the sound of %s could not be encoded", self._topic)
                 self.end(AudioUnreadable("internal error"))
             else:
                 if self._encoder.complaint is not None:
@@ -189,7 +113,7 @@ class AudioBroadcast:
         # Once: a microphone must not fill the log.
         if self._complaint != str(error):
             self._complaint = str(error)
-            logger.warning("%s: %s", self.topic, error)
+            logger.warning("%s: %s", self._topic, error)
 
 
 def topics_of(name: str) -> tuple[str, str]:
@@ -198,11 +122,7 @@ def topics_of(name: str) -> tuple[str, str]:
 
 
 class AudioTopics:
-    """Audio topics of a graph.
-
-    Args:
-        graph: graph of the robot.
-    """
+    """Audio topics of a graph."""
 
     def __init__(self, graph: Graph) -> None:
         self._node = Node(graph, NAME)
@@ -272,14 +192,11 @@ class AudioTopics:
             )
         return got[0]
 
-    def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener:
+    def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener[OpusPacket]:
         """Add a listener to a topic found by :meth:`find`; its `leave` removes it."""
         broadcast = self._broadcasts.get(name)
         if broadcast is None:
-            broadcast = AudioBroadcast(self._node, name, samples, self._threads, self._ended)
+            ended = partial(self._broadcasts.pop, name)
+            broadcast = AudioBroadcast(self._node, name, samples, self._threads, ended)
             self._broadcasts[name] = broadcast
         return broadcast.join(work)
-
-    def _ended(self, broadcast: AudioBroadcast) -> None:
-        if self._broadcasts.get(broadcast.topic) is broadcast:
-            del self._broadcasts[broadcast.topic]

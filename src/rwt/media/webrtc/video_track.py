@@ -81,11 +81,6 @@ class TopicTrack(MediaStreamTrack):
         self._viewer: Viewer | None = None
         self._resendable = 0
 
-    @property
-    def rung(self) -> int:
-        """Index of the present bit rate, 0 for the highest."""
-        return self._rung
-
     def follow(self, transceiver: RTCRtpTransceiver, peer: Peer) -> None:
         """Send at the rate of the peer's link. Call before the peer is described."""
         PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
@@ -118,7 +113,7 @@ class TopicTrack(MediaStreamTrack):
             if encoded is not None and viewer is self._viewer:
                 packets = len(encoded.data) // PACKET_BYTES + 1
                 self._resendable = min(self._resendable + packets, RESENDABLE)
-                viewer.count_sent(encoded)
+                viewer.count_sent(len(encoded.data))
                 return _packet(encoded)
             if encoded is None:
                 self._end(str(viewer.failure or "the topic's pictures have ended"))

@@ -17,12 +17,13 @@ from aiortc import MediaStreamTrack, RTCRtpCodecCapability, RTCRtpSender
 from aiortc.mediastreams import MediaStreamError
 from av import Packet
 
+from rwt.media.broadcast import Listener
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video, read_request
 from rwt.media.webrtc.audio import AudioFormat
-from rwt.media.webrtc.audio_topics import AudioTopics, Listener, topics_of
+from rwt.media.webrtc.audio_topics import AudioTopics, topics_of
 from rwt.media.webrtc.opus import check_sections, only_opus
-from rwt.media.webrtc.opus_encoder import RATE
+from rwt.media.webrtc.opus_encoder import RATE, OpusPacket
 from rwt.media.webrtc.video_track import TopicTrack
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Reader, Route
@@ -141,7 +142,7 @@ class AudioTrack(MediaStreamTrack):
 
     kind = "audio"
 
-    def __init__(self, listener: Listener, on_end: Callable[[str], None]) -> None:
+    def __init__(self, listener: Listener[OpusPacket], on_end: Callable[[str], None]) -> None:
         super().__init__()
         self._listener = listener
         self._on_end = on_end

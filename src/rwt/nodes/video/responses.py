@@ -13,18 +13,15 @@ from rwt.media.encoders.encoded import Encoded, Track
 from rwt.media.encoders.mp4 import Mp4
 from rwt.media.encoders.webm import Webm
 from rwt.media.errors import RequestRefused
-from rwt.media.stream_metrics import Counts
 from rwt.media.stream_request import StreamRequest
 from rwt.nodes.video.quality_ladder import QualityLadder
 
 BOUNDARY: Final = "boundarydonotcross"
 MULTIPART: Final = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
 
-Join = Callable[[], Viewer]
-
 
 async def multipart(
-    join: Callable[[StreamRequest], Viewer], ladder: QualityLadder, counts: Counts, now: Callable[[], float]
+    join: Callable[[StreamRequest], Viewer], ladder: QualityLadder, now: Callable[[], float]
 ) -> AsyncGenerator[bytes, None]:
     """Send images as parts (RFC 2046 section 5.1), in a quality for the viewer's connection.
 
@@ -32,8 +29,6 @@ async def multipart(
 
     Args:
         join: adds a viewer; raises `RequestRefused` if there is no room for a further encoder.
-        ladder: selects the quality.
-        counts: statistics of the stream.
         now: returns the seconds of a steady clock.
     """
     request = ladder.request
@@ -42,8 +37,7 @@ async def multipart(
         yield f"--{BOUNDARY}\r\n".encode()
         while (image := await viewer.next()) is not None:
             part = _part(image)
-            counts.sent += 1
-            counts.sent_bytes += len(part)
+            viewer.count_sent(len(part))
             began = now()
             yield part
             ladder.delivered(now() - began, now())
@@ -71,7 +65,7 @@ def timestamp(image: Encoded) -> str:
     return f"{seconds}.{rest:06d}"
 
 
-async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
+async def video_stream(join: Callable[[], Viewer]) -> AsyncGenerator[bytes, None]:
     """Send a video that begins with the viewer's first image, at time 0. Frames that are late when the
     connection can take them are left out.
     """
@@ -86,8 +80,7 @@ async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None
                 container, began = _container(image.track), image.at_ms
                 opening = container.header()
             part = opening + container.frame(image.data, image.at_ms - began, key=image.key)
-            counts.sent += 1
-            counts.sent_bytes += len(part)
+            viewer.count_sent(len(part))
             yield part
             viewer.skip_late()
     finally:

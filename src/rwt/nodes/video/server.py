@@ -127,7 +127,7 @@ class WebVideoServer:
 
     def _metrics(self) -> Iterator[MetricFamily]:
         return self._stream_metrics.families(
-            (request.topic, request.type, len(broadcast.viewers))
+            (request.topic, request.type, len(broadcast.listeners))
             for request, broadcast in self._broadcasts.items()
         )
 
@@ -148,15 +148,13 @@ class WebVideoServer:
     ) -> HttpResponse:
         stream = await self._resolved(stream, topics)
         self.check_room(stream)
-        counts = self._stream_metrics.of(stream.topic, stream.type)
         if not isinstance(stream.coding, Video):
             ladder = QualityLadder(stream, self._now())
-            images = multipart(partial(self._join_checked, topics.reader), ladder, counts, self._now)
+            images = multipart(partial(self._join_checked, topics.reader), ladder, self._now)
             return HttpResponse(images, content_type=MULTIPART, headers=_NO_CACHE, is_live=True)
         join = partial(self._join_while_allowed, stream, topics.reader)
         media_type = MP4 if stream.type == "h264" else WEBM
-        video = video_stream(join, counts)
-        return HttpResponse(video, content_type=media_type, headers=_NO_CACHE, is_live=True)
+        return HttpResponse(video_stream(join), content_type=media_type, headers=_NO_CACHE, is_live=True)
 
     async def _viewer(
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
@@ -176,9 +174,6 @@ class WebVideoServer:
         self.check_room(stream)
         image = await self._one_image(stream, topics.reader.work)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
-        counts = self._stream_metrics.of(stream.topic, stream.type)
-        counts.sent += 1
-        counts.sent_bytes += len(image.data)
         return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
     async def _one_image(self, stream: StreamRequest, work: Work) -> Encoded:
@@ -189,6 +184,7 @@ class WebVideoServer:
         finally:
             viewer.leave()
         if image is not None:
+            viewer.count_sent(len(image.data))
             return image
         if viewer.failure is not None:
             raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
@@ -212,7 +208,7 @@ class WebVideoServer:
         Raises:
             RequestRefused: a limit is reached.
         """
-        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.viewers]
+        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.listeners]
         if len(viewers) >= self._most_viewers:
             # Whose connection takes nothing makes place for who wants to look.
             stalled = [viewer for viewer in viewers if viewer.has_stalled]
@@ -263,7 +259,7 @@ class WebVideoServer:
                 partial(_make_encoder, stream, partial(self._reserve, stream)),
                 self._threads,
                 counts,
-                self._ended,
+                partial(self._broadcasts.pop, stream),
                 self._now,
             )
             self._broadcasts[stream] = broadcast
@@ -286,10 +282,6 @@ class WebVideoServer:
         except Refused as refused:
             viewer.cut(refused.reason)
         return viewer
-
-    def _ended(self, broadcast: Broadcast) -> None:
-        if self._broadcasts.get(broadcast.request) is broadcast:
-            del self._broadcasts[broadcast.request]
 
 
 def _counted(stream: StreamRequest, pixels: int) -> int:
