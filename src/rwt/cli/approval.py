@@ -33,9 +33,6 @@ class ApprovalProgress:
     Attributes:
         state: state of the last request for approval; empty without one.
         why: reason of a denial.
-
-    Args:
-        robot: connection over which the command is sent.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -56,7 +53,6 @@ class ApprovalProgress:
         """Run a command.
 
         Args:
-            command: function that runs it.
             seconds: timeout; None: no timeout.
             extends: True if time for which the command waits for approval does not count.
 

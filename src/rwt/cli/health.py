@@ -16,7 +16,6 @@ class Health:
     """State of a server.
 
     Attributes:
-        running: True if the graph runs.
         version: version of the server; empty if it does not report one.
         work: processor seconds per second spent on clients, recently.
         clients_beyond_rate: number of clients that exceed their work rate.
@@ -67,7 +66,6 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
 def _get_health(
     host: str, path: str, secure: bool, patience: float, tls: ssl.SSLContext | None
 ) -> tuple[int, bytes]:
-    """Return status and body of a path; status 0 without an HTTP response."""
     import http.client
 
     try:

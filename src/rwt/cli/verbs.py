@@ -69,11 +69,8 @@ class Verb:
     """Verb of a command, such as `list` of `rwt topic`.
 
     Attributes:
-        name: word after the command.
-        help: description in one line.
         example: one or more command lines, for the help.
         json: output with ``--json``, for the help.
-        add_arguments: adds the arguments of this verb.
         definitions: fetch the definitions of the robot's topics when connecting.
         until_interrupted: run until Ctrl-C, which then exits with 0, and reconnect after a lost connection.
     """

@@ -69,7 +69,6 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of new services and actions, and withdraw those of former ones."""
         self._needed.clear()
         for service in self._graph.services():
             if _is_observed(service.name):
@@ -103,7 +102,6 @@ class Introspection(CallObserver):
         return self._publisher(f"{action.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher | None:
-        """Return the publisher of a topic; None if the topic has another type."""
         self._needed.add(topic)
         known, publisher = self._publishers.get(topic, ("", None))
         if publisher is not None and known == type_name:

@@ -46,8 +46,6 @@ class ObservedGraph(MemoryGraph):
 
 
 class _ObservedParticipant(MemoryParticipant):
-    """Participant whose publishers record their messages."""
-
     def __init__(self, graph: ObservedGraph, name: str) -> None:
         super().__init__(graph, name)
         self._journal = graph.journal

@@ -99,7 +99,6 @@ def _add_kinds(parser: argparse.ArgumentParser) -> None:
 
 
 def _kinds(arguments: Arguments) -> list[str]:
-    """Return the kinds that the options select; all without options."""
     return [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
 
 

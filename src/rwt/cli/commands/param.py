@@ -68,7 +68,6 @@ def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 async def _of_node(robot: Robot, node: str) -> list[str]:
-    """Return the names of a node's parameters; on ROS 1, of those in a namespace."""
     names = await _names(robot)
     found = _by_node(names)
     if node in found:

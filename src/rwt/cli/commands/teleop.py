@@ -85,7 +85,6 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _drive(publisher: RemotePublisher, held: HeldKey, arguments: Arguments, output: Output) -> None:
-    """Publish commands while a key is held, and one of zero when it is released."""
     import anyio
 
     drives = False
@@ -113,7 +112,6 @@ def _print(speed: float, turn: float, output: Output) -> None:
 
 
 async def _stop(robot: Robot, publisher: RemotePublisher) -> None:
-    """Publish a command of zero if still connected."""
     from rwt_client import ConnectionLost
 
     with suppress(ConnectionLost):

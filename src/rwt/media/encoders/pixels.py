@@ -83,7 +83,6 @@ def without_alpha(pixels: Bytes) -> Bytes:
 
 
 def _bytes_of(samples: Samples) -> Bytes:
-    """Return values of one or two bytes as one byte each."""
     if samples.dtype.itemsize == 1:
         return samples.view(np.uint8)
     return (samples.astype(np.uint16) >> 8).astype(np.uint8)

@@ -183,7 +183,6 @@ class VideoEncoder:
 
 
 def _adaptive_options(video: Video, bits: int) -> dict[str, str]:
-    """Return the options of constant bit rate and small key frames."""
     options = {"maxrate": str(bits), "bufsize": str(round(bits * BUFFER_SECONDS))}
     if video.codec == "h264":
         # x264 can change a bit rate only below that with which it was opened, and if that was the maximum.

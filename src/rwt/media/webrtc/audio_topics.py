@@ -43,9 +43,7 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
     """Subscriptions and encoder shared by all listeners of a topic.
 
     Args:
-        topic: topic of `audio_common_msgs/AudioData`.
         samples: format of the samples until another `AudioInfo` arrives.
-        threads: worker threads shared by all broadcasts.
     """
 
     def __init__(

@@ -39,7 +39,6 @@ class CameraRequest:
     """Request to publish a client's camera.
 
     Attributes:
-        topic: topic to publish on.
         frame_id: frame of reference of the images.
         quality: JPEG quality, 1 to 100.
     """
@@ -53,8 +52,6 @@ class Camera:
     """Publisher of the images of one track.
 
     Args:
-        client: graph as the client may use it.
-        wanted: request of the client.
         end: called with the reason when the camera has ended.
 
     Raises:
@@ -122,7 +119,6 @@ class Camera:
 
 
 def _encode(frame: VideoFrame, quality: int) -> tuple[bytes, float]:
-    """Encode a frame as JPEG; return it and the CPU seconds used."""
     began = time.thread_time()
     pixels = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
     data = encode_jpeg(pixels, quality)

@@ -90,7 +90,6 @@ def bound_decoding(receiver: RTCRtpReceiver, reject: Callable[[str], None]) -> N
     """Limit what a receiver decodes that has not begun.
 
     Args:
-        receiver: receiver of a track.
         reject: called with the reason for an invalid image.
     """
     replace_decoder_queue(receiver, partial(DecoderQueue, reject=reject))

@@ -61,8 +61,6 @@ def h264_area(data: bytes) -> int:
 
 
 class _Bits:
-    """Reader of a raw byte sequence payload."""
-
     def __init__(self, data: bytes) -> None:
         plain = data.replace(b"\0\0\3", b"\0\0")  # Without emulation prevention.
         self._value, self._left = int.from_bytes(plain, "big"), 8 * len(plain)

@@ -44,7 +44,6 @@ class MicrophoneRequest:
     """Request to publish a client's microphone.
 
     Attributes:
-        topic: topic to publish on.
         rate: sample rate in Hz, one of RATES.
         channels: 1 or 2.
     """
@@ -73,8 +72,6 @@ class Microphone:
     """Publisher of the audio of one track.
 
     Args:
-        client: graph as the client may use it.
-        wanted: request of the client.
         end: called with the reason when the microphone has ended.
         allowance: rate limit of the audio.
 
@@ -166,14 +163,12 @@ class Microphone:
         self._offer(self._data, {"data": piece})
 
     def _offer(self, publisher: ClientPublisher, message: dict[str, object]) -> None:
-        """Publish a message unless the gate rejects it."""
         try:
             publisher.publish(Payload.from_value(publisher.type, message))
         except AccessError as refused:
             logger.debug("sound for %s was refused: %s", self._wanted.topic, refused)
 
     def _samples(self, frames: tuple[AudioFrame, ...]) -> tuple[list[bytes], float]:
-        """Return the data of the messages that are complete, and the CPU seconds used."""
         began = time.thread_time()
         made: list[bytes] = []
         for frame in frames:

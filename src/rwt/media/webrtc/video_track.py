@@ -53,7 +53,6 @@ class TopicTrack(MediaStreamTrack):
     """Video track of a topic for one viewer.
 
     Args:
-        server: server with the shared encoders.
         request: request of the viewer, with the resolved topic.
         work: account to which the viewer's share of the encoders' work is charged.
         on_end: called once with the reason when the video has ended.
@@ -119,7 +118,6 @@ class TopicTrack(MediaStreamTrack):
                 self._end(str(viewer.failure or "the topic's pictures have ended"))
 
     def _join(self) -> Viewer:
-        """Return the viewer of the selected rung, joining its broadcast if needed."""
         if self.readyState != "live":
             raise MediaStreamError
         rate, viewer = MEDIA * self._controller.target, self._viewer

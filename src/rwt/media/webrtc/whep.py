@@ -48,7 +48,6 @@ def watch_routes(
     """Return the routes of WHEP.
 
     Args:
-        peers: peers of the server.
         video: server with the image encoders; None if images are not served.
         audio: audio topics; None if audio is not served.
     """
@@ -136,7 +135,6 @@ class AudioTrack(MediaStreamTrack):
     """Audio track of a topic for one listener, from the encoder that all listeners share.
 
     Args:
-        listener: queue of packets.
         on_end: called once with the reason when the audio has ended.
     """
 

@@ -48,12 +48,7 @@ SENDERS_TYPE: Final = "rwt_gate_msgs/MediaSenders"
 
 @dataclass(frozen=True, slots=True)
 class MediaRequest:
-    """Request for a camera, a microphone or both.
-
-    Attributes:
-        camera: request for the camera; None for none.
-        microphone: request for the microphone; None for none.
-    """
+    """Request for a camera, a microphone or both."""
 
     camera: CameraRequest | None
     microphone: MicrophoneRequest | None
@@ -92,8 +87,6 @@ class IncomingMedia:
     """Cameras and microphones of clients, as topics; a server reloads its roles like those of a gateway.
 
     Args:
-        graph: graph of the robot.
-        access: access control of the server.
         linger: seconds for which a publisher outlives its last user.
     """
 
@@ -163,7 +156,6 @@ class IncomingMedia:
             self._publish_senders()
 
     def _publish_senders(self) -> None:
-        """Publish the present senders."""
         fields = [each for sender in self._senders for each in sender.sending()]
         self._publisher.publish(Payload.from_value(self._publisher.type, {"senders": fields}))
 
@@ -189,9 +181,6 @@ class MediaSender:
     States: waiting until its peer is connected (``_since_ns`` is None), sending, closed (``_over``).
 
     Args:
-        client: graph as the client may use it.
-        name: name of the client.
-        wanted: request of the client.
         on_begin: called once when its peer is connected.
         on_close: called once when it is closed.
 

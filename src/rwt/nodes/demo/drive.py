@@ -58,7 +58,6 @@ class DifferentialDrive:
     Attributes:
         limits: limits of the motors; may be changed at any time.
         pose: pose in the map frame.
-        velocity: current velocity.
         left_angle: rotation of the left wheel since the start, radians.
         right_angle: rotation of the right wheel since the start, radians.
         enabled: True if the motors have power.

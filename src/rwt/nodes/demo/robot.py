@@ -78,7 +78,6 @@ class DemoRobot:
         seed: seed of the laser's noise, for reproducible runs.
         namespace: namespace of its names, for several robots in one graph; they share `/tf` and
             `/tf_static`, where the frames of one in `/anna` are `anna/odom` and so on.
-        lens: lens of the cameras.
 
     Attributes:
         http: meshes of its description, for :func:`rwt.serve`.
@@ -157,7 +156,6 @@ class DemoRobot:
         return min(self._lens.width, self._lens.height)
 
     def _use_openni(self, value: ParameterValue) -> None:
-        """Switch the depth stream to the crop, size and depth of OpenNI cameras, or back."""
         if value:
             crop = round(self._lens.focal * _CROP_OF_FOCAL / _OPENNI_F)
             self._depth_cloud.configure(min(crop, self._whole_crop), 512, 1.0)
@@ -185,7 +183,6 @@ class DemoRobot:
         self._cameras.follow_subscribers()
 
     def _wanted(self) -> Velocity:
-        """Return the velocity to drive with: nonzero teleoperation overrides navigation."""
         by_hand = self._teleop.velocity or STANDSTILL
         planned = self._navigation.steer(overridden=not by_hand.is_zero)
         return planned if by_hand.is_zero else by_hand
@@ -196,7 +193,6 @@ class DemoRobot:
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
-        """Return to the start with a full battery and the arm at rest; the motors keep their state."""
         self._navigation.abort("the robot was reset")
         self._arm_controller.abort("the robot was reset")
         self._arm.reset()

@@ -30,8 +30,6 @@ class NoSuchMarker(RobotError, LookupError):
 
 @dataclass(slots=True)
 class _Entry:
-    """Marker with pending changes."""
-
     marker: Message
     on_feedback: OnFeedback | None
     menu: Menu | None

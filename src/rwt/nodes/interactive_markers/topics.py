@@ -38,9 +38,7 @@ class MarkerTopics:
 
     Args:
         node: node that publishes; its name identifies the server.
-        namespace: namespace, absolute or relative to the node's.
         snapshot: returns the sequence number and all published markers.
-        on_feedback: called with each message of the topic `feedback`.
     """
 
     def __init__(

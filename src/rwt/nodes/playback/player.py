@@ -254,7 +254,6 @@ class Player:
     # -- playing -------------------------------------------------------------------------------------------
 
     def _arm(self) -> None:
-        """Start the timer for the next message, or for the end."""
         self._disarm()
         if not self.paused:
             due = self.end_ns if self._next is None else self._next.log_time
@@ -356,11 +355,7 @@ def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
 
 
 def checked_rate(rate: float) -> float:
-    """Check a rate, and return it.
-
-    Raises:
-        ValueError: it is out of range.
-    """
+    """Check a rate, and return it."""
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"a recording is played at a rate from {SLOWEST} to {FASTEST:g}, not {rate}")
     return rate

@@ -43,7 +43,6 @@ class Publications:
     """Publishers of the topics of a recording.
 
     Args:
-        recording: recording whose topics are advertised at once.
         remap: published names by recorded name.
 
     Attributes:
@@ -168,6 +167,5 @@ def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
 
 
 def _known(registry: Registry, name: str, text: str) -> bool:
-    """Return True if a registry has a message of that name with equal fields and constants."""
     known = registry.known_definition(name)
     return known is not None and known == parse_message(text, name, distro=registry.distro)

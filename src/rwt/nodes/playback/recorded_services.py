@@ -68,11 +68,9 @@ class _RecordedCalls:
 
     @property
     def known(self) -> int:
-        """Number of different requests with a response."""
         return len(self._responses)
 
     def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
-        """Add one recorded event."""
         try:
             recorded: Any = read_payload(topic.encoding, event, message.data).value()
             call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)
@@ -90,7 +88,6 @@ class _RecordedCalls:
             logger.warning("a recorded call of %s is left out: %s", self._name, error)
 
     def answer(self, call: ServiceCall) -> None:
-        """Answer a call."""
         try:
             request = call.request.cdr()
         except InvalidMessage as error:

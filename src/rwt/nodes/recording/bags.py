@@ -140,7 +140,6 @@ class BagRecording(Recording):
 
 
 def _first_line(error: Exception) -> str:
-    """Return an error of the library in one line; its class if it has no text."""
     text = str(error).strip() or type(error).__name__
     return text.splitlines()[0][:300]
 

@@ -42,10 +42,8 @@ class ChannelForm:
     """Description of one topic in an MCAP file.
 
     Attributes:
-        topic: absolute name.
         schema_name: the type's name, as its distribution spells it.
         schema_encoding: ``ros2msg``, ``ros1msg`` or ``jsonschema``.
-        schema: its text.
         message_encoding: ``cdr``, ``ros1`` or ``json``.
         metadata: quality of service and more, by key.
     """

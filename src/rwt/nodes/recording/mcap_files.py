@@ -203,7 +203,6 @@ class _OpenChunk:
     """Unpacked chunk, and its next message.
 
     Attributes:
-        size: bytes of the content.
         message: the next message, after :meth:`advance`.
     """
 
@@ -219,7 +218,6 @@ class _OpenChunk:
         return self.message.log_time
 
     def advance(self) -> bool:
-        """Go to the next message. Returns False at the end."""
         position = next(self._positions, None)
         if position is None:
             return False
@@ -236,7 +234,6 @@ class _File(BufferedReader):
         self._size = os.fstat(self.fileno()).st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Up to `size` bytes; fewer at the end."""
         if size is None or size > _MUCH:
             size = min(self._size if size is None else size, max(0, self._size - self.tell()))
         return super().read(size)

@@ -78,8 +78,6 @@ def _open_folder(path: Path, chunk_bytes: int) -> Recording:
 
 
 class _Together(Recording):
-    """Several recordings, merged."""
-
     def __init__(self, parts: list[Recording]) -> None:
         if len({part.distro.serialisation for part in parts}) > 1:
             raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")

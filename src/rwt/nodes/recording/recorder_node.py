@@ -124,7 +124,6 @@ class RecorderNode:
     async def _alone(
         self, act: Callable[[Message], Awaitable[dict[str, object]]], request: Message
     ) -> dict[str, object]:
-        """Run one change of the recording at a time; return its outcome or error."""
         if self._is_changing:
             return _refusal("another recording is just being started or ended; ask again")
         self._is_changing = True
@@ -250,7 +249,6 @@ def _refusal(text: str) -> dict[str, object]:
 
 
 def _files_in(folder: Path) -> list[dict[str, object]]:
-    """Return name, size and time of the last change of recordings, the newest first."""
     files = [
         (each.stat(), each.name)
         for each in folder.iterdir()

@@ -46,11 +46,9 @@ class RecordedMessage(Struct, frozen=True, gc=False):
     """Message of a recording.
 
     Attributes:
-        topic: absolute name of the topic.
         type: the type's name as it was recorded.
         log_time: time of recording, nanoseconds since the epoch.
         publish_time: time of publishing, nanoseconds since the epoch.
-        data: message in the topic's encoding.
     """
 
     topic: str

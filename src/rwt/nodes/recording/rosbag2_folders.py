@@ -38,12 +38,10 @@ class Rosbag2Folder:
     """Folder of rosbag2, with its files unpacked in a temporary folder if necessary.
 
     Args:
-        path: the folder.
         chunk_bytes: maximum unpacked size of a file, if it is more than `MAX_RATIO` times its size.
 
     Attributes:
         path: the folder to read, without compression.
-        files: files with messages.
         storage: storage plugin, ``sqlite3`` or ``mcap``.
         has_packed_messages: True if each message is compressed.
 

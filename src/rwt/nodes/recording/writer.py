@@ -64,7 +64,6 @@ class RecordingOptions:
 
     Attributes:
         encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
-        split: condition for a new file.
         dated: True if the name contains codes of :func:`time.strftime`. If the file is there already, its
             name gets a number.
         largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
@@ -85,7 +84,6 @@ class RecordedChannel:
     """Topic of one type in the recording, with counters.
 
     Attributes:
-        form: description of the topic in the file.
         size: bytes of their content.
     """
 
@@ -107,8 +105,6 @@ class RecordingWriter:
         path: file to write; with `options.split` the first is `NAME_0000.mcap`.
 
     Attributes:
-        options: format and limits.
-        channels: recorded topics.
         dropped: number of messages that the disk was too slow for.
         failure: error that ended writing; None without one.
 

@@ -57,7 +57,6 @@ async def get_param(node: Node, request: Any) -> Answer:
 
 
 def _as_json(default: str) -> str:
-    """Return a default as JSON text: unchanged if it is JSON, otherwise as a string."""
     if not default:
         return "null"
     try:
@@ -68,7 +67,6 @@ def _as_json(default: str) -> str:
 
 
 def _is_bounded(text: str) -> bool:
-    """Return True if JSON has at most as many values as a parameter may have."""
     if _values(text) <= MOST_VALUES:
         return True
     if len(text) > _LONG_TEXT:

@@ -19,7 +19,6 @@ class Conventions:
     """rosapi of one distribution.
 
     Attributes:
-        package: package of the service types.
         has_version: True if `get_ros_version` is offered. Clients recognise ROS 1 by its absence.
         has_idl_names: True if scalars have the names of IDL (API-04).
         reports_failures: True if responses about parameters have ``successful`` and ``reason``. Otherwise the

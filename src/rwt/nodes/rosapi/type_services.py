@@ -24,8 +24,6 @@ def interfaces(node: Node, _: Any) -> Answer:
 
 
 def _details(kind: Kind, part: str) -> Callable[[Node, Any], Answer]:
-    """Return the service that describes one part of a type, including nested messages."""
-
     def answer(node: Node, request: Any) -> Answer:
         registry = node.graph.registry
         find = {"msg": registry.message, "srv": registry.service, "action": registry.action}[kind]

@@ -134,8 +134,6 @@ def topic_list(topics: Iterable[str], infos: Sequence[str], query: str) -> str:
     """Return the image topics with links as HTML, grouped by camera.
 
     Args:
-        topics: image topics, sorted.
-        infos: topics of camera infos.
         query: query of the enclosing page: its token is added to the links.
     """
     bases = [info.removesuffix("camera_info") for info in infos if info.endswith("/camera_info")]

@@ -134,7 +134,6 @@ class WebVideoServer:
     # -- pages ---------------------------------------------------------------------------------------------
 
     async def _answer(self, page: _Page, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """Answer a page about a topic, for a reader that may subscribe to it."""
         try:
             stream = read_request(request.query)
             topics = VisibleTopics(self._node.graph, reader)
@@ -193,7 +192,6 @@ class WebVideoServer:
     # -- sharing -------------------------------------------------------------------------------------------
 
     async def _resolved(self, stream: StreamRequest, topics: VisibleTopics) -> StreamRequest:
-        """Return the request with its topic resolved, after a short wait for a missing topic."""
         _check_codec(stream)
         until = anyio.current_time() + PATIENCE
         while (resolved := topics.resolve(stream)) is None:
@@ -249,7 +247,6 @@ class WebVideoServer:
             raise
 
     def _join(self, stream: StreamRequest, work: Work) -> Viewer:
-        """Add a viewer; the first one starts the encoder."""
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
             counts = self._stream_metrics.of(stream.topic, stream.type)
@@ -275,7 +272,6 @@ class WebVideoServer:
         return RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
-        """Add a viewer that ends when its reader may no longer subscribe to the topic."""
         viewer = self._join(stream, reader.work)
         try:
             viewer.when_ended = reader.while_allowed((stream.topic,), viewer.cut)

@@ -134,7 +134,6 @@ class ScriptControl:
 
 
 def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[ParameterValue]]:
-    """Return what clients have sent, by name, as they see it."""
     chosen = {
         name: [json.loads(entry.json) for entry in kept if entry.node in _CLIENTS]
         for name, kept in entries.items()

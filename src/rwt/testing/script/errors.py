@@ -82,7 +82,6 @@ def _as_tuples(value: object) -> object:
 
 
 def _explain(error: ValidationError, model: type[BaseModel] = Script) -> str:
-    """Describe the first error in one line that names the key."""
     first = first_error(error)
     key, annotation = locate(model, first["loc"])
     if first["type"] == "extra_forbidden":

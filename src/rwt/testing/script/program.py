@@ -108,7 +108,6 @@ def _named(error: Exception) -> str:
 
 
 def _place(file: Path, trace: TracebackType | None) -> str:
-    """Return the file, with its line that is nearest to the error."""
     frames = traceback.extract_tb(trace)
     here = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
     return f"{file}:{here[-1]}" if here else str(file)

@@ -28,11 +28,7 @@ if TYPE_CHECKING:
 
 
 class SteppedTopic:
-    """Topic whose messages are published one at a time, by :meth:`step`.
-
-    Attributes:
-        name: absolute name.
-    """
+    """Topic whose messages are published one at a time, by :meth:`step`."""
 
     def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
         self.name = topic.name

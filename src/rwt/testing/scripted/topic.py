@@ -161,6 +161,5 @@ class _Playing:
         self._timer = self._clock.call_later(0.0, self._go_on)
 
     def end(self) -> None:
-        """Cancel the timer."""
         if self._timer is not None:
             self._timer.cancel()

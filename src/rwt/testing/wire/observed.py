@@ -123,8 +123,6 @@ def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:
 
 
 class _ObservedEndpoint:
-    """Wrapper of the bridge's endpoint, for the transport."""
-
     def __init__(self, wire: ObservedWire, inner: Endpoint, sink: _ObservedSink, number: int) -> None:
         self._wire = wire
         self.inner = inner
@@ -164,8 +162,6 @@ class _ObservedEndpoint:
 
 
 class _ObservedSink:
-    """Wrapper of the transport's sink, for the bridge."""
-
     def __init__(self, wire: ObservedWire, inner: Sink, number: int) -> None:
         self.wire = wire
         self.inner = inner

@@ -131,11 +131,7 @@ def add_record_verb(verbs: Commands) -> None:
 
 
 def parse_split(text: str) -> Split:
-    """Parse the size or duration at which a new file begins.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is neither.
-    """
+    """Parse the size or duration at which a new file begins."""
     match = _SPLIT.fullmatch(text.strip())
     if match is None or not 0 < float(match[1]) <= _MOST_SPLIT:
         raise argparse.ArgumentTypeError(
@@ -187,7 +183,6 @@ async def _record(arguments: argparse.Namespace) -> None:
 
 
 async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio.Event) -> None:
-    """Record until `over` is set, the connection ends, or the maximum duration is reached."""
     url = url_of(arguments)
     if robot.types.distro is None:
         raise CommandError(f"rosapi does not answer at {url}: start it on the robot to list its topics")

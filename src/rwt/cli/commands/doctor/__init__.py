@@ -65,9 +65,7 @@ class Finding:
     """Result of one check.
 
     Attributes:
-        name: name of the check.
         verdict: ``problem`` if something that clients need does not work.
-        text: observation.
         advice: what to do; empty if nothing.
     """
 
@@ -330,7 +328,6 @@ def _how_to_connect(cause: ConnectCause, token: bool) -> str:
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
-    """Return what the server reports about itself; nothing if it does not answer over HTTP."""
     health = await health_of(url, patience, tls)
     if health is None:
         return []  # The next check reports whether the server can be reached.

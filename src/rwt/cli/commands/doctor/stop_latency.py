@@ -55,7 +55,6 @@ class _Base:
         self.heard_at = 0.0
 
     def on_command(self, command: Any) -> None:
-        """Note a velocity."""
         if command.linear.x != self.speed:
             self.heard_at = time.monotonic()
         self.speed = command.linear.x
@@ -63,7 +62,6 @@ class _Base:
         self._changed = anyio.Event()
 
     async def wait_for(self, speed: float) -> float:
-        """Wait for a velocity, and return when it arrived."""
         with anyio.fail_after(_PATIENCE):
             while self.speed != speed:
                 await self._changed.wait()

@@ -271,7 +271,6 @@ def _range(low: float | None, high: float | None) -> str:
 
 
 def _credentials(loaded: LoadedSettings) -> Iterator[str]:
-    """Return lines about who has which role."""
     auth = loaded.settings.auth
     for name, token in auth.tokens.items():
         yield f"token {name}: role {token.role} ({loaded.place(('auth', 'tokens', name))})"

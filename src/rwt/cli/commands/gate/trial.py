@@ -42,7 +42,6 @@ class Outcome:
 
     Attributes:
         decision: `allowed`, `changed`, `needs approval` or `denied`.
-        text: reason.
         rule: key of the setting that decided; empty if none did.
         role: role of the client; empty without one.
         credential: name of its token.

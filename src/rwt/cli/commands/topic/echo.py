@@ -75,11 +75,7 @@ def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExc
 
 
 def expression(text: str) -> CodeType:
-    """Compile a Python expression.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is not an expression.
-    """
+    """Compile a Python expression."""
     try:
         return compile(text, "--filter", "eval")
     except (SyntaxError, ValueError) as error:

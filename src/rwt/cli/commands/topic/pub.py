@@ -109,7 +109,6 @@ def _publish(
 
 
 async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
-    """Yield 1, 2, 3, … at a rate, without catching up after a delay."""
     import anyio
 
     due = anyio.current_time()

@@ -32,8 +32,6 @@ class TrajectoryRefused(ValueError):
 
 
 class _ActiveTrajectory:
-    """Trajectory in progress."""
-
     def __init__(self, trajectory: Trajectory, began: float, goal: ReceivedGoal | None) -> None:
         self.trajectory = trajectory
         self.began = began

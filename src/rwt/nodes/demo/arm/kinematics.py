@@ -15,7 +15,6 @@ class ArmJoint:
     Attributes:
         link: link that it turns, with the joint at its origin.
         height: position of the joint along z of the previous link, metres.
-        axis: axis of rotation.
         length: length of the link, metres.
         radius: radius of the link, metres.
         limit: maximum angle either way, radians.

@@ -82,7 +82,6 @@ class Planner:
         return min(free, key=lambda cell: math.dist(self._centre(cell), point), default=None)
 
     def _search(self, first: int, last: int) -> list[int] | None:
-        """Return the cheapest cells from `first` to `last`, inclusive (A*)."""
         columns = self._columns
         goal_row, goal_column = divmod(last, columns)
         came_from = {first: first}

@@ -56,8 +56,6 @@ _MOVE_BASE = _Interface(attrgetter("target_pose"), "base_position", has_progress
 
 @dataclass(slots=True)
 class _NavigationTask:
-    """Goal in progress, with its path."""
-
     goal: ReceivedGoal
     interface: _Interface
     follower: PathFollower

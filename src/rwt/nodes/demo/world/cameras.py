@@ -73,7 +73,6 @@ class CameraPublisher:
             self._timer = None
 
     async def _shoot(self) -> None:
-        """Publish one image of each subscribed kind, all of the same time."""
         header = messages.header(self._node.clock.time_ns(), self._frame)
         self._shots += 1
         for infos in (self._infos, self._depth_infos):

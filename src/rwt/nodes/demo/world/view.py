@@ -137,8 +137,6 @@ class View:
 
 
 class _Sides:
-    """Return the vertical sides of all boxes as arrays."""
-
     def __init__(self, boxes: Sequence[Box]) -> None:
         def column(values: list[float]) -> Floats:
             return np.array(values, np.float32)[:, None]
@@ -179,7 +177,6 @@ def _hit_pillar(
     direction: tuple[Floats, Floats],
     found: tuple[Floats, Floats, NDArray[np.int32]],
 ) -> None:
-    """Replace the hits of rays that meet a pillar first."""
     (dx, dy), (depth, along, colour) = direction, found
     x, y = pillar.x - pose.x, pillar.y - pose.y
     # |t * d - p| = r, solved for the smaller t.
