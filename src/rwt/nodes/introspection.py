@@ -212,51 +212,49 @@ class Introspection(CallObserver):
             self._participant.close()
 
 
+@dataclass(eq=False)
 class _WatchedGoal:
     """Goal whose events are published, and forwarded to its client."""
 
-    def __init__(
-        self, introspection: Introspection, action: ActionInfo, goal_id: str, events: GoalEvents
-    ) -> None:
-        self._introspection = introspection
-        self._action = action
-        self._id = goal_id
-        self._events = events
-        self._sending: _Open | None = None
-        self._result: _Open | None = None
+    introspection: Introspection
+    action: ActionInfo
+    id: str
+    events: GoalEvents
+    sending: _Open | None = None
+    result: _Open | None = None
 
     def sent(self, goal: Payload) -> None:
-        request: dict[str, object] = {"goal_id": uuid(self._id), "goal": goal.value()}
-        self._sending = self._introspection.begin_step(self._action, "send_goal", "SendGoal", request)
+        request: dict[str, object] = {"goal_id": uuid(self.id), "goal": goal.value()}
+        self.sending = self.introspection.begin_step(self.action, "send_goal", "SendGoal", request)
 
     def accepted(self) -> None:
         self._answer(accepted=True)
-        self._introspection.publish_status(self._action, self._id, GoalStatus.EXECUTING)
-        asked: dict[str, object] = {"goal_id": uuid(self._id)}
-        self._result = self._introspection.begin_step(self._action, "get_result", "GetResult", asked)
-        if self._events.on_accepted is not None:
-            self._events.on_accepted()
+        self.introspection.publish_status(self.action, self.id, GoalStatus.EXECUTING)
+        asked: dict[str, object] = {"goal_id": uuid(self.id)}
+        self.result = self.introspection.begin_step(self.action, "get_result", "GetResult", asked)
+        if self.events.on_accepted is not None:
+            self.events.on_accepted()
 
     def fed_back(self, feedback: Payload) -> None:
-        self._introspection.publish_feedback(self._action, self._id, feedback)
-        if self._events.on_feedback is not None:
-            self._events.on_feedback(feedback)
+        self.introspection.publish_feedback(self.action, self.id, feedback)
+        if self.events.on_feedback is not None:
+            self.events.on_feedback(feedback)
 
     def ended(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        if self._result is None:
+        if self.result is None:
             self._answer(accepted=False)
         else:
-            self._introspection.publish_status(self._action, self._id, status)
+            self.introspection.publish_status(self.action, self.id, status)
             if isinstance(outcome, Payload):
                 response: dict[str, object] = {"status": int(status), "result": outcome.value()}
-                self._introspection.publish_event(self._result, RESPONSE_SENT, response)
-        self._events.on_result(status, outcome)
+                self.introspection.publish_event(self.result, RESPONSE_SENT, response)
+        self.events.on_result(status, outcome)
 
     def _answer(self, *, accepted: bool) -> None:
-        sending, self._sending = self._sending, None
+        sending, self.sending = self.sending, None
         if sending is not None:
-            response = {"accepted": accepted, "stamp": self._introspection.now()}
-            self._introspection.publish_event(sending, RESPONSE_SENT, response)
+            response = {"accepted": accepted, "stamp": self.introspection.now()}
+            self.introspection.publish_event(sending, RESPONSE_SENT, response)
 
 
 def _is_observed(name: str) -> bool:

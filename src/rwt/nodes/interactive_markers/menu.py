@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 from rwt.nodes.interactive_markers.feedback import Feedback
 
@@ -13,6 +14,7 @@ OnFeedback = Callable[[Feedback], Awaitable[None] | None]
 _REPORT = 0
 
 
+@dataclass(eq=False, slots=True)
 class MenuEntry:
     """Menu entry. Changes show when the server applies its changes.
 
@@ -23,30 +25,22 @@ class MenuEntry:
         on_select: called when it is selected, instead of the marker's callback.
     """
 
-    def __init__(
-        self,
-        number: int,
-        parent: MenuEntry | None,
-        title: str,
-        checked: bool | None,
-        on_select: OnFeedback | None,
-    ) -> None:
-        self.number = number
-        self.title = title
-        self.checked = checked
-        self.visible = True
-        self.on_select = on_select
-        self._parent = parent
+    number: int
+    parent: MenuEntry | None
+    title: str
+    checked: bool | None
+    on_select: OnFeedback | None
+    visible: bool = True
 
     @property
     def parent_number(self) -> int:
         """Number of the parent entry; 0 at the top."""
-        return 0 if self._parent is None else self._parent.number
+        return 0 if self.parent is None else self.parent.number
 
     @property
     def shown(self) -> bool:
         """True if the entry and all entries above it are visible."""
-        return self.visible and (self._parent is None or self._parent.shown)
+        return self.visible and (self.parent is None or self.parent.shown)
 
 
 class Menu:

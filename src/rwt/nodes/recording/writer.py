@@ -80,6 +80,7 @@ class RecordingOptions:
 DEFAULT_OPTIONS: Final = RecordingOptions()
 
 
+@dataclass(eq=False, slots=True)
 class RecordedChannel:
     """Topic of one type in the recording, with counters.
 
@@ -87,12 +88,9 @@ class RecordedChannel:
         size: bytes of their content.
     """
 
-    __slots__ = ("form", "messages", "size")
-
-    def __init__(self, form: ChannelForm) -> None:
-        self.form = form
-        self.messages = 0
-        self.size = 0
+    form: ChannelForm
+    messages: int = 0
+    size: int = 0
 
 
 _Item = tuple[RecordedChannel, int, int, "bytes | memoryview", int]
