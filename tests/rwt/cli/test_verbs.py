@@ -16,8 +16,7 @@ import pytest
 
 from rwt import Server
 from rwt.cli import COMMANDS, main, parser_for
-from rwt.cli.commands.topic.echo import ECHO
-from rwt.cli.commands.topic.qos import qos_from
+from rwt.cli.commands.topic.echo import ECHO, qos_from
 from rwt.cli.console.output import Output
 from rwt.cli.console.yaml_text import read_yaml
 from rwt.cli.graph_lookup import absolute_name

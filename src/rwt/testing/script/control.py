@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from rwt.testing.errors import ScriptError
 from rwt.testing.journal import OF_THE_SERVER, Kind, Received
-from rwt.testing.script.errors import read_script
-from rwt.testing.script.file import FaultScript
+from rwt.testing.script.file import FaultScript, read_script
 from rwt.testing.script.program import ProgramRobot, read_program
 from rwt.testing.script.robot import SteppedTopic, TomlRobot, inject
 from rwt.testing.scripted.robot import ScriptedRobot

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rwt.testing.errors import ScriptError
-from rwt.testing.script.errors import dotted, read_recorded
+from rwt.testing.script.file import dotted, read_recorded
 from rwt.testing.scripted.robot import ScriptedRobot
 from rwt_participant.errors import RobotError
 

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.approval import ApprovalProgress
-from rwt.cli.commands.topic.qos import add_qos_options, qos_from
+from rwt.cli.commands.topic.echo import add_qos_options, qos_from
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note

@@ -9,8 +9,7 @@ from typing import Final
 import anyio
 
 from rwt.nodes.demo import messages
-from rwt.nodes.demo.arm.kinematics import ARM, Arm
-from rwt.nodes.demo.arm.trajectory import Angles, Trajectory, Waypoint
+from rwt.nodes.demo.arm.kinematics import ARM, Angles, Arm, Trajectory, Waypoint
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import ReceivedGoal
