@@ -15,6 +15,7 @@ from rwt.cli.console.output import Output
 from rwt.cli.errors import FAILED, CommandError
 from rwt.cli.graph_lookup import NO_ROSAPI, absolute_name, ask_rosapi, is_hidden, same_type, unknown
 from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, gather
+from rwt_participant.errors import ProviderNotFound, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -59,8 +60,6 @@ class Entity:
         Raises:
             CommandError: there is no such entity (names the nearest one), or its type is unknown.
         """
-        from rwt_participant.errors import ProviderNotFound, ServiceFailed
-
         failure = f"the robot does not know the type of {name} yet: add the type to the command"
         if self.type_of is not None:
             try:

@@ -8,6 +8,7 @@ from typing import TypeVar
 from rwt.cli.errors import FAILED, CommandError
 from rwt_interfaces.errors import InvalidName
 from rwt_interfaces.names import two_part
+from rwt_participant.errors import ProviderNotFound, ServiceFailed
 from rwt_participant.spelling import did_you_mean
 
 T = TypeVar("T")
@@ -44,8 +45,6 @@ async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
     Raises:
         CommandError: rosapi is missing or rejects the question.
     """
-    from rwt_participant.errors import ProviderNotFound, ServiceFailed
-
     try:
         return await question()
     except (ServiceFailed, ProviderNotFound) as error:

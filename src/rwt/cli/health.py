@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import http.client
 import json
+import ssl
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import ssl
+import anyio.to_thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,6 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
         patience: timeout in seconds.
         tls: TLS context; None to verify against the system's authorities.
     """
-    import anyio.to_thread
-
     scheme, _, rest = url.partition("://")
     if scheme.lower() not in ("ws", "wss"):
         return None
@@ -66,8 +64,6 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
 def _get_health(
     host: str, path: str, secure: bool, patience: float, tls: ssl.SSLContext | None
 ) -> tuple[int, bytes]:
-    import http.client
-
     try:
         address = host.rpartition("@")[2]
         if secure:

@@ -16,15 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+import anyio
+
 from rwt.cli.console.output import Output, log_notes, standard_output
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
 from rwt.cli.parser import Commands, add_commands
+from rwt_participant.errors import InvalidMessage, RobotError, TimedOut, TransformUnavailable
 
 if TYPE_CHECKING:
     import ssl
 
     from rwt_client import ConnectionEvent, Robot
-    from rwt_participant.errors import RobotError
 
 DEFAULT_URL: Final = "ws://127.0.0.1:9090"
 URL_VARIABLE: Final = "RWT_URL"
@@ -310,10 +312,6 @@ def run_async(program: Callable[[], Awaitable[None]]) -> None:
     Raises:
         CommandError: the coroutine raised :exc:`RobotError`; has its text and an exit code.
     """
-    import anyio  # slow import that `--help` does not need
-
-    from rwt_participant.errors import RobotError
-
     try:
         anyio.run(program)
     except RobotError as error:
@@ -350,7 +348,6 @@ def _log_connection(event: ConnectionEvent) -> None:
 def command_error(error: RobotError) -> CommandError:
     """Convert an error of the client to one with an exit code."""
     from rwt_client import BadAddress, ConnectionLost
-    from rwt_participant.errors import InvalidMessage, TimedOut, TransformUnavailable
 
     if isinstance(error, BadAddress | InvalidMessage):
         code = CALLED_WRONGLY
@@ -367,10 +364,6 @@ async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
     Raises:
         RobotError: the first error, if any of them failed.
     """
-    import anyio
-
-    from rwt_participant.errors import RobotError
-
     answers: dict[int, T] = {}
     failures: list[RobotError] = []
     few = anyio.Semaphore(_MAX_CONCURRENT)

@@ -6,6 +6,8 @@ import math
 from contextlib import aclosing, suppress
 from typing import TYPE_CHECKING, Final
 
+import anyio
+
 from rwt.cli.console.key_presses import Key, can_press_keys, key_presses
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC
@@ -56,8 +58,6 @@ class HeldKey:
 
 
 async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
     if not can_press_keys():
         raise CommandError("teleop requires a terminal; use `rwt topic pub` in programs", CALLED_WRONGLY)
     topic = absolute_name(arguments.topic)
@@ -85,8 +85,6 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _drive(publisher: RemotePublisher, held: HeldKey, arguments: Arguments, output: Output) -> None:
-    import anyio
-
     drives = False
     while True:
         key = held.at(anyio.current_time())

@@ -44,6 +44,7 @@ from rwt.nodes.recording import (
 )
 from rwt.nodes.recording.channels import KEPT
 from rwt.signals import STOP_SIGNALS, on_signals
+from rwt_participant.errors import RobotError
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -142,8 +143,6 @@ def parse_split(text: str) -> Split:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt_participant.errors import RobotError  # deferred: `--help` does not need the client
-
     log_notes("%(levelname)s %(message)s")
     if arguments.verbose:
         logging.getLogger("rwt.cli").setLevel(logging.DEBUG)
@@ -227,8 +226,6 @@ async def _look(recorder: Recorder) -> None:
 
 
 async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
-    from rwt_participant.errors import RobotError
-
     progress = Progress(recorder.writer)
     while not over.is_set() and recorder.writer.failure is None:
         with anyio.move_on_after(_LOOK_SECONDS):

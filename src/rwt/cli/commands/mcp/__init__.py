@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import anyio.to_thread
+
+from rwt.access.audit import one_line
 from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
@@ -66,7 +72,6 @@ def _run(arguments: Arguments) -> int:
         raise CommandError(
             f"this needs {error.name}, which is not installed: pip install 'robot-web-tools[mcp]'"
         ) from None
-    from importlib.metadata import version
 
     from pydantic import ValidationError
 
@@ -92,8 +97,6 @@ class CommandHost:
     """Host of the one agent of this program."""
 
     def __init__(self, robot: Robot, settings: McpSettings, *, acts: bool) -> None:
-        import logging
-
         from rwt.composition.recordings import RecordingFolder
         from rwt.gateways.mcp.goals import GoalTable
         from rwt.gateways.mcp.person import Questions
@@ -112,10 +115,6 @@ class CommandHost:
         self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
     ) -> AsyncIterator[Agent]:
         """Yield the only agent."""
-        from functools import partial
-
-        import anyio.to_thread
-
         from rwt.cli.commands.mcp.checked_publisher import CheckedPublisher, take_lease
         from rwt.gateways.mcp.agent import Agent
 
@@ -136,8 +135,6 @@ class CommandHost:
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Log an act of the agent on standard error."""
-        from rwt.access.audit import one_line
-
         (self._log.info if acts else self._log.debug)("%s", one_line(text))
 
     def count(self, tool: str, outcome: str) -> None:

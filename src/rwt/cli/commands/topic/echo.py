@@ -8,12 +8,16 @@ from collections.abc import Callable, Mapping
 from types import CodeType
 from typing import TYPE_CHECKING, Any, Final
 
+import anyio
+import pybase64
+
 from rwt.cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
 from rwt.cli.console.output import Output
 from rwt.cli.entities import TOPIC
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
+from rwt_participant.errors import TimedOut
 
 if TYPE_CHECKING:
     from rwt.cli.console.yaml_text import YamlValue
@@ -105,10 +109,6 @@ async def echo_messages(
     Raises:
         TimedOut: `arguments.timeout` passed without a message to print.
     """
-    import anyio
-
-    from rwt_participant.errors import TimedOut
-
     options: SubscribeOptions = {"qos": qos_from(arguments)}
     if arguments.max_rate:
         options["throttle"] = 1 / arguments.max_rate
@@ -143,11 +143,6 @@ def _passes(code: CodeType | None) -> Callable[[Any], bool]:
 
 
 async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, output: Output) -> None:
-    import anyio
-    import pybase64
-
-    from rwt_participant.errors import TimedOut
-
     refused = next((each for each in ("field", "filter", "max_rate") if getattr(arguments, each)), None)
     if refused is not None:
         raise CommandError(f"--raw cannot be combined with --{refused.replace('_', '-')}", CALLED_WRONGLY)
