@@ -306,14 +306,14 @@ def connecting(
     )
 
 
-def run_async(program: Callable[[], Awaitable[None]]) -> None:
-    """Run a coroutine function to its end.
+def run_async(program: Callable[[], Awaitable[T]]) -> T:
+    """Run a coroutine function to its end, and return its result.
 
     Raises:
         CommandError: the coroutine raised :exc:`RobotError`; has its text and an exit code.
     """
     try:
-        anyio.run(program)
+        return anyio.run(program)
     except RobotError as error:
         raise command_error(error) from error
 

@@ -71,6 +71,7 @@ class Journal:
 
     Attributes:
         bytes: size of all entries.
+        version: number that grows with every entry.
     """
 
     def __init__(self, kept: int = KEPT, kept_bytes: int = KEPT_BYTES) -> None:
@@ -78,7 +79,7 @@ class Journal:
         self._kept_bytes = kept_bytes
         self._changed = threading.Condition()
         self._entries: dict[tuple[Kind, str], deque[tuple[Received, int]]] = {}
-        self._version = 0
+        self.version = 0
         self.bytes = 0
 
     def add(self, entry: Received) -> None:
@@ -92,7 +93,7 @@ class Journal:
                 self.bytes -= entries.popleft()[1]
             while self.bytes > self._kept_bytes:
                 self.bytes -= max(self._entries.values(), key=_bytes_of).popleft()[1]
-            self._version += 1
+            self.version += 1
             self._changed.notify_all()
 
     def of(self, kind: Kind, name: str) -> tuple[Received, ...]:
@@ -111,15 +112,10 @@ class Journal:
             }
         return dict(sorted(found.items()))
 
-    @property
-    def version(self) -> int:
-        """Number that grows with every entry."""
-        return self._version
-
     def wait(self, seen: int, seconds: float) -> None:
         """Block until the version exceeds `seen`, for at most `seconds`."""
         with self._changed:
-            self._changed.wait_for(lambda: self._version != seen, seconds)
+            self._changed.wait_for(lambda: self.version != seen, seconds)
 
     def clear(self, only: Callable[[Received], bool] | None = None) -> None:
         """Drop all entries, or those for which `only` returns True."""
@@ -128,7 +124,7 @@ class Journal:
                 left = () if only is None else (each for each in entries if not only(each[0]))
                 self._entries[key] = deque(left)
             self.bytes = sum(map(_bytes_of, self._entries.values()))
-            self._version += 1
+            self.version += 1
 
 
 def _bytes_of(entries: deque[tuple[Received, int]]) -> int:

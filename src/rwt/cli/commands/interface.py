@@ -106,7 +106,10 @@ def _kinds(arguments: Arguments) -> list[str]:
 
 
 def _names(arguments: Arguments) -> list[str]:
-    return _live_names(arguments) if _is_live(arguments) else _offline_names(arguments)
+    if _is_live(arguments):
+        return _live_names(arguments)
+    registry = _registry(arguments)
+    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
 
 
 def _of_package(names: list[str], package: str) -> list[str]:
@@ -145,21 +148,13 @@ def _print_types(names: list[str], output: Output) -> None:
         output.line(output.styled(name, "type"))
 
 
-def _offline_names(arguments: Arguments) -> list[str]:
-    registry = _registry(arguments)
-    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
-
-
 def _live_names(arguments: Arguments) -> list[str]:
-    found: list[str] = []
-
-    async def ask() -> None:
+    async def ask() -> list[str]:
         async with connecting(arguments) as robot:
             # ROS 1 robots list only messages, with two-part names.
-            found.extend(sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces)))
+            return sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces))
 
-    run_async(ask)
-    return found
+    return run_async(ask)
 
 
 # -- show --------------------------------------------------------------------------------------------------
@@ -245,16 +240,14 @@ def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[Inter
     if not _is_live(arguments):
         registry = _registry(arguments)
         return registry, find_types(registry, words)
-    found: list[tuple[Registry, list[InterfaceType]]] = []
 
-    async def ask() -> None:
+    async def ask() -> tuple[Registry, list[InterfaceType]]:
         async with connecting(arguments, definitions=True) as robot:
             types = await live_types(robot, words)
             # Look them up again: a type compiled before the last definition arrived may contain an older one.
-            found.append((robot.types.registry, types))
+            return robot.types.registry, types
 
-    run_async(ask)
-    return found[0]
+    return run_async(ask)
 
 
 # -- generate ----------------------------------------------------------------------------------------------

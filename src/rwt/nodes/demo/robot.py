@@ -193,7 +193,7 @@ class DemoRobot:
 
     def _reset(self, request: object) -> messages.Message:
         self._navigation.abort("the robot was reset")
-        self._arm_controller.abort("the robot was reset")
+        self._arm_controller.end("the robot was reset")
         self._arm.reset()
         self._teleop.forget()
         self._drive.reset()

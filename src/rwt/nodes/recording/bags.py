@@ -119,12 +119,7 @@ class BagRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of `topics` from `start_ns` to before `end_ns`, by log time, the only time in
-        bags.
-
-        Raises:
-            RecordingUnreadable: what comes next is damaged.
-        """
+        """Yield messages by log time, the only time in bags; see :meth:`Recording.messages`."""
         try:
             with self._opened() as reader:
                 chosen = [each for each in reader.connections if topics is None or each.topic in topics]

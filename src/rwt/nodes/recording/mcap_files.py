@@ -119,7 +119,7 @@ class McapRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """The messages of `topics` from `start_ns` to before `end_ns`, by log time."""
+        """Yield messages; see :meth:`Recording.messages`."""
         with _opened(self._path) as file:
             for schema, channel, message in self.channel_messages(file, topics, start_ns, end_ns):
                 name = _type_name(channel, schema)

@@ -25,7 +25,7 @@ def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Rec
         opened.extend(_open(path, chunk_bytes) for path in paths)
         if not opened:
             raise RecordingUnreadable("no recording was named")
-        return opened[0] if len(opened) == 1 else _Together(opened)
+        return opened[0] if len(opened) == 1 else MergedRecording(opened)
     except BaseException:
         for recording in opened:
             recording.close()
@@ -67,17 +67,18 @@ def _open_folder(path: Path, chunk_bytes: int) -> Recording:
     folder = Rosbag2Folder(path, chunk_bytes)
     try:
         if folder.storage == "mcap":
-            files = [_open_mcap(file, chunk_bytes) for file in folder.files]
-            recording = _Together(files) if len(files) != 1 else files[0]
+            parts = [_open_mcap(file, chunk_bytes) for file in folder.files]
         else:
-            recording = _open_bag(folder.path, chunk_bytes)
+            parts = [_open_bag(folder.path, chunk_bytes)]
+        return FolderRecording(path, parts, folder, chunk_bytes)
     except BaseException:
         folder.close()
         raise
-    return FolderRecording(path, recording, folder, chunk_bytes)
 
 
-class _Together(Recording):
+class MergedRecording(Recording):
+    """Several recordings as one."""
+
     def __init__(self, parts: list[Recording]) -> None:
         if len({part.distro.serialisation for part in parts}) > 1:
             raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")
@@ -92,14 +93,17 @@ class _Together(Recording):
 
     @property
     def damaged(self) -> int:
+        """Sum of the places of all."""
         return sum(part.damaged for part in self._parts)
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
+        """Yield the messages of all; see :meth:`Recording.messages`."""
         parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
         return merge(*parts, key=lambda message: message.log_time)
 
     def close(self) -> None:
+        """Close all."""
         for part in self._parts:
             part.close()

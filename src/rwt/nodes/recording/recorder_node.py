@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -15,6 +15,7 @@ from typing import Final
 import anyio
 import anyio.to_thread
 
+from rwt.nodes.mesh_files import file_chunks
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
 from rwt.nodes.recording.recorder import Recorder, record_graph
 from rwt.nodes.recording.recording import TopicSelection
@@ -33,7 +34,6 @@ _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _FILE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\.mcap")
 PATH: Final = "/recordings"
 """Path of the list of recordings; each file is below it."""
-_CHUNK_BYTES: Final = 256 * 1024
 _MAX_LISTED: Final = 1000
 _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
@@ -117,7 +117,7 @@ class RecorderNode:
         if _FILE_NAME.fullmatch(name) is None or not path.is_file() or path.is_symlink():
             return HttpResponse(f"there is no recording {name[:80]!a} here\n".encode(), 404)
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
-        return HttpResponse(_chunks_of(path), content_type="application/octet-stream", headers=headers)
+        return HttpResponse(file_chunks(path), content_type="application/octet-stream", headers=headers)
 
     # Services
 
@@ -258,12 +258,6 @@ def _files_in(folder: Path) -> list[dict[str, object]]:
     return [
         {"name": name, "bytes": stat.st_size, "modified": stat.st_mtime} for stat, name in files[:_MAX_LISTED]
     ]
-
-
-async def _chunks_of(path: Path) -> AsyncIterator[bytes]:
-    async with await anyio.open_file(path, "rb") as file:
-        while chunk := await file.read(_CHUNK_BYTES):
-            yield chunk
 
 
 def _bytes_in(folder: Path) -> int:

@@ -86,6 +86,9 @@ class Recording(ABC):
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of `topics` (None: all) from `start_ns` to before `end_ns`, by log time, then
         file order.
+
+        Raises:
+            RecordingUnreadable: what comes next is damaged.
         """
 
     @abstractmethod

@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from ruamel.yaml import YAML
 
 from rwt.nodes.recording.errors import RecordingUnreadable
+from rwt.nodes.recording.opening import MergedRecording
 from rwt.nodes.recording.recording import RecordedMessage, Recording
 from rwt.nodes.recording.unpacking import too_large, unpack, unpacked_pieces
 
@@ -126,33 +127,20 @@ def _check_tables(file: Path) -> None:
                 raise ValueError("the database has views or computed columns")
 
 
-class FolderRecording(Recording):
+class FolderRecording(MergedRecording):
     """Recording of a folder, whose compressed messages are unpacked."""
 
-    def __init__(self, path: Path, recording: Recording, folder: Rosbag2Folder, chunk_bytes: int) -> None:
+    def __init__(self, path: Path, parts: list[Recording], folder: Rosbag2Folder, chunk_bytes: int) -> None:
+        super().__init__(parts)
         self.paths = (path,)
-        self._recording = recording
         self._folder = folder
         self._chunk_bytes = chunk_bytes
-        self.distro = recording.distro
-        self.topics = recording.topics
-        self.start_ns, self.end_ns = recording.start_ns, recording.end_ns
-        self.complete = recording.complete
-
-    @property
-    def damaged(self) -> int:
-        """Number of places that were left out so far."""
-        return self._recording.damaged
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of `topics` from `start_ns` to before `end_ns`, by log time.
-
-        Raises:
-            RecordingUnreadable: what comes next is damaged.
-        """
-        messages = self._recording.messages(topics, start_ns, end_ns)
+        """Yield unpacked messages; see :meth:`Recording.messages`."""
+        messages = super().messages(topics, start_ns, end_ns)
         return self._unpacked(messages) if self._folder.has_packed_messages else messages
 
     def _unpacked(self, messages: Iterator[RecordedMessage]) -> Iterator[RecordedMessage]:
@@ -166,5 +154,5 @@ class FolderRecording(Recording):
 
     def close(self) -> None:
         """Close the files, and remove what was unpacked."""
-        self._recording.close()
+        super().close()
         self._folder.close()

@@ -210,14 +210,14 @@ def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str
                 continue
             found = rules.of(verb, resource) if is_gated(verb) else ()
             applied = [rule for rule in found if rule.holds_for(role.name)]
-            yield {
-                "role": role.name,
-                "verb": verb,
-                "resource": resource,
-                "rules": [rule.key.removeprefix("gate.rules.") for rule in applied],
-                "limits": "; ".join(filter(None, (limits_of(rule.settings) for rule in applied))),
-                "places": [loaded.place(tuple(rule.key.split("."))) for rule in applied],
-            }
+            yield _row(
+                role,
+                verb,
+                resource,
+                [rule.key.removeprefix("gate.rules.") for rule in applied],
+                [loaded.place(tuple(rule.key.split("."))) for rule in applied],
+                "; ".join(filter(None, (limits_of(rule.settings) for rule in applied))),
+            )
     if gate.rules:
         yield from _emergency_rows(loaded, role)
 
@@ -229,17 +229,18 @@ def _emergency_rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Se
     for verb, roles in (("stop", emergency.stop_roles), ("release_stop", emergency.release_roles)):
         if glob_pattern(roles).fullmatch(role.name):
             place = loaded.place(("gate", "emergency", f"{verb.removesuffix('_stop')}_roles"))
-            yield {
-                "role": role.name, "verb": verb, "resource": "/gate", "rules": ["emergency"], "limits": "",
-                "places": [place],
-            }  # fmt: skip
+            yield _row(role, verb, "/gate", ["emergency"], [place])
     for name, rule in loaded.settings.gate.rules.items():
         if rule.approval is not None and glob_pattern(rule.approval.roles).fullmatch(role.name):
             place = loaded.place(("gate", "rules", name, "approval"))
-            yield {
-                "role": role.name, "verb": "approve", "resource": name, "rules": [name], "limits": "",
-                "places": [place],
-            }  # fmt: skip
+            yield _row(role, "approve", name, [name], [place])
+
+
+def _row(
+    role: Role, verb: str, resource: str, rules: list[str], places: list[str], limits: str = ""
+) -> dict[str, Sequence[str] | str]:
+    row = {"role": role.name, "verb": verb, "resource": resource, "rules": rules}
+    return {**row, "limits": limits, "places": places}
 
 
 def limits_of(rule: GateRule) -> str:
