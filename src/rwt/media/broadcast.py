@@ -12,22 +12,20 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import anyio
 import anyio.to_thread
 
+from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.errors import VideoError
-
-if TYPE_CHECKING:
-    from rwt.media.encoders.encoded import Encoded, Encoder
-    from rwt.media.stream_metrics import Counts
-    from rwt.media.stream_request import StreamRequest
-    from rwt_graph import Node
-    from rwt_graph.api import Sample
-    from rwt_interfaces.payload import Payload
-    from rwt_participant.handles import Handle
-    from rwt_transports.http.routes import Work
+from rwt.media.stream_metrics import Counts
+from rwt.media.stream_request import StreamRequest
+from rwt_graph import Node
+from rwt_graph.api import Sample
+from rwt_interfaces.payload import Payload
+from rwt_participant.handles import Handle
+from rwt_transports.http.routes import Work
 
 T = TypeVar("T")
 

@@ -7,11 +7,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_participant.messages import Message
+from rwt_interfaces.payload import Payload
+from rwt_participant.messages import Message
 
 #: Maximum number of entries per kind and name; beyond it, the oldest are dropped.
 KEPT = 1000

@@ -12,9 +12,8 @@ from rwt.cli.approval import ApprovalProgress
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
 from rwt.cli.console.output import Output, Style, note
-from rwt.cli.entities import ACTION
+from rwt.cli.entities import ACTION, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands, add_unavailable
 from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
 from rwt_participant.messages import to_payload

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.output import Output, note, standard_output, write_file
+from rwt.cli.entities import ask_rosapi
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import ask_rosapi
 from rwt.cli.parser import Commands, add_commands
 from rwt.cli.type_lookup import find_types, live_types, offline_registry
 from rwt.cli.verbs import (

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.message_argument import STDIN, read_value
 from rwt.cli.console.output import Output, write_file
+from rwt.cli.entities import absolute_name, ask_rosapi, unknown
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
 from rwt_participant.errors import NotFound, ParameterRejected

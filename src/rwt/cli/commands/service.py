@@ -12,8 +12,7 @@ from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import SERVICE
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi
+from rwt.cli.entities import SERVICE, absolute_name, ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, gather, hertz
 from rwt_participant.messages import to_payload

@@ -10,9 +10,8 @@ import anyio
 
 from rwt.cli.console.key_presses import Key, can_press_keys, key_presses
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_verb, argument, arguments, hertz, number_within
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals

@@ -10,8 +10,7 @@ import anyio
 
 from rwt.cli.commands.topic.rates import in_bytes
 from rwt.cli.console.output import Output
-from rwt.cli.entities import TOPIC
-from rwt.cli.graph_lookup import ask_rosapi
+from rwt.cli.entities import TOPIC, ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
     Arguments,

@@ -10,7 +10,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio.to_thread
 import numpy as np
@@ -18,14 +18,12 @@ from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
 from av import VideoFrame
 
+from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.media.encoders.jpeg import encode_jpeg
 from rwt.media.stream_request import MOST_AREA
 from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 TYPE: Final = "sensor_msgs/CompressedImage"
 #: Default JPEG quality, 1 to 100.

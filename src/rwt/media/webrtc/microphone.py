@@ -12,20 +12,18 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio.to_thread
 from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
 from av import AudioFrame, AudioResampler
 
+from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.media.webrtc.audio import CODING, DATA, INFO, INFO_SUFFIX, SAMPLE_BYTES, AudioBudget
 from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)
 """Supported sample rates: those of Opus (RFC 6716 section 2.1.3)."""

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 from urllib.parse import parse_qsl, urlencode
 
 from aiortc import MediaStreamTrack, RTCRtpCodecCapability, RTCRtpSender
@@ -25,14 +25,12 @@ from rwt.media.webrtc.audio_topics import AudioTopics, topics_of
 from rwt.media.webrtc.opus import check_sections, only_opus
 from rwt.media.webrtc.opus_encoder import RATE, OpusPacket
 from rwt.media.webrtc.video_track import TopicTrack
+from rwt.nodes.video import WebVideoServer
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Reader, Route
 from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.sdp import Description, read_description
 from rwt_transports.webrtc.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
-
-if TYPE_CHECKING:
-    from rwt.nodes.video import WebVideoServer
 
 PATH: Final = "/whep"
 BITRATE: Final = 1_500_000

@@ -10,12 +10,16 @@ import logging
 from collections.abc import Awaitable, Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import parse_qsl
 
 from aiortc import MediaStreamTrack
 
+from rwt.access.access import Access
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
+from rwt.access.graph_view import GraphView
+from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.media.webrtc.camera import QUALITY, Camera, CameraRequest
 from rwt.media.webrtc.decoding import bound_decoding
@@ -32,12 +36,6 @@ from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Rout
 from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.sdp import BadDescription, read_description
 from rwt_transports.webrtc.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
-
-if TYPE_CHECKING:
-    from rwt.access.access import Access
-    from rwt.access.client_graph import ClientGraph
-    from rwt.access.graph_view import GraphView
-    from rwt.access.roles import Role
 
 PATH: Final = "/whip"
 NODE: Final = "/whip"

@@ -17,7 +17,7 @@ from rwt.nodes.demo.model.urdf import (
     fixed_mounts,
     wheel_mounts,
 )
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose
 from rwt_graph import Node
 from rwt_tf2 import quaternion_from_euler, quaternion_from_yaw
 

@@ -13,9 +13,8 @@ from typing import Any, Final
 import anyio
 
 from rwt.nodes.playback.clock import ClockTopic, PlaybackClock
-from rwt.nodes.playback.publications import Publications, add_recorded_types
+from rwt.nodes.playback.publications import Publications, RecordedServices, add_recorded_types
 from rwt.nodes.playback.read_ahead import ReadAhead
-from rwt.nodes.playback.recorded_services import RecordedServices
 from rwt.nodes.recording.errors import RecordingUnreadable
 from rwt.nodes.recording.recording import EVERYTHING, RecordedMessage, Recording, TopicSelection
 from rwt_graph.api import Graph, ServiceCall

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from heapq import merge
+from collections.abc import Sequence
 from pathlib import Path
 
 from rwt.nodes.recording.errors import RecordingUnreadable, require
-from rwt.nodes.recording.recording import CHUNK_BYTES, RecordedMessage, Recording, merged_topics
+from rwt.nodes.recording.recording import CHUNK_BYTES, MergedRecording, Recording
 
 
 def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Recording:
@@ -74,36 +73,3 @@ def _open_folder(path: Path, chunk_bytes: int) -> Recording:
     except BaseException:
         folder.close()
         raise
-
-
-class MergedRecording(Recording):
-    """Several recordings as one."""
-
-    def __init__(self, parts: list[Recording]) -> None:
-        if len({part.distro.serialisation for part in parts}) > 1:
-            raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")
-        self._parts = parts
-        self.distro = parts[0].distro
-        self.paths = tuple(path for part in parts for path in part.paths)
-        self.complete = all(part.complete for part in parts)
-        filled = [part for part in parts if part.end_ns]
-        self.start_ns = min((part.start_ns for part in filled), default=0)
-        self.end_ns = max((part.end_ns for part in filled), default=0)
-        self.topics = merged_topics([topic for part in parts for topic in part.topics])
-
-    @property
-    def damaged(self) -> int:
-        """Sum of the places of all."""
-        return sum(part.damaged for part in self._parts)
-
-    def messages(
-        self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
-    ) -> Iterator[RecordedMessage]:
-        """Yield the messages of all; see :meth:`Recording.messages`."""
-        parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
-        return merge(*parts, key=lambda message: message.log_time)
-
-    def close(self) -> None:
-        """Close all."""
-        for part in self._parts:
-            part.close()

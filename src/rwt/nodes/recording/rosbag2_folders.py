@@ -19,8 +19,7 @@ from msgspec.structs import replace
 from ruamel.yaml import YAML
 
 from rwt.nodes.recording.errors import RecordingUnreadable
-from rwt.nodes.recording.opening import MergedRecording
-from rwt.nodes.recording.recording import RecordedMessage, Recording
+from rwt.nodes.recording.recording import MergedRecording, RecordedMessage, Recording
 from rwt.nodes.recording.unpacking import too_large, unpack, unpacked_pieces
 
 METADATA: Final = "metadata.yaml"

@@ -17,10 +17,10 @@ from rwt.media.encoders.webm import TYPE as WEBM
 from rwt.media.errors import ImageUnreadable, RequestRefused
 from rwt.media.stream_metrics import StreamMetrics
 from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest, Video, read_request
-from rwt.nodes.video.quality_ladder import QualityLadder
 from rwt.nodes.video.responses import (
     MULTIPART,
     VIDEO_SCRIPT,
+    QualityLadder,
     multipart,
     timestamp,
     topic_list,

@@ -11,15 +11,12 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from pathlib import Path
 from types import ModuleType, TracebackType
-from typing import TYPE_CHECKING
 
 import anyio
 
 from rwt.testing.errors import ScriptError, instead
+from rwt.testing.observed_graph import ObservedGraph
 from rwt.testing.scripted.robot import ScriptedRobot
-
-if TYPE_CHECKING:
-    from rwt.testing.observed_graph import ObservedGraph
 
 logger = logging.getLogger(__name__)
 

@@ -13,9 +13,8 @@ import pybase64
 
 from rwt.cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
 from rwt.cli.console.output import Output
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
 from rwt_participant.errors import TimedOut
 

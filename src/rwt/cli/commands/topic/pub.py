@@ -13,9 +13,8 @@ from rwt.cli.commands.topic.echo import add_qos_options, qos_from
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
 from rwt_participant.messages import to_payload
 

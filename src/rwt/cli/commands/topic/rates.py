@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import anyio
 
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CommandError
-from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, seconds
 from rwt_interfaces import field_types
 from rwt_interfaces.times import NANOSECONDS

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from rwt.nodes.demo.drive import STANDSTILL, MotorLimits, Velocity
-from rwt.nodes.demo.world.pose import Pose, wrap_angle
+from rwt.nodes.demo.world.map import Pose, wrap_angle
 
 #: Look-ahead distance on the path, metres.
 _LOOK_AHEAD = 0.3

@@ -20,7 +20,7 @@ from rwt.nodes.demo.messages import MAP, ODOM, frame
 from rwt.nodes.demo.model.urdf import BASE
 from rwt.nodes.demo.navigation.path_follower import PathFollower
 from rwt.nodes.demo.navigation.planner import NoPath, Planner
-from rwt.nodes.demo.world.pose import ORIGIN, Pose
+from rwt.nodes.demo.world.map import ORIGIN, Pose
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import GoalStatus, ReceivedGoal

@@ -12,8 +12,7 @@ from rwt.nodes.demo.drive import DifferentialDrive
 from rwt.nodes.demo.messages import frame
 from rwt.nodes.demo.model.urdf import OPTICAL, Mount
 from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import World
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose, World
 from rwt_graph import Node, Timer, TopicPublisher
 from rwt_participant.qos import SENSOR_DATA
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from rwt.nodes.demo.messages import Message
 from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import Box, Pillar, World
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Box, Pillar, Pose, World
 
 Floats = NDArray[np.float32]
 
