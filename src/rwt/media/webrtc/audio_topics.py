@@ -25,6 +25,8 @@ from rwt_graph.api import Sample
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
+from rwt_participant.errors import TimedOut
+from rwt_participant.messages import Message
 from rwt_transports.http.routes import Reader, Work
 
 NAME: Final = "whep"
@@ -153,7 +155,7 @@ class AudioTopics:
             raise RequestRefused(400, f"{name} is a {found.type.name}; sound is {DATA}")
         info = await self._info(name)
         try:
-            return name, await anyio.to_thread.run_sync(read_info, info)
+            return name, read_info(info)
         except AudioUnreadable as error:
             raise RequestRefused(422, f"{name}: {error}") from error
 
@@ -165,30 +167,18 @@ class AudioTopics:
         )
         return ", ".join(sorted(names)) or "none"
 
-    async def _info(self, name: str) -> Payload:
+    async def _info(self, name: str) -> Message:
         """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
         told = self._node.graph.topic(topic)
         if told is not None and told.type is not None and told.type.name != INFO:
             raise RequestRefused(400, f"{topic} is a {told.type.name}, where {INFO} tells of the sound")
-        got: list[Payload] = []
-        came = anyio.Event()
-
-        def take(sample: Sample) -> None:
-            got.append(sample.payload.detach())
-            came.set()
-
-        subscription = self._node.subscribe_samples(topic, take, INFO)
         try:
-            with anyio.move_on_after(PATIENCE):
-                await came.wait()
-        finally:
-            subscription.close()
-        if not got:
+            return await self._node.once(topic, INFO, timeout=PATIENCE)
+        except TimedOut:
             raise RequestRefused(
                 504, f"no {INFO} came on {topic} within {PATIENCE:g} s: the format of {name} is not known"
-            )
-        return got[0]
+            ) from None
 
     def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener[OpusPacket]:
         """Add a listener to a topic found by :meth:`find`; its `leave` removes it."""

@@ -78,7 +78,7 @@ class OpusEncoder:
         packets: list[OpusPacket] = []
         for came, payload in messages:
             if payload.type.name == INFO:
-                told = read_info(payload)
+                told = read_info(payload.value())
                 if told != self._format:
                     self._format = told
                     self._begin()

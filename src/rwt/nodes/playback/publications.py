@@ -181,36 +181,30 @@ _REQUESTS: Final = (0, 1)
 """`event_type` of REQUEST_SENT and REQUEST_RECEIVED; the two others are responses."""
 
 
-class RecordedServices:
-    """Server of every service whose calls were recorded with contents, and that no node provides."""
+def offer_recorded_services(
+    graph: Graph, participant: Participant, recording: Recording, selection: TopicSelection
+) -> None:
+    """Offer every service whose calls were recorded with contents, and that no node provides."""
+    for topic in recording.topics:
+        is_call = topic.name.endswith(SERVICE_EVENTS) and ACTION_PARTS not in topic.name
+        if is_call and selection.takes(topic.name):
+            _offer(graph, participant, recording, topic)
 
-    def __init__(self, graph: Graph, recording: Recording, selection: TopicSelection, node: str) -> None:
-        self._graph = graph
-        self._recording = recording
-        self._participant = graph.participant(node)
-        for topic in recording.topics:
-            is_call = topic.name.endswith(SERVICE_EVENTS) and ACTION_PARTS not in topic.name
-            if is_call and selection.takes(topic.name):
-                self._offer(topic)
 
-    def _offer(self, topic: RecordedTopic) -> None:
-        name = topic.name.removesuffix(SERVICE_EVENTS)
-        registry = self._graph.registry
-        try:
-            event = registry.message(topic.type)
-            service = registry.service(topic.type.removesuffix(_EVENT))
-        except InterfaceError as error:
-            logger.warning("calls of %s are not answered: %s", name, error)
-            return
-        answers = _RecordedCalls(name, service)
-        for message in self._recording.messages([topic.name]):
-            answers.learn(topic, event, message)
-        if answers.known and self._graph.service(name) is None:
-            self._participant.advertise_service(name, service, answers.answer)
-
-    def close(self) -> None:
-        """Withdraw the services."""
-        self._participant.close()
+def _offer(graph: Graph, participant: Participant, recording: Recording, topic: RecordedTopic) -> None:
+    name = topic.name.removesuffix(SERVICE_EVENTS)
+    registry = graph.registry
+    try:
+        event = registry.message(topic.type)
+        service = registry.service(topic.type.removesuffix(_EVENT))
+    except InterfaceError as error:
+        logger.warning("calls of %s are not answered: %s", name, error)
+        return
+    answers = _RecordedCalls(name, service)
+    for message in recording.messages([topic.name]):
+        answers.learn(topic, event, message)
+    if answers.known and graph.service(name) is None:
+        participant.advertise_service(name, service, answers.answer)
 
 
 class _RecordedCalls:
