@@ -9,7 +9,6 @@ from typing import Final
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.arm.controller import ArmController
 from rwt.nodes.demo.arm.kinematics import Arm
-from rwt.nodes.demo.battery import Battery, BatteryPublisher
 from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Teleop, Velocity
 from rwt.nodes.demo.messages import MAP, frame
 from rwt.nodes.demo.model.meshes import mesh_pages
@@ -17,7 +16,7 @@ from rwt.nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt.nodes.demo.navigation.goal_marker import GoalMarker
 from rwt.nodes.demo.navigation.planner import Planner
 from rwt.nodes.demo.navigation.task import Navigation
-from rwt.nodes.demo.state import StatePublisher
+from rwt.nodes.demo.state import Battery, BatteryPublisher, StatePublisher
 from rwt.nodes.demo.world.cameras import CameraPublisher
 from rwt.nodes.demo.world.lens import DEFAULT_LENS, Lens
 from rwt.nodes.demo.world.lidar import Lidar, ScanPublisher

@@ -61,7 +61,7 @@ def _open_folder(path: Path, chunk_bytes: int) -> Recording:
     if not (path / "metadata.yaml").exists():
         raise RecordingUnreadable(f"{path} is no recording: a folder of rosbag2 has a file metadata.yaml")
     require("rosbags")
-    from rwt.nodes.recording.rosbag2_folders import FolderRecording, Rosbag2Folder
+    from rwt.nodes.recording.bags import FolderRecording, Rosbag2Folder
 
     folder = Rosbag2Folder(path, chunk_bytes)
     try:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from rwt.testing.errors import ScriptError
-from rwt.testing.journal import OF_THE_SERVER, Kind, Received
-from rwt.testing.observed_graph import ObservedGraph
+from rwt.testing.journal import OF_THE_SERVER, Kind, ObservedGraph, Received
 from rwt.testing.script.file import FaultScript, read_script
 from rwt.testing.script.program import ProgramRobot, read_program
 from rwt.testing.script.robot import SteppedTopic, TomlRobot, inject

@@ -15,7 +15,7 @@ from types import ModuleType, TracebackType
 import anyio
 
 from rwt.testing.errors import ScriptError, instead
-from rwt.testing.observed_graph import ObservedGraph
+from rwt.testing.journal import ObservedGraph
 from rwt.testing.scripted.robot import ScriptedRobot
 
 logger = logging.getLogger(__name__)

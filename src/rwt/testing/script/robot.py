@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rwt.testing.errors import ScriptError
-from rwt.testing.observed_graph import ObservedGraph
+from rwt.testing.journal import ObservedGraph
 from rwt.testing.script.file import (
     ActionScript,
     AnswerScript,

@@ -7,9 +7,8 @@ from typing import TypedDict, Unpack
 
 from rwt.testing.errors import ScriptError
 from rwt.testing.expectations import Expectation, expect, expect_soon
-from rwt.testing.journal import Kind
+from rwt.testing.journal import Kind, ObservedGraph
 from rwt.testing.matching import Matching
-from rwt.testing.observed_graph import ObservedGraph
 from rwt.testing.scripted.action import ScriptedAction
 from rwt.testing.scripted.service import ScriptedService
 from rwt.testing.scripted.topic import ScriptedTopic

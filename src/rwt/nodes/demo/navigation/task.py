@@ -18,8 +18,7 @@ from rwt.nodes.demo import messages
 from rwt.nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt.nodes.demo.messages import MAP, ODOM, frame
 from rwt.nodes.demo.model.urdf import BASE
-from rwt.nodes.demo.navigation.path_follower import PathFollower
-from rwt.nodes.demo.navigation.planner import NoPath, Planner
+from rwt.nodes.demo.navigation.planner import NoPath, PathFollower, Planner
 from rwt.nodes.demo.world.map import ORIGIN, Pose
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
