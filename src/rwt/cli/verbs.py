@@ -47,10 +47,6 @@ Arguments = argparse.Namespace
 AddArguments = Callable[[argparse.ArgumentParser], object]
 
 
-def no_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add nothing, for verbs without arguments of their own."""
-
-
 def arguments(*adders: AddArguments) -> AddArguments:
     """Return a function that adds several arguments to a parser."""
 
@@ -82,7 +78,7 @@ class Verb:
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
     example: str
     json: str
-    add_arguments: AddArguments = no_arguments
+    add_arguments: AddArguments = lambda parser: None
     definitions: bool = False
     until_interrupted: bool = False
 

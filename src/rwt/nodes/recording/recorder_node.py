@@ -167,9 +167,13 @@ class RecorderNode:
         return {"success": True, "message": "", "file": path.name}
 
     async def _stop(self, request: Message) -> dict[str, object]:
-        if self._recorder is None:
+        recorder = self._forget("")
+        if recorder is None:
             return _refusal("nothing is being recorded")
-        await self._end("")
+        try:
+            await anyio.to_thread.run_sync(recorder.writer.close)
+        finally:
+            self._note(recorder)
         return {"success": True, "message": "", "file": self._state["file"]}
 
     # The recording
@@ -193,14 +197,6 @@ class RecorderNode:
         elif recorder.writer.failure is not None and not self._is_changing:
             self._close_now(str(recorder.writer.failure).replace(f"{self._folder}/", ""))
         self._publish_state()
-
-    async def _end(self, problem: str) -> None:
-        recorder = self._forget(problem)
-        if recorder is not None:
-            try:
-                await anyio.to_thread.run_sync(recorder.writer.close)
-            finally:
-                self._note(recorder)
 
     def _close_now(self, problem: str) -> None:
         """Stop without waiting: the writer's thread writes the rest."""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import anyio
 import anyio.to_thread
 
+from rwt.cli.console.logs import quiet
 from rwt.cli.console.output import log_notes, note
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
@@ -149,18 +150,14 @@ def _run(arguments: argparse.Namespace) -> int:
     _refuse_files(arguments.topics)
     if arguments.output is None:
         arguments.output = Path("rwt_%Y_%m_%d-%H_%M_%S.mcap")
-    writer = logging.getLogger("rwt.nodes.recording.writer")
-    level = writer.level
-    # The command prints an error that ends it, so it is not logged as well.
-    writer.setLevel(logging.CRITICAL)
     try:
-        anyio.run(_record, arguments)
+        # The command prints an error that ends it, so it is not logged as well.
+        with quiet("rwt.nodes.recording.writer", logging.CRITICAL):
+            anyio.run(_record, arguments)
     except RobotError as error:
         raise command_error(error) from error
     except RecordingError as error:
         raise CommandError(str(error)) from error
-    finally:
-        writer.setLevel(level)
     return 0
 
 

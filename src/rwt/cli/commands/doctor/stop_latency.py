@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
 import anyio
 
+from rwt.cli.console.logs import quiet
 from rwt.server import Server
 from rwt_client import Robot, connect
 
@@ -78,7 +77,7 @@ async def measure(stops: int = _STOPS, leases: int = _LEASES) -> Latencies:
     stopped, leased = _Base(), _Base()
     found = Latencies([], [])
     server = Server("ws://127.0.0.1:0", gate={"rules": _RULES}, nodes=(), gateways=())
-    with _quiet_log():
+    with quiet("rwt.bridge", logging.ERROR):  # Each stop is a warning.
         async with server, connect(server.urls[0]) as client:
             robot = server.node("base")
             robot.subscribe("/stopped", stopped.on_command, _TYPE)
@@ -100,18 +99,6 @@ async def measure(stops: int = _STOPS, leases: int = _LEASES) -> Latencies:
     found.stops.sort()
     found.leases.sort()
     return found
-
-
-@contextmanager
-def _quiet_log() -> Iterator[None]:
-    """Suppress within the block the warning of each stop."""
-    log = logging.getLogger("rwt.bridge")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
 
 
 async def _call(client: Robot, service: str) -> None:
