@@ -82,9 +82,6 @@ class MessagePositions:
         self._ends = array("Q")
         self._is_sorted = True
 
-    def __len__(self) -> int:
-        return len(self._times)
-
     def add(self, log_time: int, begin: int, end: int) -> None:
         """Add a message."""
         times = self._times

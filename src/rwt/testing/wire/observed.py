@@ -318,16 +318,13 @@ class SlowReader:
             on_drop: called with the reason when a message of the flow is dropped.
         """
         if flow is not None and depth is not None:
-            self._make_room(flow, depth)
+            while sum(each.flow is flow for each in self._waiting) >= max(1, depth):
+                self._drop_oldest(lambda each: each.flow is flow, DropReason.QUEUE)
         if flow is not None and len(self._waiting) >= MOST_WAITING:
             self._drop_oldest(lambda each: each.flow is not None, DropReason.BACKLOG)
         self._waiting.append(_QueuedMessage(send, flow, on_drop))
         if not self._ticking:
             self._tick()
-
-    def _make_room(self, flow: object, depth: int) -> None:
-        while sum(each.flow is flow for each in self._waiting) >= max(1, depth):
-            self._drop_oldest(lambda each: each.flow is flow, DropReason.QUEUE)
 
     def _drop_oldest(self, is_meant: Callable[[_QueuedMessage], bool], reason: DropReason) -> None:
         oldest = next((each for each in self._waiting if is_meant(each)), None)
