@@ -28,8 +28,9 @@ class Parser(argparse.ArgumentParser):
     unavailable = ""
 
     def __init__(self, **keywords: Any) -> None:
+        keywords.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         # An abbreviation such as `--time` could become ambiguous with a later option.
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **keywords)
+        super().__init__(allow_abbrev=False, **keywords)
 
     def parse_known_args(  # type: ignore[override]  # one signature for the overloads of typeshed
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
