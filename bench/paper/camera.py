@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from rwt import Server
 from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import house
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose, house
 from rwt.nodes.demo.world.view import View
 from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import house
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose, house
 from rwt.nodes.demo.world.view import View
 
 RATE: Final = 30

@@ -7,8 +7,7 @@ from husky_xarm.camera_topics import CameraPublisher
 from husky_xarm.description import describe
 from husky_xarm.simulation import Simulation
 from husky_xarm.state import StatePublisher
-from rwt.nodes.demo.drive import STANDSTILL
-from rwt.nodes.demo.teleop import Teleop
+from rwt.nodes.demo.drive import STANDSTILL, Teleop
 from rwt.nodes.demo.world.lens import Lens
 from rwt_graph import Graph, Node
 

@@ -266,7 +266,7 @@ class Server:
             check_graph(given, settings, self._registry, self._clock)
             return given
         if given is None and self._script is not None:
-            from rwt.testing.observed_graph import ObservedGraph  # Only what is tested is observed.
+            from rwt.testing.journal import ObservedGraph  # Only what is tested is observed.
 
             # What the robot's own nodes publish is not what it received.
             given = partial(ObservedGraph, only=(GATEWAY_NODE,))

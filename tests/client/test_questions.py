@@ -9,7 +9,7 @@ import anyio
 import msgspec
 import pytest
 
-from rwt.nodes.rosapi.typedefs import typedefs
+from rwt.nodes.rosapi.type_services import typedefs
 from rwt_client import FieldInfo, NodeDetails, RosVersion
 from rwt_client.endpoints.remote_types import _texts
 from rwt_client.rosapi import _TypeDef

@@ -14,8 +14,7 @@ from aiortc.rtp import HeaderExtensionsMap, RtcpPacket, RtcpPsfbPacket, RtpPacke
 from aiortc.sdp import SessionDescription
 from google_crc32c import value as crc32c
 
-from rwt.media.webrtc.decoding import check_frame
-from rwt.media.webrtc.frame_size import BadFrame
+from rwt.media.webrtc.decoding import BadFrame, check_frame
 from rwt_transports.webrtc.congestion.feedback import MAX_STATUSES, read_feedback
 from rwt_transports.webrtc.ice_agent import TURN_MESSAGES, GuardedTurnTcp
 from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtp, split_rtcp

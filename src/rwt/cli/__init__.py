@@ -39,8 +39,6 @@ class Command:
     parser; a command of another distribution is an entry point.
 
     Attributes:
-        name: first word after `rwt`.
-        help: subject of the command, in one line.
         module: module below ``rwt.cli.commands``, if it has another name than the command.
         distribution: distribution that has the entry point; empty for a command of `rwt` itself.
     """

@@ -9,11 +9,12 @@ from collections.abc import Awaitable, Callable
 from math import ceil, inf
 from typing import TYPE_CHECKING, Final, Literal, TypeVar
 
+import anyio
+
 from rwt.cli.console.output import note, printable
+from rwt_participant.errors import CallTimeout
 
 if TYPE_CHECKING:
-    import anyio
-
     from rwt_client import Robot
     from rwt_client.events import ConnectionEvent
 
@@ -33,9 +34,6 @@ class ApprovalProgress:
     Attributes:
         state: state of the last request for approval; empty without one.
         why: reason of a denial.
-
-    Args:
-        robot: connection over which the command is sent.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -56,17 +54,12 @@ class ApprovalProgress:
         """Run a command.
 
         Args:
-            command: function that runs it.
             seconds: timeout; None: no timeout.
             extends: True if time for which the command waits for approval does not count.
 
         Raises:
             CallTimeout: it took longer.
         """
-        import anyio
-
-        from rwt_participant.errors import CallTimeout
-
         self._timeout = inf if seconds is None else seconds
         self._extends = extends
         self._decided = anyio.Event()
@@ -96,15 +89,11 @@ class ApprovalProgress:
 
     async def decided(self) -> None:
         """Wait until the request for approval, if there is one, is approved or denied."""
-        import anyio
-
         if self.state == "waiting":
             with anyio.move_on_after(self._until - anyio.current_time()):
                 await self._decided.wait()
 
     def _on_event(self, event: ConnectionEvent) -> None:
-        import anyio
-
         if event.kind != "status":
             return
         now = anyio.current_time()
@@ -132,8 +121,6 @@ class ApprovalProgress:
         note(state)
 
     def _print(self) -> None:
-        import anyio
-
         left = max(0, ceil(self._until - anyio.current_time()))
         text = f"waiting for approval by {self._roles} ({left} s left)"
         if self._is_live:
@@ -148,8 +135,6 @@ class ApprovalProgress:
             sys.stderr.flush()
 
     async def _show(self) -> None:
-        import anyio
-
         while self._is_live:
             await anyio.sleep(1.0)
             if self.state == "waiting":

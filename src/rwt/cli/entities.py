@@ -6,19 +6,23 @@ A row says how the entities of one kind are looked up. Each verb is implemented 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from rwt.cli.console.output import Output
 from rwt.cli.errors import FAILED, CommandError
-from rwt.cli.graph_lookup import NO_ROSAPI, absolute_name, ask_rosapi, is_hidden, same_type, unknown
 from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, gather
+from rwt_interfaces.errors import InvalidName
+from rwt_interfaces.names import two_part
+from rwt_participant.errors import ProviderNotFound, ServiceFailed
+from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_client import Robot
     from rwt_participant.api import Listed
+
 
 Named: TypeAlias = "list[tuple[str, str]]"
 """Names with their types, sorted."""
@@ -26,6 +30,46 @@ Named: TypeAlias = "list[tuple[str, str]]"
 ShowVerbose: TypeAlias = "Callable[[Robot, Named, Output], Awaitable[None]]"
 AskInfo: TypeAlias = "Callable[[Robot, str, Arguments], Awaitable[dict[str, Any]]]"
 ShowInfo: TypeAlias = Callable[[dict[str, Any], Arguments, Output], None]
+
+
+T = TypeVar("T")
+
+NO_ROSAPI = "rosapi does not answer: it is missing on the robot, or rejects the question"
+
+
+def absolute_name(name: str) -> str:
+    """Return the absolute form of a name: `/odom` for `odom`."""
+    return name if name.startswith("/") else f"/{name}"
+
+
+def is_hidden(name: str) -> bool:
+    """True if ROS 2 hides the name: a part of it begins with ``_``."""
+    return any(part.startswith("_") for part in name.split("/"))
+
+
+def same_type(one: str, other: str) -> bool:
+    """True if two spellings name one type: ``std_msgs/String`` is ``std_msgs/msg/String``."""
+    try:
+        return two_part(one) == two_part(other)
+    except InvalidName:
+        return one == other
+
+
+def unknown(what: str, name: str, known: Iterable[str]) -> CommandError:
+    """Return the error for an unknown name, with the nearest known one."""
+    return CommandError(f"the robot knows no {what} {name}{did_you_mean(name, known)}", FAILED)
+
+
+async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
+    """Return an answer of rosapi.
+
+    Raises:
+        CommandError: rosapi is missing or rejects the question.
+    """
+    try:
+        return await question()
+    except (ServiceFailed, ProviderNotFound) as error:
+        raise CommandError(f"{NO_ROSAPI}: {error}", FAILED) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +103,6 @@ class Entity:
         Raises:
             CommandError: there is no such entity (names the nearest one), or its type is unknown.
         """
-        from rwt_participant.errors import ProviderNotFound, ServiceFailed
-
         failure = f"the robot does not know the type of {name} yet: add the type to the command"
         if self.type_of is not None:
             try:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import http.client
 import json
+import ssl
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import ssl
+import anyio.to_thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,6 @@ class Health:
     """State of a server.
 
     Attributes:
-        running: True if the graph runs.
         version: version of the server; empty if it does not report one.
         work: processor seconds per second spent on clients, recently.
         clients_beyond_rate: number of clients that exceed their work rate.
@@ -37,8 +36,6 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
         patience: timeout in seconds.
         tls: TLS context; None to verify against the system's authorities.
     """
-    import anyio.to_thread
-
     scheme, _, rest = url.partition("://")
     if scheme.lower() not in ("ws", "wss"):
         return None
@@ -67,9 +64,6 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
 def _get_health(
     host: str, path: str, secure: bool, patience: float, tls: ssl.SSLContext | None
 ) -> tuple[int, bytes]:
-    """Return status and body of a path; status 0 without an HTTP response."""
-    import http.client
-
     try:
         address = host.rpartition("@")[2]
         if secure:

@@ -6,7 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Sequence
-from typing import Final, NoReturn, TypeAlias
+from typing import Any, Final, NoReturn, TypeAlias
 
 from rwt.cli.console.output import printable
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
@@ -27,28 +27,10 @@ class Parser(argparse.ArgumentParser):
 
     unavailable = ""
 
-    def __init__(
-        self,
-        *,
-        prog: str | None = None,
-        usage: str | None = None,
-        description: str | None = None,
-        epilog: str | None = None,
-        formatter_class: type[argparse.HelpFormatter] = argparse.RawDescriptionHelpFormatter,
-        prefix_chars: str = "-",
-        add_help: bool = True,
-    ) -> None:
-        super().__init__(
-            prog=prog,
-            usage=usage,
-            description=description,
-            epilog=epilog,
-            formatter_class=formatter_class,
-            prefix_chars=prefix_chars,
-            add_help=add_help,
-            # An abbreviation such as `--time` could become ambiguous with a later option.
-            allow_abbrev=False,
-        )
+    def __init__(self, **keywords: Any) -> None:
+        keywords.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        # An abbreviation such as `--time` could become ambiguous with a later option.
+        super().__init__(allow_abbrev=False, **keywords)
 
     def parse_known_args(  # type: ignore[override]  # one signature for the overloads of typeshed
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None

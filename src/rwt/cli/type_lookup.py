@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt_interfaces.distro import Distro
 from rwt_interfaces.errors import InterfaceError, UnknownType
 from rwt_interfaces.names import KINDS, Kind, parse_type_name
+from rwt_interfaces.registry import Registry
 from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rwt_client import Robot
     from rwt_interfaces.codegen.type_selection import InterfaceType
-    from rwt_interfaces.distro import Distro
-    from rwt_interfaces.registry import Registry
 
 
 def offline_registry(distro: Distro, folders: Iterable[Path]) -> Registry:

@@ -16,15 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+import anyio
+
 from rwt.cli.console.output import Output, log_notes, standard_output
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
 from rwt.cli.parser import Commands, add_commands
+from rwt_participant.errors import InvalidMessage, RobotError, TimedOut, TransformUnavailable
 
 if TYPE_CHECKING:
     import ssl
 
     from rwt_client import ConnectionEvent, Robot
-    from rwt_participant.errors import RobotError
 
 DEFAULT_URL: Final = "ws://127.0.0.1:9090"
 URL_VARIABLE: Final = "RWT_URL"
@@ -43,10 +45,6 @@ T = TypeVar("T")
 
 Arguments = argparse.Namespace
 AddArguments = Callable[[argparse.ArgumentParser], object]
-
-
-def no_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add nothing, for verbs without arguments of their own."""
 
 
 def arguments(*adders: AddArguments) -> AddArguments:
@@ -69,11 +67,8 @@ class Verb:
     """Verb of a command, such as `list` of `rwt topic`.
 
     Attributes:
-        name: word after the command.
-        help: description in one line.
         example: one or more command lines, for the help.
         json: output with ``--json``, for the help.
-        add_arguments: adds the arguments of this verb.
         definitions: fetch the definitions of the robot's topics when connecting.
         until_interrupted: run until Ctrl-C, which then exits with 0, and reconnect after a lost connection.
     """
@@ -83,7 +78,7 @@ class Verb:
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
     example: str
     json: str
-    add_arguments: AddArguments = no_arguments
+    add_arguments: AddArguments = lambda parser: None
     definitions: bool = False
     until_interrupted: bool = False
 
@@ -307,18 +302,14 @@ def connecting(
     )
 
 
-def run_async(program: Callable[[], Awaitable[None]]) -> None:
-    """Run a coroutine function to its end.
+def run_async(program: Callable[[], Awaitable[T]]) -> T:
+    """Run a coroutine function to its end, and return its result.
 
     Raises:
         CommandError: the coroutine raised :exc:`RobotError`; has its text and an exit code.
     """
-    import anyio  # slow import that `--help` does not need
-
-    from rwt_participant.errors import RobotError
-
     try:
-        anyio.run(program)
+        return anyio.run(program)
     except RobotError as error:
         raise command_error(error) from error
 
@@ -353,7 +344,6 @@ def _log_connection(event: ConnectionEvent) -> None:
 def command_error(error: RobotError) -> CommandError:
     """Convert an error of the client to one with an exit code."""
     from rwt_client import BadAddress, ConnectionLost
-    from rwt_participant.errors import InvalidMessage, TimedOut, TransformUnavailable
 
     if isinstance(error, BadAddress | InvalidMessage):
         code = CALLED_WRONGLY
@@ -370,10 +360,6 @@ async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
     Raises:
         RobotError: the first error, if any of them failed.
     """
-    import anyio
-
-    from rwt_participant.errors import RobotError
-
     answers: dict[int, T] = {}
     failures: list[RobotError] = []
     few = anyio.Semaphore(_MAX_CONCURRENT)

@@ -204,7 +204,7 @@ def start_script(
         SettingsError: the script is invalid, or the graph does not record messages.
     """
     from rwt.testing.errors import ScriptError
-    from rwt.testing.observed_graph import ObservedGraph
+    from rwt.testing.journal import ObservedGraph
     from rwt.testing.script.control import ScriptControl
     from rwt.testing.wire.observed import ObservedWire
 

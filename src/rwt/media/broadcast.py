@@ -12,21 +12,20 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import anyio
 import anyio.to_thread
 
+from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.errors import VideoError
-
-if TYPE_CHECKING:
-    from rwt.media.encoders.encoded import Encoded, Encoder
-    from rwt.media.stream_metrics import Counts
-    from rwt.media.stream_request import StreamRequest
-    from rwt_graph import Node
-    from rwt_graph.api import Sample
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.http.routes import Work
+from rwt.media.stream_metrics import Counts
+from rwt.media.stream_request import StreamRequest
+from rwt_graph import Node
+from rwt_graph.api import Sample
+from rwt_interfaces.payload import Payload
+from rwt_participant.handles import Handle
+from rwt_transports.http.routes import Work
 
 T = TypeVar("T")
 
@@ -42,26 +41,112 @@ STALLED_SECONDS: Final = 5.0
 _KEY_PAUSE_SECONDS: Final = 0.5
 
 
-class Viewer:
-    """Short queue of images for one viewer; a key frame replaces all others.
+class Listener(Generic[T]):
+    """Queue of what an encoder makes, for one of its clients.
+
+    Args:
+        most: maximum length of the queue, of which the newest item replaces the oldest.
 
     Attributes:
         work: account to which its share of the encoder's work is charged.
         failure: reason why the stream ended; None if it did not fail.
         when_ended: called once when the stream has ended.
+    """
+
+    def __init__(self, work: Work, leave: Callable[[Any], None], most: int | None = None) -> None:
+        self.work = work
+        self.failure: VideoError | None = None
+        self.when_ended: Callable[[], None] | None = None
+        self._leave = leave
+        self._waiting: deque[T] = deque(maxlen=most)
+        self._woken = anyio.Event()
+        self._over = False
+
+    def put(self, item: T) -> None:
+        """Queue an item."""
+        self._waiting.append(item)
+        self._woken.set()
+
+    async def next(self) -> T | None:
+        """Wait for the next item; None at the end of the stream."""
+        while not self._waiting:
+            if self._over:
+                return None
+            await self._woken.wait()
+            self._woken = anyio.Event()
+        return self._waiting.popleft()
+
+    def leave(self) -> None:
+        """Leave the stream."""
+        self._leave(self)
+
+    def end(self, failure: VideoError | None = None) -> None:
+        """End the stream after the queued items."""
+        if not self._over:
+            self.failure = failure
+            self._over = True
+            self._woken.set()
+            if self.when_ended is not None:
+                self.when_ended()
+
+
+AnyListener = TypeVar("AnyListener", bound=Listener[Any])
+
+
+class SharedStream(Generic[AnyListener]):
+    """Stream of an encoder, until the last listener leaves.
+
+    Args:
+        on_end: called once when the last listener has left, or when the stream has failed.
+
+    Attributes:
+        listeners: present listeners.
+    """
+
+    def __init__(self, on_end: Callable[[], object]) -> None:
+        self.listeners: list[AnyListener] = []
+        self._on_end = on_end
+        self._subscriptions: tuple[Handle, ...] = ()
+        self._woken = anyio.Event()
+        self._over = False
+
+    def leave(self, listener: AnyListener) -> None:
+        """Remove a listener; the last one stops the encoder and the subscriptions."""
+        if listener in self.listeners:
+            self.listeners.remove(listener)
+            listener.end()
+            if not self.listeners:
+                self.end()
+
+    def end(self, failure: VideoError | None = None) -> None:
+        """Stop, and end every listener's stream."""
+        if self._over:
+            return
+        self._over = True
+        for subscription in self._subscriptions:
+            subscription.close()
+        for listener in self.listeners:
+            listener.end(failure)
+        self._on_end()
+        self.wake()
+
+    def wake(self) -> None:
+        """Wake the encoder's task: there is a new message, a new listener or room in a queue."""
+        self._woken.set()
+
+
+class Viewer(Listener["Encoded"]):
+    """Short queue of images for one viewer; a key frame replaces all others.
+
+    Attributes:
         bitrate: bits per second that its link carries; None if unknown.
     """
 
     def __init__(self, broadcast: Broadcast, work: Work) -> None:
+        super().__init__(work, broadcast.leave)
         self._broadcast = broadcast
-        self.work = work
-        self._waiting: deque[Encoded] = deque()
         self._begun = False  # what cannot be shown by itself makes no sense before a key frame
-        self._woken = anyio.Event()
-        self._over = False
         self._handed_over: float | None = None  # when the viewer's connection was given an image to send
-        self.failure: VideoError | None = None
-        self.when_ended: Callable[[], None] | None = None
         self.bitrate: int | None = None
 
     @property
@@ -81,8 +166,7 @@ class Viewer:
             self._begun = False
             self._broadcast.ask_for_key()
             return
-        self._waiting.append(image)
-        self._woken.set()
+        super().put(image)
 
     def _drop(self, count: int) -> None:
         self._waiting.clear()
@@ -91,14 +175,10 @@ class Viewer:
     async def next(self) -> Encoded | None:
         """Wait for the next image; None at the end of the stream."""
         self._handed_over = None
-        while not self._waiting:
-            if self._over:
-                return None
-            await self._woken.wait()
-            self._woken = anyio.Event()
-        image = self._waiting.popleft()
-        self._handed_over = self._broadcast.now()
-        self._broadcast.wake()
+        image = await super().next()
+        if image is not None:
+            self._handed_over = self._broadcast.now()
+            self._broadcast.wake()
         return image
 
     def skip_late(self) -> None:
@@ -106,12 +186,12 @@ class Viewer:
         if self._waiting and self._broadcast.now() - self._waiting[0].at_ms / 1000 > _LATE_SECONDS:
             self._drop(len(self._waiting))
             self._begun = False
-            self._broadcast.ask_for_key(at_once=len(self._broadcast.viewers) == 1)
+            self._broadcast.ask_for_key(at_once=len(self._broadcast.listeners) == 1)
 
-    def count_sent(self, image: Encoded) -> None:
-        """Count an image that was sent."""
+    def count_sent(self, octets: int) -> None:
+        """Count an image that was sent, in so many bytes."""
         self._broadcast.counts.sent += 1
-        self._broadcast.counts.sent_bytes += len(image.data)
+        self._broadcast.counts.sent_bytes += octets
 
     def ask_for_key(self) -> None:
         """Request a key frame, after images were lost."""
@@ -122,24 +202,11 @@ class Viewer:
         """True if the network has not accepted an image for a long time."""
         return self._handed_over is not None and self._broadcast.now() - self._handed_over >= STALLED_SECONDS
 
-    def leave(self) -> None:
-        """Leave the broadcast."""
-        self._broadcast.leave(self)
-
     def cut(self, reason: str) -> None:
         """End the stream now, without the queued images."""
         logger.info("a viewer of %s is sent nothing more: %s", self._broadcast.request.topic, reason)
         self._waiting.clear()
         self.leave()
-
-    def end(self, failure: VideoError | None = None) -> None:
-        """End the stream after the queued images."""
-        if not self._over:
-            self.failure = failure
-            self._over = True
-            self._woken.set()
-            if self.when_ended is not None:
-                self.when_ended()
 
 
 class EncoderThreads:
@@ -150,10 +217,7 @@ class EncoderThreads:
         self._beyond_rate = anyio.Lock()
 
     async def run(self, encode: Callable[[], T], viewers: Sequence[Work]) -> T:
-        """Run `encode` in a thread, and charge its CPU time to the viewers in equal parts.
-
-        Errors of `encode` are raised.
-        """
+        """Run `encode` in a thread, and charge its CPU time to the viewers in equal parts."""
         seconds = 0.0
 
         def work() -> T:
@@ -174,15 +238,14 @@ class EncoderThreads:
                 viewer.add(seconds / len(viewers), "pictures")
 
 
-class Broadcast:
+class Broadcast(SharedStream[Viewer]):
     """Subscription, encoder and images shared by equal requests.
 
     A task encodes while a message is new and a viewer has room; it is woken by :meth:`wake`.
 
     Attributes by purpose:
 
-    * Viewers: ``viewers``, ``_on_end``, ``_over``.
-    * Messages: ``_subscription``, ``_newest`` (not encoded yet; the next message replaces it), ``_last``
+    * Messages: ``_newest`` (not encoded yet; the next message replaces it), ``_last``
       (encoded).
     * Images: ``_encoder`` (created with the first message), ``_shown`` (the last image), ``pixels``.
     * Key frames: ``_key_wanted`` (the next image is one), ``_key_asked`` (a viewer asked for one),
@@ -191,13 +254,10 @@ class Broadcast:
     Args:
         request: request of the viewers, with the topic to subscribe to.
         make_encoder: creates the encoder, in a worker thread since it loads libraries.
-        on_end: called once when the last viewer has left, or when the stream has failed.
         now: returns the seconds of a steady clock. Real time, as for the viewers, whatever clock the robot
             has.
 
     Attributes:
-        now: clock, as given.
-        viewers: present viewers.
         pixels: number of pixels of a video frame, once the encoder exists; 0 for single images.
     """
 
@@ -208,39 +268,32 @@ class Broadcast:
         make_encoder: Callable[[], Encoder],
         threads: EncoderThreads,
         counts: Counts,
-        on_end: Callable[[Broadcast], None],
+        on_end: Callable[[], object],
         now: Callable[[], float],
     ) -> None:
+        super().__init__(on_end)
         self.request = request
         self.counts = counts
-        self.viewers: list[Viewer] = []
         self.pixels = 0
         self.now = now
         self._log = node.log
         self._make_encoder = make_encoder
         self._encoder: Encoder | None = None
         self._threads = threads
-        self._on_end = on_end
-        self._newest: Payload | None = None  # not encoded yet
-        self._last: Payload | None = None  # encoded
+        self._newest: Payload | None = None
+        self._last: Payload | None = None
         self._shown: Encoded | None = None
         self._key_wanted = True
         self._key_asked = False
         self._key_at = now()
-        self._woken = anyio.Event()
-        self._over = False
         node.graph.spawn(self._run, f"pictures of {request.topic}")
         # Last: retained samples arrive at once.
-        self._subscription = node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take)
+        self._subscriptions = (node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take),)
 
     def join(self, work: Work) -> Viewer:
-        """Add a viewer, which receives the last image at once if there is one.
-
-        Args:
-            work: account to which its share of the encoder's work is charged.
-        """
+        """Add a viewer, which receives the last image at once if there is one."""
         viewer = Viewer(self, work)
-        self.viewers.append(viewer)
+        self.listeners.append(viewer)
         if self._shown is not None and self._shown.track is None:
             viewer.put(self._shown)
         elif self._last is not None:
@@ -249,29 +302,6 @@ class Broadcast:
             self._newest = self._newest or self._last
         self.wake()
         return viewer
-
-    def leave(self, viewer: Viewer) -> None:
-        """Remove a viewer; the last one stops the encoder and the subscription."""
-        if viewer in self.viewers:
-            self.viewers.remove(viewer)
-            viewer.end()
-            if not self.viewers:
-                self.end()
-
-    def end(self, failure: VideoError | None = None) -> None:
-        """Stop, and end every viewer's stream."""
-        if self._over:
-            return
-        self._over = True
-        self._subscription.close()
-        for viewer in self.viewers:
-            viewer.end(failure)
-        self._on_end(self)
-        self.wake()
-
-    def wake(self) -> None:
-        """Wake the encoder's task: there is a new message, a new viewer or room in a queue."""
-        self._woken.set()
 
     def ask_for_key(self, *, at_once: bool = False) -> None:
         """Request a key frame for a viewer that lost images; it is delayed, since every viewer gets it."""
@@ -303,7 +333,7 @@ class Broadcast:
     async def _make_images(self) -> None:
         while not self._over:
             payload = self._newest
-            if payload is None or not any(viewer.can_accept for viewer in self.viewers):
+            if payload is None or not any(viewer.can_accept for viewer in self.listeners):
                 await self._woken.wait()
                 self._woken = anyio.Event()
                 continue
@@ -332,7 +362,7 @@ class Broadcast:
     async def _encode(self, payload: Payload) -> Encoded | None:
         now = self.now()
         key, at_ms = self._takes_key(now), int(now * 1000)
-        bitrate = min((each.bitrate for each in self.viewers if each.bitrate is not None), default=None)
+        bitrate = min((each.bitrate for each in self.listeners if each.bitrate is not None), default=None)
 
         def work() -> Encoded | None:
             if self._encoder is None:
@@ -341,7 +371,7 @@ class Broadcast:
                 self._encoder.bitrate = bitrate
             return self._encoder.encode(payload, at_ms, key=key)
 
-        encoded = await self._threads.run(work, tuple(viewer.work for viewer in self.viewers))
+        encoded = await self._threads.run(work, tuple(viewer.work for viewer in self.listeners))
         if encoded is None and key:
             self._key_wanted = True
         return encoded
@@ -354,5 +384,5 @@ class Broadcast:
         self._shown = image
         if image.key:
             self._key_at = self.now()
-        for viewer in tuple(self.viewers):
+        for viewer in tuple(self.listeners):
             viewer.put(image)

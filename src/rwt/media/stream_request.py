@@ -69,8 +69,6 @@ class Video:
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
         bitrate: target in bits per second; None for constant quality (h264 only).
-        qmin: smallest quantizer.
-        qmax: largest quantizer.
         gop: maximum number of images from one key frame to the next.
         quality: quality of vp8, one of :data:`QUALITIES`; empty for others.
         preset: preset of h264, one of :data:`PRESETS`; empty for others.
@@ -186,7 +184,6 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
 
 
 def _absolute(topic: str) -> str:
-    """Return the canonical name of a topic, for access control and for sharing encoders."""
     try:
         return resolve(topic)
     except InvalidGraphName as error:

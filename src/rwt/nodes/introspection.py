@@ -11,18 +11,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, OnReply, ServiceInfo
+from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, Graph, OnReply, Publisher, ServiceInfo
 from rwt_interfaces import Payload
-from rwt_participant.errors import RobotError
+from rwt_participant.errors import CallFailed, RobotError
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, QoS
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph, Publisher
-    from rwt_participant.errors import CallFailed
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +69,6 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of new services and actions, and withdraw those of former ones."""
         self._needed.clear()
         for service in self._graph.services():
             if _is_observed(service.name):
@@ -107,7 +102,6 @@ class Introspection(CallObserver):
         return self._publisher(f"{action.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher | None:
-        """Return the publisher of a topic; None if the topic has another type."""
         self._needed.add(topic)
         known, publisher = self._publishers.get(topic, ("", None))
         if publisher is not None and known == type_name:
@@ -218,51 +212,49 @@ class Introspection(CallObserver):
             self._participant.close()
 
 
+@dataclass(eq=False)
 class _WatchedGoal:
     """Goal whose events are published, and forwarded to its client."""
 
-    def __init__(
-        self, introspection: Introspection, action: ActionInfo, goal_id: str, events: GoalEvents
-    ) -> None:
-        self._introspection = introspection
-        self._action = action
-        self._id = goal_id
-        self._events = events
-        self._sending: _Open | None = None
-        self._result: _Open | None = None
+    introspection: Introspection
+    action: ActionInfo
+    id: str
+    events: GoalEvents
+    sending: _Open | None = None
+    result: _Open | None = None
 
     def sent(self, goal: Payload) -> None:
-        request: dict[str, object] = {"goal_id": uuid(self._id), "goal": goal.value()}
-        self._sending = self._introspection.begin_step(self._action, "send_goal", "SendGoal", request)
+        request: dict[str, object] = {"goal_id": uuid(self.id), "goal": goal.value()}
+        self.sending = self.introspection.begin_step(self.action, "send_goal", "SendGoal", request)
 
     def accepted(self) -> None:
         self._answer(accepted=True)
-        self._introspection.publish_status(self._action, self._id, GoalStatus.EXECUTING)
-        asked: dict[str, object] = {"goal_id": uuid(self._id)}
-        self._result = self._introspection.begin_step(self._action, "get_result", "GetResult", asked)
-        if self._events.on_accepted is not None:
-            self._events.on_accepted()
+        self.introspection.publish_status(self.action, self.id, GoalStatus.EXECUTING)
+        asked: dict[str, object] = {"goal_id": uuid(self.id)}
+        self.result = self.introspection.begin_step(self.action, "get_result", "GetResult", asked)
+        if self.events.on_accepted is not None:
+            self.events.on_accepted()
 
     def fed_back(self, feedback: Payload) -> None:
-        self._introspection.publish_feedback(self._action, self._id, feedback)
-        if self._events.on_feedback is not None:
-            self._events.on_feedback(feedback)
+        self.introspection.publish_feedback(self.action, self.id, feedback)
+        if self.events.on_feedback is not None:
+            self.events.on_feedback(feedback)
 
     def ended(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        if self._result is None:
+        if self.result is None:
             self._answer(accepted=False)
         else:
-            self._introspection.publish_status(self._action, self._id, status)
+            self.introspection.publish_status(self.action, self.id, status)
             if isinstance(outcome, Payload):
                 response: dict[str, object] = {"status": int(status), "result": outcome.value()}
-                self._introspection.publish_event(self._result, RESPONSE_SENT, response)
-        self._events.on_result(status, outcome)
+                self.introspection.publish_event(self.result, RESPONSE_SENT, response)
+        self.events.on_result(status, outcome)
 
     def _answer(self, *, accepted: bool) -> None:
-        sending, self._sending = self._sending, None
+        sending, self.sending = self.sending, None
         if sending is not None:
-            response = {"accepted": accepted, "stamp": self._introspection.now()}
-            self._introspection.publish_event(sending, RESPONSE_SENT, response)
+            response = {"accepted": accepted, "stamp": self.introspection.now()}
+            self.introspection.publish_event(sending, RESPONSE_SENT, response)
 
 
 def _is_observed(name: str) -> bool:

@@ -162,10 +162,11 @@ def _file(path: Path, content_type: str, known_tag: str) -> HttpResponse:
     headers = {"ETag": tag, "Cache-Control": "no-cache"}
     if tag in known_tag:
         return HttpResponse(b"", 304, content_type, headers)
-    return HttpResponse(_chunks(path), 200, content_type, headers)
+    return HttpResponse(file_chunks(path), 200, content_type, headers)
 
 
-async def _chunks(path: Path) -> AsyncIterator[bytes]:
+async def file_chunks(path: Path) -> AsyncIterator[bytes]:
+    """Yield the content of a file, read in threads."""
     async with await anyio.open_file(path, "rb") as file:
         while chunk := await file.read(_CHUNK):
             yield chunk

@@ -16,7 +16,6 @@ class Number:
 
     Attributes:
         least: minimum; None for any number above 0.
-        description: effect of the parameter.
         whole: True if it is an integer.
     """
 

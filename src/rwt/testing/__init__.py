@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from rwt.testing.errors import ScriptError as ScriptError
     from rwt.testing.journal import Journal as Journal
     from rwt.testing.journal import Kind as Kind
+    from rwt.testing.journal import ObservedGraph as ObservedGraph
     from rwt.testing.journal import Received as Received
     from rwt.testing.matching import Matching as Matching
-    from rwt.testing.observed_graph import ObservedGraph as ObservedGraph
     from rwt.testing.scripted.action import ScriptedAction as ScriptedAction
     from rwt.testing.scripted.robot import ScriptedRobot as ScriptedRobot
     from rwt.testing.scripted.service import Case as Case
@@ -35,8 +35,7 @@ __all__, __getattr__, __dir__ = exports(
         "rwt.testing.scripted.service": "ScriptedService Case",
         "rwt.testing.scripted.action": "ScriptedAction",
         "rwt.testing.matching": "Matching",
-        "rwt.testing.journal": "Journal Kind Received",
-        "rwt.testing.observed_graph": "ObservedGraph",
+        "rwt.testing.journal": "Journal Kind Received ObservedGraph",
         "rwt.testing.wire.observed": "ObservedWire",
         "rwt.testing.wire.transcript": "Transcript",
         "rwt.testing.wire.faults": "Faults Fault",

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
+from rwt_interfaces.structs import MessageType
 from rwt_participant.messages import MessageLike, to_payload
 from rwt_participant.spelling import nearest
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
 
 
 class ScriptError(Exception):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import anyio
 
@@ -19,7 +20,7 @@ from rwt_participant.messages import Message
 TIMEOUT_SECONDS = 5.0
 #: Default duration, in seconds, of an expectation with ``count=0``, which always waits to the end.
 QUIET_SECONDS = 0.2
-#: Polling interval of coroutines.
+#: Polling interval.
 _POLL_SECONDS = 0.005
 #: Limits of what a failed expectation shows.
 _SHOWN_ENTRIES = 10
@@ -60,11 +61,9 @@ class Expectation:
         """Return the matching entries."""
         return [e for e in journal.of(self.kind, self.name) if not mismatch(e.message, self.matching)]
 
-    def enough(self, found: list[Received]) -> bool:
+    def is_decided(self, journal: Journal) -> bool:
         """True if waiting can no longer change the outcome."""
-        if self.count == 0:
-            return bool(found)
-        return len(found) >= (1 if self.count is None else self.count)
+        return len(self.found(journal)) >= (self.count or 1)
 
 
 def expect(journal: Journal, wanted: Expectation) -> list[Message]:
@@ -77,25 +76,17 @@ def expect(journal: Journal, wanted: Expectation) -> list[Message]:
     """
     __tracebackhide__ = True
     refuse_on_an_event_loop(f"use `await robot.{_UNTIL[wanted.kind]}(...)`")
-    deadline = time.monotonic() + wanted.seconds
-    while True:
-        seen = journal.version
-        found = wanted.found(journal)
-        left = deadline - time.monotonic()
-        if wanted.enough(found) or left <= 0:
-            return _judged(journal, wanted, found)
-        journal.wait(seen, left)
+    for pause in _pauses(partial(wanted.is_decided, journal), wanted.seconds):
+        journal.wait(journal.version, pause)
+    return _judged(journal, wanted)
 
 
 async def expect_soon(journal: Journal, wanted: Expectation) -> list[Message]:
     """Like :func:`expect`, for coroutines on asyncio or trio."""
     __tracebackhide__ = True
-    deadline = time.monotonic() + wanted.seconds
-    while True:
-        found = wanted.found(journal)
-        if wanted.enough(found) or time.monotonic() >= deadline:
-            return _judged(journal, wanted, found)
-        await anyio.sleep(_POLL_SECONDS)
+    for pause in _pauses(partial(wanted.is_decided, journal), wanted.seconds):
+        await anyio.sleep(pause)
+    return _judged(journal, wanted)
 
 
 def block_until(is_met: Callable[[], bool], within: float, failure: Callable[[], str], instead: str) -> None:
@@ -112,21 +103,26 @@ def block_until(is_met: Callable[[], bool], within: float, failure: Callable[[],
     """
     __tracebackhide__ = True
     refuse_on_an_event_loop(instead)
-    deadline = time.monotonic() + within
-    while not is_met():
-        if time.monotonic() >= deadline:
-            raise AssertionError(failure())
-        time.sleep(_POLL_SECONDS)
+    for pause in _pauses(is_met, within):
+        time.sleep(pause)
+    if not is_met():
+        raise AssertionError(failure())
 
 
 async def wait_until(is_met: Callable[[], bool], within: float, failure: Callable[[], str]) -> None:
     """Like :func:`block_until`, for coroutines."""
     __tracebackhide__ = True
-    deadline = time.monotonic() + within
-    while not is_met():
-        if time.monotonic() >= deadline:
-            raise AssertionError(failure())
-        await anyio.sleep(_POLL_SECONDS)
+    for pause in _pauses(is_met, within):
+        await anyio.sleep(pause)
+    if not is_met():
+        raise AssertionError(failure())
+
+
+def _pauses(is_met: Callable[[], bool], seconds: float) -> Iterator[float]:
+    """Yield the pauses between polls, in seconds, until the condition is met or the time is over."""
+    deadline = time.monotonic() + seconds
+    while not is_met() and time.monotonic() < deadline:
+        yield _POLL_SECONDS
 
 
 def refuse_on_an_event_loop(instead: str) -> None:
@@ -145,8 +141,9 @@ def on_an_event_loop() -> bool:
     return True
 
 
-def _judged(journal: Journal, wanted: Expectation, found: list[Received]) -> list[Message]:
+def _judged(journal: Journal, wanted: Expectation) -> list[Message]:
     __tracebackhide__ = True
+    found = wanted.found(journal)
     if len(found) == wanted.count or (wanted.count is None and found):
         return [entry.message for entry in found]
     raise AssertionError("\n".join(_complaint(journal, wanted, found)))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeAlias, TypeGuard
+from typing import TypeAlias, TypeGuard
 
 from msgspec import Struct
 
 from rwt.testing.errors import ScriptError, instead
-
-if TYPE_CHECKING:
-    from rwt_participant.messages import Message
+from rwt_participant.messages import Message
 
 #: Some fields of a message with their values, nested like the message; a predicate; or None for any message.
 Matching: TypeAlias = "Mapping[str, object] | Callable[[Message], object] | None"

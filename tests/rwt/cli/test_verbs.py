@@ -17,12 +17,11 @@ import pytest
 
 from rwt import Server
 from rwt.cli import COMMANDS, main, parser_for
-from rwt.cli.commands.topic.echo import ECHO
-from rwt.cli.commands.topic.qos import qos_from
+from rwt.cli.commands.topic.echo import ECHO, qos_from
 from rwt.cli.console.output import Output
 from rwt.cli.console.plot import Plot
 from rwt.cli.console.yaml_text import read_yaml
-from rwt.cli.graph_lookup import absolute_name
+from rwt.cli.entities import absolute_name
 from rwt_client import connect
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from rwt.testing import ObservedGraph, ObservedWire, ScriptError
 from rwt.testing.script.control import ScriptControl
-from rwt.testing.script.errors import dotted, read_recorded, read_script
-from rwt.testing.script.file import Script
+from rwt.testing.script.file import Script, dotted, read_recorded, read_script
 
 
 def complaint(tmp_path: Path, text: str) -> str:

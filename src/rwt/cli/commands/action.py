@@ -6,15 +6,17 @@ import textwrap
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import anyio
+
 from rwt.cli.approval import ApprovalProgress
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
 from rwt.cli.console.output import Output, Style, note
-from rwt.cli.entities import ACTION
+from rwt.cli.entities import ACTION, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands, add_unavailable
 from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
+from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -65,8 +67,6 @@ def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) 
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
-    from rwt_participant.messages import to_payload
-
     name = absolute_name(arguments.action)
     kind, given = type_and_message(arguments.goal, "goal")
     action_type = await robot.types.action_of(name, kind or await ACTION.known(robot, name))
@@ -89,8 +89,6 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
 
 
 async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
-    import anyio
-
     if goal.done or not robot.connected:
         return
     if isinstance(error, Exception):

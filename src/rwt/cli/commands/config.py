@@ -7,18 +7,14 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
 from rwt.access.settings import SettingsError
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import add_commands
-from rwt.settings.errors import is_secret
+from rwt.settings.errors import Key, is_secret
 from rwt.settings.sources import DEFAULT, Given, LoadedSettings, from_text, load_settings
-
-if TYPE_CHECKING:
-    from rwt.settings.errors import Key
 
 _EXAMPLES = """\
 examples:

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.output import Output, note, standard_output, write_file
+from rwt.cli.entities import ask_rosapi
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt.cli.parser import Commands, add_commands
+from rwt.cli.type_lookup import find_types, live_types, offline_registry
 from rwt.cli.verbs import (
     AddArguments,
     Arguments,
@@ -22,12 +24,16 @@ from rwt.cli.verbs import (
     run_async,
     sentence,
 )
+from rwt_interfaces.definitions.model import Field, MessageDefinition
+from rwt_interfaces.definitions.parser import format_type
+from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.names import KINDS, three_part
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import ActionType, ServiceType
 from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_interfaces.codegen.type_selection import InterfaceType, TypeSelection
-    from rwt_interfaces.definitions.model import MessageDefinition
-    from rwt_interfaces.registry import Registry
 
 _DISTROS: Final = ("jazzy", "noetic")
 _HEADINGS: Final = {"msg": "Messages", "srv": "Services", "action": "Actions"}
@@ -81,9 +87,6 @@ def _is_live(arguments: Arguments) -> bool:
 
 
 def _registry(arguments: Arguments) -> Registry:
-    from rwt.cli.type_lookup import offline_registry
-    from rwt_interfaces.distro import DISTROS
-
     return offline_registry(DISTROS[arguments.distro], arguments.interfaces)
 
 
@@ -99,12 +102,14 @@ def _add_kinds(parser: argparse.ArgumentParser) -> None:
 
 
 def _kinds(arguments: Arguments) -> list[str]:
-    """Return the kinds that the options select; all without options."""
     return [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
 
 
 def _names(arguments: Arguments) -> list[str]:
-    return _live_names(arguments) if _is_live(arguments) else _offline_names(arguments)
+    if _is_live(arguments):
+        return _live_names(arguments)
+    registry = _registry(arguments)
+    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
 
 
 def _of_package(names: list[str], package: str) -> list[str]:
@@ -143,26 +148,13 @@ def _print_types(names: list[str], output: Output) -> None:
         output.line(output.styled(name, "type"))
 
 
-def _offline_names(arguments: Arguments) -> list[str]:
-    from rwt_interfaces.names import KINDS, three_part
-
-    registry = _registry(arguments)
-    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
-
-
 def _live_names(arguments: Arguments) -> list[str]:
-    found: list[str] = []
-
-    async def ask() -> None:
-        from rwt.cli.graph_lookup import ask_rosapi
-        from rwt_interfaces.names import three_part
-
+    async def ask() -> list[str]:
         async with connecting(arguments) as robot:
             # ROS 1 robots list only messages, with two-part names.
-            found.extend(sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces)))
+            return sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces))
 
-    run_async(ask)
-    return found
+    return run_async(ask)
 
 
 # -- show --------------------------------------------------------------------------------------------------
@@ -182,7 +174,6 @@ def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
 def _proto(arguments: Arguments, output: Output) -> None:
     from rwt.cli.console.message_format import Formatting, plain
     from rwt.cli.console.yaml_text import block
-    from rwt_interfaces.structs import ActionType, ServiceType
 
     _, found = _type(arguments)
     if isinstance(found, ServiceType):
@@ -212,8 +203,6 @@ def _show(arguments: Arguments, output: Output) -> None:
 
 
 def _parts(found: InterfaceType) -> dict[str, MessageDefinition]:
-    from rwt_interfaces.structs import ActionType, ServiceType
-
     if isinstance(found, ServiceType):
         return {"request": found.request.definition, "response": found.response.definition}
     if isinstance(found, ActionType):
@@ -223,9 +212,6 @@ def _parts(found: InterfaceType) -> dict[str, MessageDefinition]:
 
 
 def _field(field: object) -> dict[str, object]:
-    from rwt_interfaces.definitions.model import Field
-    from rwt_interfaces.definitions.parser import format_type
-
     assert isinstance(field, Field)  # Definitions have no other fields.
     record: dict[str, object] = {"name": field.name, "type": format_type(field.type)}
     return record if field.default is None else {**record, "default": field.default}
@@ -251,28 +237,23 @@ def _lines(
 
 def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[InterfaceType]]:
     """Return the types that words name, with their registry; with --live and no words, all of the graph."""
-    from rwt.cli.type_lookup import find_types, live_types
-
     if not _is_live(arguments):
         registry = _registry(arguments)
         return registry, find_types(registry, words)
-    found: list[tuple[Registry, list[InterfaceType]]] = []
 
-    async def ask() -> None:
+    async def ask() -> tuple[Registry, list[InterfaceType]]:
         async with connecting(arguments, definitions=True) as robot:
             types = await live_types(robot, words)
             # Look them up again: a type compiled before the last definition arrived may contain an older one.
-            found.append((robot.types.registry, types))
+            return robot.types.registry, types
 
-    run_async(ask)
-    return found[0]
+    return run_async(ask)
 
 
 # -- generate ----------------------------------------------------------------------------------------------
 
 
 def _generate(arguments: Arguments, output: Output) -> None:
-    from rwt.cli.type_lookup import find_types
     from rwt_interfaces.codegen.type_selection import selection
     from rwt_interfaces.definitions.package_directories import interface_files
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.cli.commands.action import offers
 from rwt.cli.console.output import Output
-from rwt.cli.entities import NODE
-from rwt.cli.graph_lookup import is_hidden
+from rwt.cli.entities import NODE, is_hidden
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, add_family, argument, gather
 

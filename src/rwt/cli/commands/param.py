@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.message_argument import STDIN, read_value
 from rwt.cli.console.output import Output, write_file
+from rwt.cli.entities import absolute_name, ask_rosapi, unknown
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
+from rwt_participant.errors import NotFound, ParameterRejected
 from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -68,7 +69,6 @@ def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 async def _of_node(robot: Robot, node: str) -> list[str]:
-    """Return the names of a node's parameters; on ROS 1, of those in a namespace."""
     names = await _names(robot)
     found = _by_node(names)
     if node in found:
@@ -95,8 +95,6 @@ def _addressed(robot: Robot, words: list[str]) -> str:
 
 
 async def _get_value(robot: Robot, name: str) -> YamlValue:
-    from rwt_participant.errors import NotFound
-
     try:
         return await ask_rosapi(lambda: robot.params.get(name))
     except NotFound as error:
@@ -165,8 +163,6 @@ def _kind(value: ParameterValue) -> str:
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
-    from rwt_participant.errors import ParameterRejected
-
     words = _given(arguments.node, arguments.parameter, arguments.value)
     name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
     try:
@@ -300,8 +296,6 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
 async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
     """Set a parameter. Return the reason of a failure; empty if the parameter has the value afterwards, as a
     read-only one may."""
-    from rwt_participant.errors import NotFound, ParameterRejected
-
     try:
         await robot.params.set(name, value)
     except ParameterRejected as error:

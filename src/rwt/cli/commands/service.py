@@ -5,15 +5,17 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
+import anyio
+
 from rwt.cli.approval import ApprovalProgress
 from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import SERVICE
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi
+from rwt.cli.entities import SERVICE, absolute_name, ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, gather, hertz
+from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -53,10 +55,6 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
-    from rwt_participant.messages import to_payload
-
     name = absolute_name(arguments.service)
     kind, given = type_and_message(arguments.request, "request")
     service_type = await robot.types.service_of(name, kind or await SERVICE.known(robot, name))

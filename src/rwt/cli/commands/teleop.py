@@ -6,11 +6,12 @@ import math
 from contextlib import aclosing, suppress
 from typing import TYPE_CHECKING, Final
 
+import anyio
+
 from rwt.cli.console.key_presses import Key, can_press_keys, key_presses
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_verb, argument, arguments, hertz, number_within
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals
@@ -56,8 +57,6 @@ class HeldKey:
 
 
 async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
     if not can_press_keys():
         raise CommandError("teleop requires a terminal; use `rwt topic pub` in programs", CALLED_WRONGLY)
     topic = absolute_name(arguments.topic)
@@ -85,9 +84,6 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _drive(publisher: RemotePublisher, held: HeldKey, arguments: Arguments, output: Output) -> None:
-    """Publish commands while a key is held, and one of zero when it is released."""
-    import anyio
-
     drives = False
     while True:
         key = held.at(anyio.current_time())
@@ -113,7 +109,6 @@ def _print(speed: float, turn: float, output: Output) -> None:
 
 
 async def _stop(robot: Robot, publisher: RemotePublisher) -> None:
-    """Publish a command of zero if still connected."""
     from rwt_client import ConnectionLost
 
     with suppress(ConnectionLost):

@@ -7,10 +7,13 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
+import anyio
+
 from rwt.cli.console.output import Output
 from rwt.cli.errors import TIMED_OUT, CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_family, count, hertz, seconds
+from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -41,8 +44,6 @@ def _echo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
     printed = 0
     while True:
         found = await robot.tf.lookup(arguments.source, arguments.target)
@@ -57,8 +58,6 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _record(found: StampedTransform) -> dict[str, object]:
-    from rwt_interfaces.times import NANOSECONDS
-
     sec, nanosec = divmod(found.stamp_ns, NANOSECONDS)
     return {
         "stamp": {"sec": sec, "nanosec": nanosec},
@@ -102,8 +101,6 @@ def _tree_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
     await robot.tf.start()
     await anyio.sleep(arguments.wait)
     frames = robot.tf.buffer

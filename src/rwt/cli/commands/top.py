@@ -6,10 +6,11 @@ import shutil
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+import anyio
+
 from rwt.cli.commands.topic.rates import in_bytes
 from rwt.cli.console.output import Output
-from rwt.cli.entities import TOPIC
-from rwt.cli.graph_lookup import ask_rosapi
+from rwt.cli.entities import TOPIC, ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
     Arguments,
@@ -23,6 +24,7 @@ from rwt.cli.verbs import (
     topic_glob,
     url_of,
 )
+from rwt_participant.errors import UnknownType
 
 if TYPE_CHECKING:
     from rwt.cli.health import Health
@@ -79,8 +81,6 @@ class _Watch:
         self._counted: dict[str, _Counted] = {}
 
     async def follow(self) -> None:
-        from rwt_participant.errors import UnknownType
-
         topics = dict(await TOPIC.found(self._robot))
         since_ns = await ask_rosapi(self._robot.time_ns)
         for name in self._counted.keys() - topics.keys():
@@ -105,8 +105,6 @@ class _Watch:
 
 
 async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
     from rwt.cli.health import health_of
 
     look = _Watch(robot, arguments.topics)

@@ -7,7 +7,8 @@ import json
 import logging
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Final, Literal, TextIO
 
@@ -17,12 +18,18 @@ FORMATS: Final[tuple[Format, ...]] = ("text", "json", "logfmt")
 
 _TEXT: Final = "%(asctime)s %(levelname)s %(name)s %(message)s"
 _PLAIN: Final = re.compile(r"[^\s\"=\\\x00-\x1f\x7f]+")
-_FIELDS: Final = ("worker", "client", "op_id")
+_FIELDS: Final = ("client", "op_id")
 
 
 class JsonFormatter(logging.Formatter):
     """Formatter of JSON lines: `time` (UTC, RFC 3339), `level`, `logger`, `message`, and if present `worker`
-    (with `--workers`), `client` (its name, `rosbridge:3`), `op_id` and `error` (the traceback)."""
+    (with `--workers`), `client` (its name, `rosbridge:3`), `op_id` and `error` (the traceback).
+
+    Attributes:
+        worker: number of the worker process; None without workers.
+    """
+
+    worker: int | None = None
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the JSON object of a record."""
@@ -32,6 +39,8 @@ class JsonFormatter(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
         }
+        if self.worker is not None:
+            line["worker"] = self.worker
         for field in _FIELDS:
             value = getattr(record, field, None)
             if value is not None:
@@ -54,22 +63,6 @@ class LogfmtFormatter(JsonFormatter):
 def _word(text: str) -> str:
     """Return a value of logfmt, quoted as in JSON unless it is one plain word."""
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=False)
-
-
-class WorkerFormatter(logging.Formatter):
-    """Formatter that adds the number of the worker."""
-
-    def __init__(self, inner: logging.Formatter, number: int) -> None:
-        super().__init__()
-        self._inner = inner
-        self._number = number
-
-    def format(self, record: logging.LogRecord) -> str:
-        """Return the line with a prefix, or the object with the field `worker`."""
-        if isinstance(self._inner, JsonFormatter):
-            record.worker = self._number
-            return self._inner.format(record)
-        return f"[{self._number}] {self._inner.format(record)}"
 
 
 class SteadyHandler(logging.StreamHandler[TextIO]):
@@ -124,9 +117,22 @@ def log_to_stderr(style: Format, *, verbose: bool) -> None:
     root.setLevel(logging.DEBUG if verbose else logging.INFO)
 
 
+@contextmanager
+def quiet(logger: str, level: int) -> Iterator[None]:
+    """Suppress within the block what a logger has to say below this level."""
+    log = logging.getLogger(logger)
+    before = log.level
+    log.setLevel(level)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
+
+
 def name_worker(number: int) -> None:
     """Prefix all log lines of this worker process with its number."""
     for handler in logging.getLogger().handlers:
-        if isinstance(handler, SteadyHandler):
-            inner = handler.formatter or logging.Formatter(_TEXT)
-            handler.setFormatter(WorkerFormatter(inner, number))
+        if isinstance(handler.formatter, JsonFormatter):
+            handler.formatter.worker = number
+        elif isinstance(handler, SteadyHandler):
+            handler.setFormatter(logging.Formatter(f"[{number}] {_TEXT}"))

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt_interfaces.errors import InvalidName
 from rwt_interfaces.names import parse_type_name
+from rwt_interfaces.structs import MessageType
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rwt.cli.console.yaml_text import YamlValue
-    from rwt_interfaces.structs import MessageType
 
 AUTO: Final = "auto"
 """Value of a header that gets the current time."""

@@ -119,11 +119,7 @@ def _string(text: str, formatting: Formatting) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FieldPath:
-    """Path to a field of a message: ``pose.pose.position.x``, ``transforms[0].child_frame_id``.
-
-    Attributes:
-        steps: names of attributes, and indices.
-    """
+    """Path to a field of a message: ``pose.pose.position.x``, ``transforms[0].child_frame_id``."""
 
     text: str
     steps: tuple[str | int, ...]

@@ -45,7 +45,6 @@ class Output:
 
     Attributes:
         people: True if the output is a terminal and not JSON.
-        json: True for JSON.
     """
 
     def __init__(self, stream: TextIO, *, people: bool, colour: bool, json: bool) -> None:
@@ -56,12 +55,7 @@ class Output:
         self._live_lines = 0
 
     def line(self, text: str = "") -> None:
-        """Print one line, and flush.
-
-        Raises:
-            OutputClosed: the reader has closed the pipe.
-            OutputFailed: the line cannot be written.
-        """
+        """Print one line, and flush."""
         self.text(f"{text}\n")
 
     def text(self, text: str) -> None:

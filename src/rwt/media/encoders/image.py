@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.jpeg import encode_jpeg
 from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.stream_request import COMPRESSED, Jpeg, Png, StreamRequest
+from rwt_interfaces.payload import Payload
 from rwt_tf2 import stamp_ns
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
 
 _JPEG_MAGIC = b"\xff\xd8\xff"
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"

@@ -77,7 +77,6 @@ class Mp4:
         return _box(b"trak", tkhd, _box(b"mdia", mdhd, hdlr, minf))
 
     def _sample_table(self) -> bytes:
-        """Return the description of the samples; their positions are in the fragments."""
         entry = struct.pack(">6xH16x2H2II", 1, self._width, self._height, 0x480000, 0x480000, 0)
         avc1 = _box(b"avc1", entry, struct.pack(">H32xHh", 1, 24, -1), self._avc_configuration())
         stsd = _box(b"stsd", _version(0), struct.pack(">I", 1), avc1)

@@ -6,19 +6,16 @@ Depths (`16UC1`, `32FC1`) are scaled to greys by the largest of the image, as in
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_request import COMPRESSED, MOST_PIXELS, StreamRequest
+from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ImageFormat
 from rwt_participant.images import open_compressed, read_samples
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-
 
 Bytes = NDArray[np.uint8]
 #: Samples of a message: rows x columns x values of a pixel, of one or two bytes each, or floats.
@@ -86,7 +83,6 @@ def without_alpha(pixels: Bytes) -> Bytes:
 
 
 def _bytes_of(samples: Samples) -> Bytes:
-    """Return values of one or two bytes as one byte each."""
     if samples.dtype.itemsize == 1:
         return samples.view(np.uint8)
     return (samples.astype(np.uint16) >> 8).astype(np.uint8)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import av
 from av.codec.context import Flags
@@ -16,10 +16,8 @@ from rwt.media.encoders.encoded import Encoded, Track
 from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_request import StreamRequest, Video
+from rwt_interfaces.payload import Payload
 from rwt_tf2 import stamp_ns
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 _ENCODERS: Final = {"vp8": "libvpx", "vp9": "libvpx-vp9", "h264": "libx264"}
@@ -185,7 +183,6 @@ class VideoEncoder:
 
 
 def _adaptive_options(video: Video, bits: int) -> dict[str, str]:
-    """Return the options of constant bit rate and small key frames."""
     options = {"maxrate": str(bits), "bufsize": str(round(bits * BUFFER_SECONDS))}
     if video.codec == "h264":
         # x264 can change a bit rate only below that with which it was opened, and if that was the maximum.

@@ -11,11 +11,11 @@ import numpy as np
 from av import AudioFrame
 
 from rwt.media.errors import VideoError
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rwt_interfaces.payload import Payload
 
 DATA: Final = "audio_common_msgs/AudioData"
 INFO: Final = "audio_common_msgs/AudioInfo"
@@ -124,13 +124,12 @@ def _as_int16(values: NDArray[Any], full: float, silence: float) -> NDArray[np.i
     return bounded.astype(np.int16)
 
 
-def read_info(payload: Payload) -> AudioFormat:
+def read_info(info: Message) -> AudioFormat:
     """Return the format described by an `AudioInfo`.
 
     Raises:
         AudioUnreadable: the format is not supported; the text names those that are.
     """
-    info: Any = payload.value()
     coding, samples = str(info.coding_format), str(info.sample_format).upper()
     if coding.upper() != CODING:
         raise AudioUnreadable(f"`coding_format` {coding!r:.40} cannot be decoded here, only {CODING!r}")

@@ -11,25 +11,23 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 import anyio.to_thread
 
-from rwt.media.broadcast import EncoderThreads
+from rwt.media.broadcast import EncoderThreads, Listener, SharedStream
 from rwt.media.errors import RequestRefused
-from rwt.media.webrtc.audio import DATA, INFO, INFO_SUFFIX, AudioUnreadable, read_info
+from rwt.media.webrtc.audio import DATA, INFO, INFO_SUFFIX, AudioFormat, AudioUnreadable, read_info
 from rwt.media.webrtc.opus_encoder import OpusEncoder, OpusPacket
-from rwt_graph import Node
+from rwt_graph import Graph, Node
+from rwt_graph.api import Sample
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
-
-if TYPE_CHECKING:
-    from rwt.media.webrtc.audio import AudioFormat
-    from rwt_graph import Graph
-    from rwt_graph.api import Sample
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.http.routes import Reader, Work
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import TimedOut
+from rwt_participant.messages import Message
+from rwt_transports.http.routes import Reader, Work
 
 NAME: Final = "whep"
 PATIENCE: Final = 5.0
@@ -43,62 +41,11 @@ WAITING_PACKETS: Final = 25
 logger = logging.getLogger("rwt.media.webrtc")
 
 
-class Listener:
-    """Queue of packets for one listener.
-
-    Attributes:
-        work: account to which its share of the encoder's work is charged.
-        failure: reason why the audio ended; None if it did not fail.
-    """
-
-    def __init__(self, broadcast: AudioBroadcast, work: Work) -> None:
-        self._broadcast = broadcast
-        self.work = work
-        self.failure: AudioUnreadable | None = None
-        # The newest packet replaces the oldest.
-        self._waiting: deque[OpusPacket] = deque(maxlen=WAITING_PACKETS)
-        self._woken = anyio.Event()
-        self._over = False
-
-    def put(self, packet: OpusPacket) -> None:
-        """Queue a packet."""
-        self._waiting.append(packet)
-        self._woken.set()
-
-    async def next(self) -> OpusPacket | None:
-        """Wait for the next packet; None at the end of the audio."""
-        while not self._waiting:
-            if self._over:
-                return None
-            await self._woken.wait()
-            self._woken = anyio.Event()
-        return self._waiting.popleft()
-
-    def leave(self) -> None:
-        """Leave the broadcast."""
-        self._broadcast.leave(self)
-
-    def end(self, failure: AudioUnreadable | None = None) -> None:
-        """End the audio after the queued packets."""
-        if not self._over:
-            self.failure = failure
-            self._over = True
-            self._woken.set()
-
-
-class AudioBroadcast:
+class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
     """Subscriptions and encoder shared by all listeners of a topic.
 
     Args:
-        node: node that subscribes.
-        topic: topic of `audio_common_msgs/AudioData`.
         samples: format of the samples until another `AudioInfo` arrives.
-        threads: worker threads shared by all broadcasts.
-        on_end: called once when the last listener has left, or when the audio cannot be decoded.
-
-    Attributes:
-        topic: topic, as given.
-        listeners: present listeners.
     """
 
     def __init__(
@@ -107,53 +54,26 @@ class AudioBroadcast:
         topic: str,
         samples: AudioFormat,
         threads: EncoderThreads,
-        on_end: Callable[[AudioBroadcast], None],
+        on_end: Callable[[], object],
     ) -> None:
-        self.topic = topic
-        self.listeners: list[Listener] = []
+        super().__init__(on_end)
+        self._topic = topic
         self._threads = threads
-        self._on_end = on_end
         self._encoder = OpusEncoder(samples)
         self._waiting: deque[tuple[float, Payload]] = deque()
         self._waiting_bytes = 0
         self._complaint = ""
-        self._woken = anyio.Event()
-        self._over = False
         node.graph.spawn(self._run, f"sound of {topic}")
         self._subscriptions = (
             node.subscribe_samples(f"{topic}{INFO_SUFFIX}", self._take, INFO),
             node.subscribe_samples(topic, self._take, DATA),
         )
 
-    def join(self, work: Work) -> Listener:
-        """Add a listener.
-
-        Args:
-            work: account to which its share of the encoder's work is charged.
-        """
-        listener = Listener(self, work)
+    def join(self, work: Work) -> Listener[OpusPacket]:
+        """Add a listener."""
+        listener: Listener[OpusPacket] = Listener(work, self.leave, WAITING_PACKETS)
         self.listeners.append(listener)
         return listener
-
-    def leave(self, listener: Listener) -> None:
-        """Remove a listener; the last one ends the broadcast."""
-        if listener in self.listeners:
-            self.listeners.remove(listener)
-            listener.end()
-            if not self.listeners:
-                self.end()
-
-    def end(self, failure: AudioUnreadable | None = None) -> None:
-        """Stop, and end the audio of every listener."""
-        if self._over:
-            return
-        self._over = True
-        for subscription in self._subscriptions:
-            subscription.close()
-        for listener in self.listeners:
-            listener.end(failure)
-        self._on_end(self)
-        self._woken.set()
 
     def _take(self, sample: Sample) -> None:
         """Queue a message of either topic, in order of arrival; drop the oldest ones of a full queue."""
@@ -162,7 +82,7 @@ class AudioBroadcast:
         self._waiting_bytes += payload.kept_size
         while self._waiting_bytes > WAITING_BYTES or len(self._waiting) > WAITING_MESSAGES:
             self._waiting_bytes -= self._waiting.popleft()[1].kept_size
-        self._woken.set()
+        self.wake()
 
     async def _run(self) -> None:
         while not self._over:
@@ -180,7 +100,7 @@ class AudioBroadcast:
                 self._complain(error)
                 self.end(error)
             except Exception:
-                logger.exception("the sound of %s could not be encoded", self.topic)
+                logger.exception("the sound of %s could not be encoded", self._topic)
                 self.end(AudioUnreadable("internal error"))
             else:
                 if self._encoder.complaint is not None:
@@ -193,7 +113,7 @@ class AudioBroadcast:
         # Once: a microphone must not fill the log.
         if self._complaint != str(error):
             self._complaint = str(error)
-            logger.warning("%s: %s", self.topic, error)
+            logger.warning("%s: %s", self._topic, error)
 
 
 def topics_of(name: str) -> tuple[str, str]:
@@ -202,11 +122,7 @@ def topics_of(name: str) -> tuple[str, str]:
 
 
 class AudioTopics:
-    """Audio topics of a graph.
-
-    Args:
-        graph: graph of the robot.
-    """
+    """Audio topics of a graph."""
 
     def __init__(self, graph: Graph) -> None:
         self._node = Node(graph, NAME)
@@ -239,7 +155,7 @@ class AudioTopics:
             raise RequestRefused(400, f"{name} is a {found.type.name}; sound is {DATA}")
         info = await self._info(name)
         try:
-            return name, await anyio.to_thread.run_sync(read_info, info)
+            return name, read_info(info)
         except AudioUnreadable as error:
             raise RequestRefused(422, f"{name}: {error}") from error
 
@@ -251,39 +167,24 @@ class AudioTopics:
         )
         return ", ".join(sorted(names)) or "none"
 
-    async def _info(self, name: str) -> Payload:
+    async def _info(self, name: str) -> Message:
         """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
         told = self._node.graph.topic(topic)
         if told is not None and told.type is not None and told.type.name != INFO:
             raise RequestRefused(400, f"{topic} is a {told.type.name}, where {INFO} tells of the sound")
-        got: list[Payload] = []
-        came = anyio.Event()
-
-        def take(sample: Sample) -> None:
-            got.append(sample.payload.detach())
-            came.set()
-
-        subscription = self._node.subscribe_samples(topic, take, INFO)
         try:
-            with anyio.move_on_after(PATIENCE):
-                await came.wait()
-        finally:
-            subscription.close()
-        if not got:
+            return await self._node.once(topic, INFO, timeout=PATIENCE)
+        except TimedOut:
             raise RequestRefused(
                 504, f"no {INFO} came on {topic} within {PATIENCE:g} s: the format of {name} is not known"
-            )
-        return got[0]
+            ) from None
 
-    def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener:
+    def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener[OpusPacket]:
         """Add a listener to a topic found by :meth:`find`; its `leave` removes it."""
         broadcast = self._broadcasts.get(name)
         if broadcast is None:
-            broadcast = AudioBroadcast(self._node, name, samples, self._threads, self._ended)
+            ended = partial(self._broadcasts.pop, name)
+            broadcast = AudioBroadcast(self._node, name, samples, self._threads, ended)
             self._broadcasts[name] = broadcast
         return broadcast.join(work)
-
-    def _ended(self, broadcast: AudioBroadcast) -> None:
-        if self._broadcasts.get(broadcast.topic) is broadcast:
-            del self._broadcasts[broadcast.topic]

@@ -10,23 +10,20 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio.to_thread
 import numpy as np
+from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
 from av import VideoFrame
 
+from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.media.encoders.jpeg import encode_jpeg
 from rwt.media.stream_request import MOST_AREA
 from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
-
-if TYPE_CHECKING:
-    from aiortc import MediaStreamTrack
-
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 TYPE: Final = "sensor_msgs/CompressedImage"
 #: Default JPEG quality, 1 to 100.
@@ -40,7 +37,6 @@ class CameraRequest:
     """Request to publish a client's camera.
 
     Attributes:
-        topic: topic to publish on.
         frame_id: frame of reference of the images.
         quality: JPEG quality, 1 to 100.
     """
@@ -54,8 +50,6 @@ class Camera:
     """Publisher of the images of one track.
 
     Args:
-        client: graph as the client may use it.
-        wanted: request of the client.
         end: called with the reason when the camera has ended.
 
     Raises:
@@ -123,7 +117,6 @@ class Camera:
 
 
 def _encode(frame: VideoFrame, quality: int) -> tuple[bytes, float]:
-    """Encode a frame as JPEG; return it and the CPU seconds used."""
     began = time.thread_time()
     pixels = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
     data = encode_jpeg(pixels, quality)

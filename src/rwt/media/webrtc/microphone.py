@@ -12,21 +12,18 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio.to_thread
+from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
 from av import AudioFrame, AudioResampler
 
+from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.media.webrtc.audio import CODING, DATA, INFO, INFO_SUFFIX, SAMPLE_BYTES, AudioBudget
 from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
-
-if TYPE_CHECKING:
-    from aiortc import MediaStreamTrack
-
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)
 """Supported sample rates: those of Opus (RFC 6716 section 2.1.3)."""
@@ -45,7 +42,6 @@ class MicrophoneRequest:
     """Request to publish a client's microphone.
 
     Attributes:
-        topic: topic to publish on.
         rate: sample rate in Hz, one of RATES.
         channels: 1 or 2.
     """
@@ -74,8 +70,6 @@ class Microphone:
     """Publisher of the audio of one track.
 
     Args:
-        client: graph as the client may use it.
-        wanted: request of the client.
         end: called with the reason when the microphone has ended.
         allowance: rate limit of the audio.
 
@@ -167,14 +161,12 @@ class Microphone:
         self._offer(self._data, {"data": piece})
 
     def _offer(self, publisher: ClientPublisher, message: dict[str, object]) -> None:
-        """Publish a message unless the gate rejects it."""
         try:
             publisher.publish(Payload.from_value(publisher.type, message))
         except AccessError as refused:
             logger.debug("sound for %s was refused: %s", self._wanted.topic, refused)
 
     def _samples(self, frames: tuple[AudioFrame, ...]) -> tuple[list[bytes], float]:
-        """Return the data of the messages that are complete, and the CPU seconds used."""
         began = time.thread_time()
         made: list[bytes] = []
         for frame in frames:

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from aiortc import RTCRtpCodecCapability
+from aiortc import RTCRtpCodecCapability, RTCRtpTransceiver
 
-from rwt_transports.webrtc.sdp import BadDescription
-
-if TYPE_CHECKING:
-    from aiortc import RTCRtpTransceiver
-
-    from rwt_transports.webrtc.sdp import Description
+from rwt_transports.webrtc.sdp import BadDescription, Description
 
 CODEC: Final = "audio/opus"
 _MAPPED: Final = re.compile(r"(?im)^a=rtpmap:\d+ opus/48000/2\r?$")

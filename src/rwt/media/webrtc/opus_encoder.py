@@ -5,15 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from av import AudioFrame, AudioResampler, CodecContext
 
-from rwt.media.webrtc.audio import INFO, AudioBudget, AudioUnreadable, read_info
-
-if TYPE_CHECKING:
-    from rwt.media.webrtc.audio import AudioFormat
-    from rwt_interfaces.payload import Payload
+from rwt.media.webrtc.audio import INFO, AudioBudget, AudioFormat, AudioUnreadable, read_info
+from rwt_interfaces.payload import Payload
 
 RATE: Final = 48_000
 """Clock rate of RTP time stamps of Opus, whatever the sample rate (RFC 7587 section 4.1)."""
@@ -81,7 +78,7 @@ class OpusEncoder:
         packets: list[OpusPacket] = []
         for came, payload in messages:
             if payload.type.name == INFO:
-                told = read_info(payload)
+                told = read_info(payload.value())
                 if told != self._format:
                     self._format = told
                     self._begin()

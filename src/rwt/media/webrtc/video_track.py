@@ -1,43 +1,40 @@
 """Video track of an image topic for one viewer, from the encoders that all viewers share.
 
 aiortc sends encoded images, but not at the rate of the receiver's link, and does not forward RTCP feedback
-(PLI, FIR, REMB, NACK) to their track, so its sender is replaced.
+(PLI, FIR, REMB, NACK) to their track, so its sender is replaced. A ladder selects one of a few encodings
+by the rate of the link.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Final, Never
+from typing import Any, Final, Never
 
-from aiortc import MediaStreamTrack
+from aiortc import MediaStreamTrack, RTCRtpTransceiver
 from aiortc.mediastreams import MediaStreamError
 from aiortc.rtp import (
     RTCP_PSFB_APP,
     RTCP_RTPFB_NACK,
+    AnyRtcpPacket,
     RtcpPsfbPacket,
     RtcpRtpfbPacket,
     unpack_remb_fci,
 )
 from av import Packet
 
+from rwt.media.broadcast import Viewer
+from rwt.media.encoders.encoded import Encoded
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
-from rwt.media.webrtc.bitrate_ladder import RUNGS, SCALES, BitrateLadder
+from rwt.nodes.video import WebVideoServer
+from rwt_transports.http.routes import Work
 from rwt_transports.webrtc.congestion.controller import CongestionController
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender, negotiate_transport_feedback
-
-if TYPE_CHECKING:
-    from aiortc import RTCRtpTransceiver
-    from aiortc.rtp import AnyRtcpPacket
-
-    from rwt.media.broadcast import Viewer
-    from rwt.media.encoders.encoded import Encoded
-    from rwt.nodes.video import WebVideoServer
-    from rwt_transports.http.routes import Work
-    from rwt_transports.webrtc.peer import Peer
+from rwt_transports.webrtc.peer import Peer
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000
@@ -55,7 +52,6 @@ class TopicTrack(MediaStreamTrack):
     """Video track of a topic for one viewer.
 
     Args:
-        server: server with the shared encoders.
         request: request of the viewer, with the resolved topic.
         work: account to which the viewer's share of the encoders' work is charged.
         on_end: called once with the reason when the video has ended.
@@ -82,11 +78,6 @@ class TopicTrack(MediaStreamTrack):
         self._rung = 0
         self._viewer: Viewer | None = None
         self._resendable = 0
-
-    @property
-    def rung(self) -> int:
-        """Index of the present bit rate, 0 for the highest."""
-        return self._rung
 
     def follow(self, transceiver: RTCRtpTransceiver, peer: Peer) -> None:
         """Send at the rate of the peer's link. Call before the peer is described."""
@@ -120,13 +111,12 @@ class TopicTrack(MediaStreamTrack):
             if encoded is not None and viewer is self._viewer:
                 packets = len(encoded.data) // PACKET_BYTES + 1
                 self._resendable = min(self._resendable + packets, RESENDABLE)
-                viewer.count_sent(encoded)
+                viewer.count_sent(len(encoded.data))
                 return _packet(encoded)
             if encoded is None:
                 self._end(str(viewer.failure or "the topic's pictures have ended"))
 
     def _join(self) -> Viewer:
-        """Return the viewer of the selected rung, joining its broadcast if needed."""
         if self.readyState != "live":
             raise MediaStreamError
         rate, viewer = MEDIA * self._controller.target, self._viewer
@@ -187,3 +177,75 @@ def _packet(encoded: Encoded) -> Packet[Any]:
     packet.pts = encoded.at_ms
     packet.time_base = _MILLISECONDS
     return packet
+
+
+RUNGS: Final = (1.0, 0.4, 0.16)
+"""Maximum bit rates of the encodings as parts of the requested one. All viewers with equal requests share
+them, so there is at most one encoder per rung; its bit rate follows the slowest of its viewers."""
+SCALES: Final = (1.0, 0.75, 0.5)
+"""Factors of width and height: 640, 480 and 320 pixels of a common camera."""
+DOWN: Final = 0.9
+UP: Final = 1.25
+"""Ratios to a rung's maximum at which a viewer steps down to it, and up from it."""
+UP_SECONDS: Final = 1.0
+"""Time for which the rate has to suffice for a step up: each step costs a key frame."""
+KEYS: Final = 5
+"""Number of requests for key frames within :data:`KEY_SECONDS` that steps down: key frames are large, and go
+to all viewers of the encoder."""
+KEY_SECONDS: Final = 10.0
+KEY_PAUSE_SECONDS: Final = 0.5
+"""Receivers repeat a request until the key frame arrives: repeats within this time count once."""
+BAN_SECONDS: Final = 30.0
+"""Time for which such a receiver stays on a lower rung."""
+
+
+class BitrateLadder:
+    """Bitrate ladder of one viewer.
+
+    Args:
+        best: requested bit rate.
+
+    Attributes:
+        rung: index of the encoding to send, 0 for the best.
+    """
+
+    def __init__(self, best: int) -> None:
+        self._best = best
+        self.rung = 0
+        self._good_since: float | None = None
+        self._keys: deque[float] = deque(maxlen=KEYS)
+        self._banned: tuple[int, float] = (0, 0.0)
+
+    def bitrate(self, rate: float) -> int:
+        """Return the bit rate of the present encoding at a rate of the link."""
+        return round(min(rate, self._best * RUNGS[self.rung]))
+
+    def choose(self, rate: float, now: float) -> None:
+        """Select the encoding for a rate of the link in bits per second."""
+        lowest, until = self._banned
+        wanted = self.rung
+        while wanted + 1 < len(RUNGS) and rate < DOWN * self._best * RUNGS[wanted + 1]:
+            wanted += 1
+        if wanted != self.rung:
+            self.rung, self._good_since = wanted, None
+        elif self._may_rise(rate) and not (now < until and self.rung <= lowest):
+            if self._good_since is None:
+                self._good_since = now
+            elif now - self._good_since >= UP_SECONDS:
+                self.rung, self._good_since = self.rung - 1, None
+        else:
+            self._good_since = None
+
+    def _may_rise(self, rate: float) -> bool:
+        return self.rung > 0 and rate > UP * self._best * RUNGS[self.rung]
+
+    def asked_for_key(self, now: float) -> None:
+        """Handle a request for a key frame."""
+        keys = self._keys
+        if keys and now - keys[-1] < KEY_PAUSE_SECONDS:
+            return
+        if len(keys) == KEYS and now - keys[0] < KEY_SECONDS:
+            keys.clear()
+            self.rung = min(self.rung + 1, len(RUNGS) - 1)
+            self._banned, self._good_since = (self.rung, now + BAN_SECONDS), None
+        keys.append(now)

@@ -10,33 +10,27 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 from urllib.parse import parse_qsl, urlencode
 
 from aiortc import MediaStreamTrack, RTCRtpCodecCapability, RTCRtpSender
 from aiortc.mediastreams import MediaStreamError
 from av import Packet
 
+from rwt.media.broadcast import Listener
 from rwt.media.errors import RequestRefused
-from rwt.media.stream_request import Video, read_request
-from rwt.media.webrtc.audio_topics import topics_of
+from rwt.media.stream_request import StreamRequest, Video, read_request
+from rwt.media.webrtc.audio import AudioFormat
+from rwt.media.webrtc.audio_topics import AudioTopics, topics_of
 from rwt.media.webrtc.opus import check_sections, only_opus
-from rwt.media.webrtc.opus_encoder import RATE
+from rwt.media.webrtc.opus_encoder import RATE, OpusPacket
 from rwt.media.webrtc.video_track import TopicTrack
+from rwt.nodes.video import WebVideoServer
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpResponse, Route
-from rwt_transports.webrtc.sdp import read_description
-from rwt_transports.webrtc.signalling import SDP, answering, opened, refuse_channels, resource_routes
-
-if TYPE_CHECKING:
-    from rwt.media.stream_request import StreamRequest
-    from rwt.media.webrtc.audio import AudioFormat
-    from rwt.media.webrtc.audio_topics import AudioTopics, Listener
-    from rwt.nodes.video import WebVideoServer
-    from rwt_transports.http.routes import HttpRequest, Reader
-    from rwt_transports.webrtc.peer import Peer
-    from rwt_transports.webrtc.sdp import Description
-    from rwt_transports.webrtc.signalling import Peers
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.webrtc.peer import Peer
+from rwt_transports.webrtc.sdp import Description, read_description
+from rwt_transports.webrtc.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
 
 PATH: Final = "/whep"
 BITRATE: Final = 1_500_000
@@ -52,7 +46,6 @@ def watch_routes(
     """Return the routes of WHEP.
 
     Args:
-        peers: peers of the server.
         video: server with the image encoders; None if images are not served.
         audio: audio topics; None if audio is not served.
     """
@@ -140,13 +133,12 @@ class AudioTrack(MediaStreamTrack):
     """Audio track of a topic for one listener, from the encoder that all listeners share.
 
     Args:
-        listener: queue of packets.
         on_end: called once with the reason when the audio has ended.
     """
 
     kind = "audio"
 
-    def __init__(self, listener: Listener, on_end: Callable[[str], None]) -> None:
+    def __init__(self, listener: Listener[OpusPacket], on_end: Callable[[str], None]) -> None:
         super().__init__()
         self._listener = listener
         self._on_end = on_end

@@ -10,36 +10,32 @@ import logging
 from collections.abc import Awaitable, Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import parse_qsl
 
+from aiortc import MediaStreamTrack
+
+from rwt.access.access import Access
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
+from rwt.access.graph_view import GraphView
+from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.media.webrtc.camera import QUALITY, Camera, CameraRequest
 from rwt.media.webrtc.decoding import bound_decoding
 from rwt.media.webrtc.microphone import RATE, RATES, Microphone, MicrophoneRequest
 from rwt.media.webrtc.opus import check_sections, only_opus
+from rwt_graph.api import Graph
 from rwt_graph.errors import InvalidGraphName
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpResponse, Route
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Route
+from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.sdp import BadDescription, read_description
-from rwt_transports.webrtc.signalling import SDP, answering, opened, refuse_channels, resource_routes
-
-if TYPE_CHECKING:
-    from aiortc import MediaStreamTrack
-
-    from rwt.access.access import Access
-    from rwt.access.client_graph import ClientGraph
-    from rwt.access.graph_view import GraphView
-    from rwt.access.roles import Role
-    from rwt_graph.api import Graph
-    from rwt_transports.http.routes import HttpRequest
-    from rwt_transports.webrtc.peer import Peer
-    from rwt_transports.webrtc.signalling import Peers
+from rwt_transports.webrtc.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
 
 PATH: Final = "/whip"
 NODE: Final = "/whip"
@@ -50,12 +46,7 @@ SENDERS_TYPE: Final = "rwt_gate_msgs/MediaSenders"
 
 @dataclass(frozen=True, slots=True)
 class MediaRequest:
-    """Request for a camera, a microphone or both.
-
-    Attributes:
-        camera: request for the camera; None for none.
-        microphone: request for the microphone; None for none.
-    """
+    """Request for a camera, a microphone or both."""
 
     camera: CameraRequest | None
     microphone: MicrophoneRequest | None
@@ -94,8 +85,6 @@ class IncomingMedia:
     """Cameras and microphones of clients, as topics; a server reloads its roles like those of a gateway.
 
     Args:
-        graph: graph of the robot.
-        access: access control of the server.
         linger: seconds for which a publisher outlives its last user.
     """
 
@@ -165,7 +154,6 @@ class IncomingMedia:
             self._publish_senders()
 
     def _publish_senders(self) -> None:
-        """Publish the present senders."""
         fields = [each for sender in self._senders for each in sender.sending()]
         self._publisher.publish(Payload.from_value(self._publisher.type, {"senders": fields}))
 
@@ -191,9 +179,6 @@ class MediaSender:
     States: waiting until its peer is connected (``_since_ns`` is None), sending, closed (``_over``).
 
     Args:
-        client: graph as the client may use it.
-        name: name of the client.
-        wanted: request of the client.
         on_begin: called once when its peer is connected.
         on_close: called once when it is closed.
 

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 from rwt.nodes.demo.world.map import World
+from rwt_graph import Node
+from rwt_participant.messages import Message
 
 #: Maximum distance between two collision checks, metres; far less than the thickness of walls.
 _CHECK_EVERY = 0.02
@@ -58,7 +60,6 @@ class DifferentialDrive:
     Attributes:
         limits: limits of the motors; may be changed at any time.
         pose: pose in the map frame.
-        velocity: current velocity.
         left_angle: rotation of the left wheel since the start, radians.
         right_angle: rotation of the right wheel since the start, radians.
         enabled: True if the motors have power.
@@ -132,3 +133,40 @@ def _approach(value: float, target: float, change: float) -> float:
     if abs(target - value) <= change + 1e-9:
         return target
     return value + math.copysign(change, target - value)
+
+
+class Teleop:
+    """The last velocity command.
+
+    Attributes:
+        timeout: seconds after which a command expires.
+    """
+
+    timeout = 0.5
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._last: Velocity | None = None
+        self._since = 0.0
+        node.subscribe("cmd_vel", self._on_twist, "geometry_msgs/Twist")
+
+    @property
+    def velocity(self) -> Velocity | None:
+        """Return the current command, or None if it has expired."""
+        # A step that ends with the timeout still belongs to the command, despite rounding.
+        if self._last is not None and self._node.clock.monotonic() - self._since > self.timeout + 1e-6:
+            self._last = None
+        return self._last
+
+    def forget(self) -> None:
+        """Drop the command."""
+        self._last = None
+
+    def _on_twist(self, twist: Message) -> None:
+        if not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
+            topic = self._node.resolve("cmd_vel")
+            text = f"{topic}: linear.x or angular.z is not a finite number; ignored"
+            self._node.log.warning(text)
+            return
+        self._last = Velocity(twist.linear.x, twist.angular.z)
+        self._since = self._node.clock.monotonic()

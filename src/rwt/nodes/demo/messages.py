@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rwt.nodes.demo.drive import Velocity
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose
 from rwt_graph import Node
 from rwt_interfaces.times import NANOSECONDS
 from rwt_tf2 import quaternion_from_yaw, yaw_from_quaternion

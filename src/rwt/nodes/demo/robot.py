@@ -9,17 +9,14 @@ from typing import Final
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.arm.controller import ArmController
 from rwt.nodes.demo.arm.kinematics import Arm
-from rwt.nodes.demo.battery import Battery, BatteryPublisher
-from rwt.nodes.demo.diagnostics import publish_diagnostics
-from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Velocity
+from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Teleop, Velocity
 from rwt.nodes.demo.messages import MAP, frame
 from rwt.nodes.demo.model.meshes import mesh_pages
 from rwt.nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt.nodes.demo.navigation.goal_marker import GoalMarker
 from rwt.nodes.demo.navigation.planner import Planner
 from rwt.nodes.demo.navigation.task import Navigation
-from rwt.nodes.demo.state import StatePublisher
-from rwt.nodes.demo.teleop import Teleop
+from rwt.nodes.demo.state import Battery, BatteryPublisher, StatePublisher
 from rwt.nodes.demo.world.cameras import CameraPublisher
 from rwt.nodes.demo.world.lens import DEFAULT_LENS, Lens
 from rwt.nodes.demo.world.lidar import Lidar, ScanPublisher
@@ -27,6 +24,7 @@ from rwt.nodes.demo.world.map import World, draw_map, house
 from rwt.nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 from rwt.nodes.number_parameters import Number
 from rwt_graph import Graph, Node
+from rwt_participant.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
 from rwt_participant.errors import GoalCanceled, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message, ParameterValue
@@ -78,7 +76,6 @@ class DemoRobot:
         seed: seed of the laser's noise, for reproducible runs.
         namespace: namespace of its names, for several robots in one graph; they share `/tf` and
             `/tf_static`, where the frames of one in `/anna` are `anna/odom` and so on.
-        lens: lens of the cameras.
 
     Attributes:
         http: meshes of its description, for :func:`rwt.serve`.
@@ -157,7 +154,6 @@ class DemoRobot:
         return min(self._lens.width, self._lens.height)
 
     def _use_openni(self, value: ParameterValue) -> None:
-        """Switch the depth stream to the crop, size and depth of OpenNI cameras, or back."""
         if value:
             crop = round(self._lens.focal * _CROP_OF_FOCAL / _OPENNI_F)
             self._depth_cloud.configure(min(crop, self._whole_crop), 512, 1.0)
@@ -185,7 +181,6 @@ class DemoRobot:
         self._cameras.follow_subscribers()
 
     def _wanted(self) -> Velocity:
-        """Return the velocity to drive with: nonzero teleoperation overrides navigation."""
         by_hand = self._teleop.velocity or STANDSTILL
         planned = self._navigation.steer(overridden=not by_hand.is_zero)
         return planned if by_hand.is_zero else by_hand
@@ -196,9 +191,8 @@ class DemoRobot:
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
-        """Return to the start with a full battery and the arm at rest; the motors keep their state."""
         self._navigation.abort("the robot was reset")
-        self._arm_controller.abort("the robot was reset")
+        self._arm_controller.end("the robot was reset")
         self._arm.reset()
         self._teleop.forget()
         self._drive.reset()
@@ -257,6 +251,42 @@ class DemoRobot:
             )
         else:
             graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
+
+
+_LOW_BATTERY, _EMPTY_BATTERY = 0.2, 0.05
+
+
+def publish_diagnostics(
+    node: Node, drive: DifferentialDrive, battery: Battery, navigation: Navigation, period: float
+) -> None:
+    """Publish the state of motors, battery and navigation every `period` seconds."""
+
+    def motors() -> DiagnosticStatus:
+        level, text = DiagnosticLevel.OK, "driving" if not drive.velocity.is_zero else "standing"
+        if drive.bumped:
+            level, text = DiagnosticLevel.WARN, "something is in the way"
+        if not drive.enabled:
+            level, text = DiagnosticLevel.WARN, "disabled; call /enable_motors"
+        speed, turn = f"{drive.velocity.linear:.2f} m/s", f"{drive.velocity.angular:.2f} rad/s"
+        return DiagnosticStatus(level, text, {"speed": speed, "turn rate": turn})
+
+    def power() -> DiagnosticStatus:
+        level, text = DiagnosticLevel.OK, "charged"
+        if battery.level < _LOW_BATTERY:
+            level, text = DiagnosticLevel.WARN, "low"
+        if battery.level < _EMPTY_BATTERY:
+            level, text = DiagnosticLevel.ERROR, "nearly empty; it is swapped when it is"
+        values = {"charge": f"{battery.level:.1%}", "voltage": f"{battery.voltage:.2f} V"}
+        return DiagnosticStatus(level, text, values)
+
+    def trips() -> DiagnosticStatus:
+        return DiagnosticStatus(DiagnosticLevel.OK, "driving to a goal" if navigation.active else "no goal")
+
+    updater = DiagnosticUpdater(
+        node, "demo_robot", hardware_id="demo_robot", period=period, topic="diagnostics"
+    )
+    for name, task in (("motors", motors), ("battery", power), ("navigation", trips)):
+        updater.add(name, task)
 
 
 def _add_two_ints(request: Message) -> messages.Message:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.nodes.depth_cloud.latest_only import LatestOnly
 from rwt.nodes.number_parameters import Number
 from rwt_graph import Graph, Node
+from rwt_interfaces.payload import Payload
 from rwt_participant.handles import Handle
 from rwt_participant.qos import SENSOR_DATA
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
 
 _CLOUD: Final = "sensor_msgs/PointCloud2"
 

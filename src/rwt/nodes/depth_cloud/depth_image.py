@@ -199,7 +199,6 @@ def _along_rows(steps: Steps, known: Mask) -> None:
 
 
 def _nearest(rows: Mask) -> NDArray[np.intp]:
-    """Return for each row the last non-empty one above, or the first of all."""
     numbers = np.arange(len(rows))
     above = np.maximum.accumulate(np.where(rows, numbers, -1))
     return np.where(above < 0, int(np.argmax(rows)), above)

@@ -104,7 +104,6 @@ class DepthCloudEncoder(Node):
         )
 
     def _take(self, topic: str, sample: Sample) -> None:
-        """Encode the two latest images if their times match; each is used once."""
         message: Any = sample.payload.value()
         self._latest[topic] = stamp_ns(message.header.stamp), sample.payload.detach()
         if len(self._latest) < len(self._topics):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Final, Generic, TypeVar
 
@@ -21,6 +22,7 @@ LOOK_EVERY: Final = 0.2
 _COMPLAIN_EVERY: Final = 10.0
 
 
+@dataclass(eq=False)
 class LatestOnly(Generic[T]):
     """Worker that turns inputs into messages in a thread, one at a time; it keeps only the latest input.
 
@@ -30,29 +32,24 @@ class LatestOnly(Generic[T]):
             when the topic has no subscribers.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        topic: TopicPublisher,
-        work: Callable[[T], Mapping[str, object]],
-        listen: Callable[[], tuple[Handle, ...]],
-    ) -> None:
-        self._node = node
-        self._topic = topic
-        self._work = work
-        self._listen = listen
+    node: Node
+    topic: TopicPublisher
+    work: Callable[[T], Mapping[str, object]]
+    listen: Callable[[], tuple[Handle, ...]]
+
+    def __post_init__(self) -> None:
         self._inputs: tuple[Handle, ...] = ()
         self._next: T | None = None
         self._busy = False
         self._complained = float("-inf")
-        node.create_timer(LOOK_EVERY, self._look)
+        self.node.create_timer(LOOK_EVERY, self._look)
 
     def offer(self, item: T) -> None:
         """Process `item` next, in place of a pending one."""
         self._next = item
         if not self._busy:
             self._busy = True
-            self._node.graph.spawn(self._run, f"work for {self._topic.name}")
+            self.node.graph.spawn(self._run, f"work for {self.topic.name}")
 
     async def _run(self) -> None:
         try:
@@ -64,23 +61,23 @@ class LatestOnly(Generic[T]):
 
     async def _publish(self, item: T) -> None:
         try:
-            message = await anyio.to_thread.run_sync(partial(self._work, item))
+            message = await anyio.to_thread.run_sync(partial(self.work, item))
         except (DepthCloudError, ImageUnreadable) as error:
             self._complain(str(error))
             return
-        self._topic.publish(message)
+        self.topic.publish(message)
 
     def _complain(self, text: str) -> None:
-        now = self._node.clock.monotonic()
+        now = self.node.clock.monotonic()
         if now - self._complained >= _COMPLAIN_EVERY:
             self._complained = now
-            line = f"nothing on {self._topic.name}: {text}"
-            self._node.log.warning(line)
+            line = f"nothing on {self.topic.name}: {text}"
+            self.node.log.warning(line)
 
     def _look(self) -> None:
-        wanted = self._topic.subscriber_count > 0
+        wanted = self.topic.subscriber_count > 0
         if wanted and not self._inputs:
-            self._inputs = self._listen()
+            self._inputs = self.listen()
         elif not wanted and self._inputs:
             for each in self._inputs:
                 each.close()

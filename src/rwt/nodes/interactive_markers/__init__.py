@@ -20,8 +20,7 @@ from rwt.nodes.interactive_markers.controls import (
     rotate_axis,
     six_dof,
 )
-from rwt.nodes.interactive_markers.feedback import Event, Feedback
-from rwt.nodes.interactive_markers.menu import Menu, MenuEntry
+from rwt.nodes.interactive_markers.feedback import Event, Feedback, Menu, MenuEntry
 from rwt.nodes.interactive_markers.server import InteractiveMarkerServer, NoSuchMarker
 from rwt.nodes.interactive_markers.shapes import Colour, arrow, box, cylinder, mesh, sphere, text
 

@@ -42,10 +42,7 @@ class Mode(IntEnum):
     MOVE_AXIS = 3
     MOVE_PLANE = 4
     ROTATE_AXIS = 5
-    MOVE_ROTATE = 6
     MOVE_3D = 7
-    ROTATE_3D = 8
-    MOVE_ROTATE_3D = 9
 
 
 #: `orientation_mode`: of the marker, or of its frame.

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-from rwt_graph.clock import SimulatedClock, SteadyClock
+from rwt_graph.api import Graph, Participant
+from rwt_graph.clock import Playback, SimulatedClock, SteadyClock
 from rwt_interfaces import Payload
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph, Participant
-    from rwt_graph.clock import Playback
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 
 class PlaybackClock(SteadyClock):

@@ -8,25 +8,20 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import anyio
 
 from rwt.nodes.playback.clock import ClockTopic, PlaybackClock
-from rwt.nodes.playback.publications import Publications, add_recorded_types
+from rwt.nodes.playback.publications import Publications, add_recorded_types, offer_recorded_services
 from rwt.nodes.playback.read_ahead import ReadAhead
-from rwt.nodes.playback.recorded_services import RecordedServices
 from rwt.nodes.recording.errors import RecordingUnreadable
-from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
+from rwt.nodes.recording.recording import EVERYTHING, RecordedMessage, Recording, TopicSelection
+from rwt_graph.api import Graph, Participant, ServiceCall
 from rwt_graph.clock import END_OF_TIME_NS
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.recording import RecordedMessage, Recording
-    from rwt_graph.api import Graph, ServiceCall
-    from rwt_participant.timers import Timer
-
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 
@@ -119,12 +114,12 @@ class Player:
         self._place(self.start_ns)
         if isinstance(self._clock, PlaybackClock):
             self._clock.follow(self, lambda: min(self.position_ns, self.end_ns))
-        self._closables: list[Callable[[], None]] = [PlayerServices(graph, self, NODE).close]
+        self._services = PlayerServices(graph, self._participant, self)
         if options.answer_services:
-            services = RecordedServices(graph, recording, options.selection, NODE)
-            self._closables.append(services.close)
+            offer_recorded_services(graph, self._participant, recording, options.selection)
+        self._clock_topic: ClockTopic | None = None
         if options.clock_hz > 0:
-            self._closables.append(ClockTopic(graph, self._participant, options.clock_hz).close)
+            self._clock_topic = ClockTopic(graph, self._participant, options.clock_hz)
         self._keep_earlier(self.start_ns)
         self._read_from(self.start_ns)
         if not options.paused:
@@ -245,8 +240,8 @@ class Player:
             self._ahead.close()
             self._failure = self._ahead.failure
             self._ahead = None
-        while self._closables:
-            self._closables.pop()()
+        if self._clock_topic is not None:
+            self._clock_topic.close()
         self._participant.close()
 
     def __enter__(self) -> Player:
@@ -258,7 +253,6 @@ class Player:
     # -- playing -------------------------------------------------------------------------------------------
 
     def _arm(self) -> None:
-        """Start the timer for the next message, or for the end."""
         self._disarm()
         if not self.paused:
             due = self.end_ns if self._next is None else self._next.log_time
@@ -360,11 +354,7 @@ def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
 
 
 def checked_rate(rate: float) -> float:
-    """Check a rate, and return it.
-
-    Raises:
-        ValueError: it is out of range.
-    """
+    """Check a rate, and return it."""
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"a recording is played at a rate from {SLOWEST} to {FASTEST:g}, not {rate}")
     return rate
@@ -373,10 +363,10 @@ def checked_rate(rate: float) -> float:
 class PlayerServices:
     """Server of `/rosbag2_player/pause` and the other services."""
 
-    def __init__(self, graph: Graph, player: Player, node: str) -> None:
+    def __init__(self, graph: Graph, participant: Participant, player: Player) -> None:
         self._player = player
         self._clock = graph.clock
-        self._participant = graph.participant(node)
+        self._participant = participant
         handlers: dict[tuple[str, str], Callable[[Any], Answer | None]] = {
             ("pause", "Pause"): lambda _: player.pause(),
             ("resume", "Resume"): lambda _: player.resume(),
@@ -388,8 +378,8 @@ class PlayerServices:
             ("seek", "Seek"): lambda asked: {"success": player.seek(graph.distro.time_ns(asked.time))},
         }
         for (name, kind), handler in handlers.items():
-            self._offer(graph, f"{node}/{name}", kind, partial(_answer_at_once, handler))
-        self._offer(graph, f"{node}/burst", "Burst", self._burst)
+            self._offer(graph, f"{NODE}/{name}", kind, partial(_answer_at_once, handler))
+        self._offer(graph, f"{NODE}/burst", "Burst", self._burst)
 
     def _offer(
         self, graph: Graph, name: str, kind: str, answer: Callable[[Any, Callable[[Answer], None]], None]
@@ -425,10 +415,6 @@ class PlayerServices:
         except ValueError:
             return {"success": False}
         return {"success": True}
-
-    def close(self) -> None:
-        """Withdraw the services."""
-        self._participant.close()
 
 
 def _answer_at_once(

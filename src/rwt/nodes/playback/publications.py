@@ -1,4 +1,9 @@
-"""Topics of a recording in a graph: types, publishers, and messages from recorded bytes."""
+"""Topics and services of a recording in a graph: types, publishers, and responses to calls.
+
+Requests and responses of services are in the topics of service introspection of ROS 2,
+`/NAME/_service_event`. A request equal to a recorded one gets the recorded response; repeated requests get
+theirs in order, then the last one again. Any other request fails.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,17 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt.nodes.recording.channels import combined
-from rwt.nodes.recording.recording import TopicSelection
+from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, TopicSelection
+from rwt_graph.api import Graph, ServiceCall
 from rwt_graph.names import resolve
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_interfaces.definitions.parser import parse_message
 from rwt_interfaces.names import two_part
+from rwt_interfaces.structs import MessageType, ServiceType
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 from rwt_participant.errors import RobotError
 
 if TYPE_CHECKING:
@@ -43,7 +51,6 @@ class Publications:
     """Publishers of the topics of a recording.
 
     Args:
-        recording: recording whose topics are advertised at once.
         remap: published names by recorded name.
 
     Attributes:
@@ -125,8 +132,6 @@ def read_payload(encoding: MessageEncoding, message: MessageType, data: bytes) -
     return _READERS[encoding](message, data)
 
 
-logger = logging.getLogger(__name__)
-
 _SEPARATOR: Final = "=" * 80
 _EVENT: Final = "_Event"
 
@@ -168,6 +173,81 @@ def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
 
 
 def _known(registry: Registry, name: str, text: str) -> bool:
-    """Return True if a registry has a message of that name with equal fields and constants."""
     known = registry.known_definition(name)
     return known is not None and known == parse_message(text, name, distro=registry.distro)
+
+
+_REQUESTS: Final = (0, 1)
+"""`event_type` of REQUEST_SENT and REQUEST_RECEIVED; the two others are responses."""
+
+
+def offer_recorded_services(
+    graph: Graph, participant: Participant, recording: Recording, selection: TopicSelection
+) -> None:
+    """Offer every service whose calls were recorded with contents, and that no node provides."""
+    for topic in recording.topics:
+        is_call = topic.name.endswith(SERVICE_EVENTS) and ACTION_PARTS not in topic.name
+        if is_call and selection.takes(topic.name):
+            _offer(graph, participant, recording, topic)
+
+
+def _offer(graph: Graph, participant: Participant, recording: Recording, topic: RecordedTopic) -> None:
+    name = topic.name.removesuffix(SERVICE_EVENTS)
+    registry = graph.registry
+    try:
+        event = registry.message(topic.type)
+        service = registry.service(topic.type.removesuffix(_EVENT))
+    except InterfaceError as error:
+        logger.warning("calls of %s are not answered: %s", name, error)
+        return
+    answers = _RecordedCalls(name, service)
+    for message in recording.messages([topic.name]):
+        answers.learn(topic, event, message)
+    if answers.known and graph.service(name) is None:
+        participant.advertise_service(name, service, answers.answer)
+
+
+class _RecordedCalls:
+    """Recorded responses of one service, by the CDR of the request."""
+
+    def __init__(self, name: str, service: ServiceType) -> None:
+        self._name = name
+        self._service = service
+        self._open: dict[tuple[bytes, int], bytes] = {}
+        self._responses: dict[bytes, list[Payload]] = {}
+        self._asked: dict[bytes, int] = {}
+
+    @property
+    def known(self) -> int:
+        return len(self._responses)
+
+    def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
+        try:
+            recorded: Any = read_payload(topic.encoding, event, message.data).value()
+            call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)
+            if recorded.info.event_type in _REQUESTS:
+                for request in recorded.request:
+                    self._open[call] = Payload.from_value(self._service.request, request).cdr()
+                return
+            for response in recorded.response:
+                # Client and server may both have published a call: the second event finds nothing open.
+                asked = self._open.pop(call, None)
+                if asked is not None:
+                    payload = Payload.from_value(self._service.response, response)
+                    self._responses.setdefault(asked, []).append(payload)
+        except InvalidMessage as error:
+            logger.warning("a recorded call of %s is left out: %s", self._name, error)
+
+    def answer(self, call: ServiceCall) -> None:
+        try:
+            request = call.request.cdr()
+        except InvalidMessage as error:
+            call.fail(str(error))
+            return
+        responses = self._responses.get(request)
+        if responses is None:
+            call.fail(f"the recording has no call of {self._name} with this request")
+            return
+        turn = self._asked.get(request, 0)
+        self._asked[request] = turn + 1
+        call.reply(responses[min(turn, len(responses) - 1)])

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 import msgspec
 
 from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
-
 
 Encoding = Literal["ros", "json"]
 """Encoding of messages: the serialisation of ROS (CDR, or that of ROS 1 on ROS 1), or JSON."""
@@ -45,10 +42,8 @@ class ChannelForm:
     """Description of one topic in an MCAP file.
 
     Attributes:
-        topic: absolute name.
         schema_name: the type's name, as its distribution spells it.
         schema_encoding: ``ros2msg``, ``ros1msg`` or ``jsonschema``.
-        schema: its text.
         message_encoding: ``cdr``, ``ros1`` or ``json``.
         metadata: quality of service and more, by key.
     """

@@ -119,7 +119,7 @@ class McapRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """The messages of `topics` from `start_ns` to before `end_ns`, by log time."""
+        """Yield messages; see :meth:`Recording.messages`."""
         with _opened(self._path) as file:
             for schema, channel, message in self.channel_messages(file, topics, start_ns, end_ns):
                 name = _type_name(channel, schema)
@@ -203,7 +203,6 @@ class _OpenChunk:
     """Unpacked chunk, and its next message.
 
     Attributes:
-        size: bytes of the content.
         message: the next message, after :meth:`advance`.
     """
 
@@ -219,7 +218,6 @@ class _OpenChunk:
         return self.message.log_time
 
     def advance(self) -> bool:
-        """Go to the next message. Returns False at the end."""
         position = next(self._positions, None)
         if position is None:
             return False
@@ -236,7 +234,6 @@ class _File(BufferedReader):
         self._size = os.fstat(self.fileno()).st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Up to `size` bytes; fewer at the end."""
         if size is None or size > _MUCH:
             size = min(self._size if size is None else size, max(0, self._size - self.tell()))
         return super().read(size)

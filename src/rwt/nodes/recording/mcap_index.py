@@ -82,9 +82,6 @@ class MessagePositions:
         self._ends = array("Q")
         self._is_sorted = True
 
-    def __len__(self) -> int:
-        return len(self._times)
-
     def add(self, log_time: int, begin: int, end: int) -> None:
         """Add a message."""
         times = self._times
@@ -210,11 +207,7 @@ def chunk_records(content: bytes | bytearray) -> Iterator[Head]:
 
 
 def message_positions(content: bytes | bytearray, wanted: MessageFilter) -> MessagePositions:
-    """Return the positions of selected messages in the content of a chunk.
-
-    Raises:
-        Exception: see :func:`chunk_records`.
-    """
+    """Return the positions of selected messages in the content of a chunk."""
     found = MessagePositions()
     for opcode, begin, end in chunk_records(content):
         if opcode == _MESSAGE_RECORD:
@@ -265,11 +258,7 @@ class _IndexBuilder:
         self._described_bytes = 0
 
     def describe(self, opcode: int, content: bytes) -> None:
-        """Add a schema or channel.
-
-        Raises:
-            Exception: it is damaged, or all of them are too large.
-        """
+        """Add a schema or channel."""
         self._described_bytes += len(content)
         if self._described_bytes > DESCRIPTION_BYTES:
             raise ValueError(f"schemas and channels are larger than {DESCRIPTION_BYTES} bytes")
@@ -282,15 +271,10 @@ class _IndexBuilder:
             self.summary.channels[channel.id] = channel
 
     def count(self, channel: int, messages: int = 1) -> None:
-        """Count messages."""
         self.counts[channel] = self.counts.get(channel, 0) + messages
 
     def add_chunk(self, content: bytes | bytearray) -> None:
-        """Add the content of a chunk.
-
-        Raises:
-            Exception: it is damaged.
-        """
+        """Add the content of a chunk."""
         counts: dict[int, int] = {}
         for opcode, begin, end in chunk_records(content):
             if opcode == _MESSAGE_RECORD:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from heapq import merge
+from collections.abc import Sequence
 from pathlib import Path
 
 from rwt.nodes.recording.errors import RecordingUnreadable, require
-from rwt.nodes.recording.recording import CHUNK_BYTES, RecordedMessage, Recording, merged_topics
+from rwt.nodes.recording.recording import CHUNK_BYTES, MergedRecording, Recording
 
 
 def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Recording:
@@ -25,7 +24,7 @@ def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Rec
         opened.extend(_open(path, chunk_bytes) for path in paths)
         if not opened:
             raise RecordingUnreadable("no recording was named")
-        return opened[0] if len(opened) == 1 else _Together(opened)
+        return opened[0] if len(opened) == 1 else MergedRecording(opened)
     except BaseException:
         for recording in opened:
             recording.close()
@@ -62,46 +61,15 @@ def _open_folder(path: Path, chunk_bytes: int) -> Recording:
     if not (path / "metadata.yaml").exists():
         raise RecordingUnreadable(f"{path} is no recording: a folder of rosbag2 has a file metadata.yaml")
     require("rosbags")
-    from rwt.nodes.recording.rosbag2_folders import FolderRecording, Rosbag2Folder
+    from rwt.nodes.recording.bags import FolderRecording, Rosbag2Folder
 
     folder = Rosbag2Folder(path, chunk_bytes)
     try:
         if folder.storage == "mcap":
-            files = [_open_mcap(file, chunk_bytes) for file in folder.files]
-            recording = _Together(files) if len(files) != 1 else files[0]
+            parts = [_open_mcap(file, chunk_bytes) for file in folder.files]
         else:
-            recording = _open_bag(folder.path, chunk_bytes)
+            parts = [_open_bag(folder.path, chunk_bytes)]
+        return FolderRecording(path, parts, folder, chunk_bytes)
     except BaseException:
         folder.close()
         raise
-    return FolderRecording(path, recording, folder, chunk_bytes)
-
-
-class _Together(Recording):
-    """Several recordings, merged."""
-
-    def __init__(self, parts: list[Recording]) -> None:
-        if len({part.distro.serialisation for part in parts}) > 1:
-            raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")
-        self._parts = parts
-        self.distro = parts[0].distro
-        self.paths = tuple(path for part in parts for path in part.paths)
-        self.complete = all(part.complete for part in parts)
-        filled = [part for part in parts if part.end_ns]
-        self.start_ns = min((part.start_ns for part in filled), default=0)
-        self.end_ns = max((part.end_ns for part in filled), default=0)
-        self.topics = merged_topics([topic for part in parts for topic in part.topics])
-
-    @property
-    def damaged(self) -> int:
-        return sum(part.damaged for part in self._parts)
-
-    def messages(
-        self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
-    ) -> Iterator[RecordedMessage]:
-        parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
-        return merge(*parts, key=lambda message: message.log_time)
-
-    def close(self) -> None:
-        for part in self._parts:
-            part.close()

@@ -5,25 +5,23 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
 from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
-from rwt.nodes.recording.writer import DEFAULT_OPTIONS, RecordingOptions, RecordingWriter
+from rwt.nodes.recording.writer import DEFAULT_OPTIONS, RecordedChannel, RecordingOptions, RecordingWriter
+from rwt_graph.api import Graph
 from rwt_graph.nodes.graph_robot import GraphRobot
 from rwt_interfaces import InvalidMessage, Payload
+from rwt_participant.api import Listed, RobotApi
 from rwt_participant.errors import UnknownType
 from rwt_participant.future import run_until_it_waits
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.writer import RecordedChannel
-    from rwt_graph.api import Graph
-    from rwt_participant.api import Listed, RobotApi
-    from rwt_participant.handles import Handle
-    from rwt_participant.messages import RawMessage
-    from rwt_participant.qos import QoS
-    from rwt_participant.timers import Timer
+from rwt_participant.handles import Handle
+from rwt_participant.messages import RawMessage
+from rwt_participant.qos import QoS
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 
@@ -249,6 +247,7 @@ def record_graph(
     return recorder
 
 
+@dataclass(eq=False, slots=True)
 class _RecordedTopic:
     """Subscription to one topic, with a channel for each type that it has had.
 
@@ -257,31 +256,28 @@ class _RecordedTopic:
         handle: subscription; None while the topic has no other users.
     """
 
-    __slots__ = ("_asked_ns", "_channels", "_name", "_recorder", "_stamps", "handle", "type")
-
-    def __init__(self, recorder: Recorder, name: str, type: str | None, asked_ns: int) -> None:
-        self.type = type
-        self.handle: Handle | None = None
-        self._recorder = recorder
-        self._name = name
-        self._asked_ns = asked_ns
-        self._channels: dict[str, RecordedChannel] = {}
-        self._stamps: dict[int, None] | None = None
+    recorder: Recorder
+    name: str
+    type: str | None
+    asked_ns: int
+    handle: Handle | None = None
+    channels: dict[str, RecordedChannel] = field(default_factory=dict)
+    stamps: dict[int, None] | None = None
 
     def receive(self, message: RawMessage) -> None:
         stamp = message.stamp_ns
-        channel = self._channels.get(message.type.name) or self._begin(message)
-        if self._stamps is None or stamp is None or not self._is_repeated(self._stamps, stamp):
-            self._recorder.record(channel, message, stamp)
+        channel = self.channels.get(message.type.name) or self._begin(message)
+        if self.stamps is None or stamp is None or not self._is_repeated(self.stamps, stamp):
+            self.recorder.record(channel, message, stamp)
 
     def _begin(self, message: RawMessage) -> RecordedChannel:
         stamp = message.stamp_ns
-        is_earlier = stamp is not None and stamp + EARLIER_NS < self._asked_ns
-        offered = self._recorder.offered_qos(self._name, is_earlier=is_earlier)
+        is_earlier = stamp is not None and stamp + EARLIER_NS < self.asked_ns
+        offered = self.recorder.offered_qos(self.name, is_earlier=is_earlier)
         if offered and self.type is not None:
-            self._stamps = {}
-        channel = self._recorder.begin_channel(self._name, message, offered)
-        self._channels[message.type.name] = channel
+            self.stamps = {}
+        channel = self.recorder.begin_channel(self.name, message, offered)
+        self.channels[message.type.name] = channel
         return channel
 
     def _is_repeated(self, stamps: dict[int, None], stamp: int) -> bool:

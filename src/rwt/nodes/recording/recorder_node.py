@@ -5,28 +5,26 @@ from __future__ import annotations
 import json
 import logging
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 import anyio.to_thread
 
+from rwt.nodes.mesh_files import file_chunks
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
 from rwt.nodes.recording.recorder import Recorder, record_graph
 from rwt.nodes.recording.recording import TopicSelection
-from rwt.nodes.recording.writer import RecordingOptions
+from rwt.nodes.recording.writer import RecordingOptions, RecordingWriter
+from rwt_graph.api import Graph
 from rwt_graph.nodes.node import Node
+from rwt_participant.messages import Message
+from rwt_participant.timers import Timer
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.writer import RecordingWriter
-    from rwt_graph.api import Graph
-    from rwt_participant.messages import Message
-    from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +34,6 @@ _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _FILE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\.mcap")
 PATH: Final = "/recordings"
 """Path of the list of recordings; each file is below it."""
-_CHUNK_BYTES: Final = 256 * 1024
 _MAX_LISTED: Final = 1000
 _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
@@ -120,14 +117,13 @@ class RecorderNode:
         if _FILE_NAME.fullmatch(name) is None or not path.is_file() or path.is_symlink():
             return HttpResponse(f"there is no recording {name[:80]!a} here\n".encode(), 404)
         headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
-        return HttpResponse(_chunks_of(path), content_type="application/octet-stream", headers=headers)
+        return HttpResponse(file_chunks(path), content_type="application/octet-stream", headers=headers)
 
     # Services
 
     async def _alone(
         self, act: Callable[[Message], Awaitable[dict[str, object]]], request: Message
     ) -> dict[str, object]:
-        """Run one change of the recording at a time; return its outcome or error."""
         if self._is_changing:
             return _refusal("another recording is just being started or ended; ask again")
         self._is_changing = True
@@ -171,9 +167,13 @@ class RecorderNode:
         return {"success": True, "message": "", "file": path.name}
 
     async def _stop(self, request: Message) -> dict[str, object]:
-        if self._recorder is None:
+        recorder = self._forget("")
+        if recorder is None:
             return _refusal("nothing is being recorded")
-        await self._end("")
+        try:
+            await anyio.to_thread.run_sync(recorder.writer.close)
+        finally:
+            self._note(recorder)
         return {"success": True, "message": "", "file": self._state["file"]}
 
     # The recording
@@ -197,14 +197,6 @@ class RecorderNode:
         elif recorder.writer.failure is not None and not self._is_changing:
             self._close_now(str(recorder.writer.failure).replace(f"{self._folder}/", ""))
         self._publish_state()
-
-    async def _end(self, problem: str) -> None:
-        recorder = self._forget(problem)
-        if recorder is not None:
-            try:
-                await anyio.to_thread.run_sync(recorder.writer.close)
-            finally:
-                self._note(recorder)
 
     def _close_now(self, problem: str) -> None:
         """Stop without waiting: the writer's thread writes the rest."""
@@ -253,7 +245,6 @@ def _refusal(text: str) -> dict[str, object]:
 
 
 def _files_in(folder: Path) -> list[dict[str, object]]:
-    """Return name, size and time of the last change of recordings, the newest first."""
     files = [
         (each.stat(), each.name)
         for each in folder.iterdir()
@@ -263,12 +254,6 @@ def _files_in(folder: Path) -> list[dict[str, object]]:
     return [
         {"name": name, "bytes": stat.st_size, "modified": stat.st_mtime} for stat, name in files[:_MAX_LISTED]
     ]
-
-
-async def _chunks_of(path: Path) -> AsyncIterator[bytes]:
-    async with await anyio.open_file(path, "rb") as file:
-        while chunk := await file.read(_CHUNK_BYTES):
-            yield chunk
 
 
 def _bytes_in(folder: Path) -> int:

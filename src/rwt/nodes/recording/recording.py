@@ -6,11 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from heapq import merge
 from pathlib import Path
 from typing import Final, Literal, Self
 
 from msgspec import Struct
 
+from rwt.nodes.recording.errors import RecordingUnreadable
 from rwt_interfaces.distro import Distro
 from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 from rwt_participant.qos import QoS
@@ -46,11 +48,9 @@ class RecordedMessage(Struct, frozen=True, gc=False):
     """Message of a recording.
 
     Attributes:
-        topic: absolute name of the topic.
         type: the type's name as it was recorded.
         log_time: time of recording, nanoseconds since the epoch.
         publish_time: time of publishing, nanoseconds since the epoch.
-        data: message in the topic's encoding.
     """
 
     topic: str
@@ -88,6 +88,9 @@ class Recording(ABC):
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of `topics` (None: all) from `start_ns` to before `end_ns`, by log time, then
         file order.
+
+        Raises:
+            RecordingUnreadable: what comes next is damaged.
         """
 
     @abstractmethod
@@ -117,6 +120,39 @@ def merged_topics(topics: list[RecordedTopic]) -> tuple[RecordedTopic, ...]:
             known.name, known.type, known.encoding, known.definition, count, offered_qos
         )
     return tuple(sorted(found.values(), key=lambda topic: (topic.name, topic.type)))
+
+
+class MergedRecording(Recording):
+    """Several recordings as one."""
+
+    def __init__(self, parts: list[Recording]) -> None:
+        if len({part.distro.serialisation for part in parts}) > 1:
+            raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")
+        self._parts = parts
+        self.distro = parts[0].distro
+        self.paths = tuple(path for part in parts for path in part.paths)
+        self.complete = all(part.complete for part in parts)
+        filled = [part for part in parts if part.end_ns]
+        self.start_ns = min((part.start_ns for part in filled), default=0)
+        self.end_ns = max((part.end_ns for part in filled), default=0)
+        self.topics = merged_topics([topic for part in parts for topic in part.topics])
+
+    @property
+    def damaged(self) -> int:
+        """Sum of the places of all."""
+        return sum(part.damaged for part in self._parts)
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
+    ) -> Iterator[RecordedMessage]:
+        """Yield the messages of all; see :meth:`Recording.messages`."""
+        parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
+        return merge(*parts, key=lambda message: message.log_time)
+
+    def close(self) -> None:
+        """Close all."""
+        for part in self._parts:
+            part.close()
 
 
 @dataclass(frozen=True, slots=True)

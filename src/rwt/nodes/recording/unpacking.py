@@ -5,18 +5,10 @@ from __future__ import annotations
 from bz2 import BZ2Decompressor
 from collections.abc import Iterator
 from io import BytesIO
-from typing import IO, Final, Protocol
+from typing import IO, Final, cast
 
 _PIECE_BYTES: Final = 1024 * 1024
 _INPUT_BYTES: Final = 64 * 1024
-
-
-class _Decompressor(Protocol):
-    @property
-    def eof(self) -> bool: ...
-    @property
-    def needs_input(self) -> bool: ...
-    def decompress(self, data: bytes, max_length: int) -> bytes: ...
 
 
 def unpack(data: bytes, compression: str, most_bytes: int) -> bytes | bytearray:
@@ -72,12 +64,11 @@ def unpacked_pieces(source: IO[bytes], compression: str) -> Iterator[bytes]:
             return
 
 
-def _decompressor(compression: str) -> _Decompressor:
+def _decompressor(compression: str) -> BZ2Decompressor:
     if compression == "bz2":
         return BZ2Decompressor()
     if compression == "lz4":
         from lz4.frame import LZ4FrameDecompressor
 
-        found: _Decompressor = LZ4FrameDecompressor()
-        return found
+        return cast("BZ2Decompressor", LZ4FrameDecompressor())  # It has the same methods.
     raise ValueError(f"the compression {compression[:40]!r} is not supported")

@@ -64,7 +64,6 @@ class RecordingOptions:
 
     Attributes:
         encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
-        split: condition for a new file.
         dated: True if the name contains codes of :func:`time.strftime`. If the file is there already, its
             name gets a number.
         largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
@@ -81,20 +80,17 @@ class RecordingOptions:
 DEFAULT_OPTIONS: Final = RecordingOptions()
 
 
+@dataclass(eq=False, slots=True)
 class RecordedChannel:
     """Topic of one type in the recording, with counters.
 
     Attributes:
-        form: description of the topic in the file.
         size: bytes of their content.
     """
 
-    __slots__ = ("form", "messages", "size")
-
-    def __init__(self, form: ChannelForm) -> None:
-        self.form = form
-        self.messages = 0
-        self.size = 0
+    form: ChannelForm
+    messages: int = 0
+    size: int = 0
 
 
 _Item = tuple[RecordedChannel, int, int, "bytes | memoryview", int]
@@ -107,8 +103,6 @@ class RecordingWriter:
         path: file to write; with `options.split` the first is `NAME_0000.mcap`.
 
     Attributes:
-        options: format and limits.
-        channels: recorded topics.
         dropped: number of messages that the disk was too slow for.
         failure: error that ended writing; None without one.
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import socket
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rwt.nodes.rosapi.service import CONVENTIONS, Answer, Service
+from rwt_graph.api import TopicInfo
 from rwt_graph.disclosure import NOTHING, AsksAbout, Lists, ListsProviders
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
+from rwt_graph.nodes.node import Node
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.names import two_part
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.errors import ServiceFailed
-
-if TYPE_CHECKING:
-    from rwt_graph.api import TopicInfo
-    from rwt_graph.nodes.node import Node
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 #: Suffixes of an actionlib server's topics; all five together are a ROS 1 action (API-12).
 _ACTIONLIB = ("cancel", "feedback", "goal", "result", "status")

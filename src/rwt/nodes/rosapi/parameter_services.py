@@ -9,16 +9,14 @@ from __future__ import annotations
 import json
 import re
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 
 from rwt.nodes.rosapi.service import CONVENTIONS, Answer, Service
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
+from rwt_graph.nodes.node import Node
 from rwt_participant.errors import NotFound, RobotError, ServiceFailed
-
-if TYPE_CHECKING:
-    from rwt_graph.nodes.node import Node
 
 _DESCRIPTION = "robot_description"
 
@@ -59,7 +57,6 @@ async def get_param(node: Node, request: Any) -> Answer:
 
 
 def _as_json(default: str) -> str:
-    """Return a default as JSON text: unchanged if it is JSON, otherwise as a string."""
     if not default:
         return "null"
     try:
@@ -70,7 +67,6 @@ def _as_json(default: str) -> str:
 
 
 def _is_bounded(text: str) -> bool:
-    """Return True if JSON has at most as many values as a parameter may have."""
     if _values(text) <= MOST_VALUES:
         return True
     if len(text) > _LONG_TEXT:

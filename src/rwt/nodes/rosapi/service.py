@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from rwt_graph.disclosure import Disclosure
+from rwt_graph.nodes.node import Node
 from rwt_interfaces.payload import Payload
 from rwt_participant.future import run_until_it_waits
-
-if TYPE_CHECKING:
-    from rwt_graph.disclosure import Disclosure
-    from rwt_graph.nodes.node import Node
-    from rwt_participant.messages import ServiceHandler
+from rwt_participant.messages import ServiceHandler
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +19,6 @@ class Conventions:
     """rosapi of one distribution.
 
     Attributes:
-        package: package of the service types.
         has_version: True if `get_ros_version` is offered. Clients recognise ROS 1 by its absence.
         has_idl_names: True if scalars have the names of IDL (API-04).
         reports_failures: True if responses about parameters have ``successful`` and ``reason``. Otherwise the

@@ -5,22 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 
 from rwt.nodes.tf.streams import CpuBudget, GoalStream, TopicStream
 from rwt.nodes.tf.transform_filters import InvalidRequest, MissingFrames, Request, make_filter
-from rwt_graph import Node
+from rwt_graph import Graph, Node
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import GoalAborted, GoalCanceled, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message
 from rwt_tf2 import Buffer, Feed, stamp_ns
-
-if TYPE_CHECKING:
-    from rwt_graph import Graph
-
 
 NAME: Final = "/tf2_web_republisher"
 SERVICE: Final = "/republish_tfs"

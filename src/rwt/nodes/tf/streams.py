@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from time import thread_time
-from typing import Final
+from typing import ClassVar, Final
 
 from rwt.nodes.tf.transform_filters import TargetFrameFilter, TreeFilter
 from rwt_graph import Node, Timer, TopicPublisher
@@ -37,6 +38,7 @@ def _rounded(stamped: StampedTransform) -> StampedTransform:
     )
 
 
+@dataclass(eq=False)
 class GoalStream:
     """Stream of transforms as feedback of one goal.
 
@@ -44,46 +46,40 @@ class GoalStream:
         reason: reason why it was stopped; empty while it runs.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        buffer: Buffer,
-        filter_: TargetFrameFilter | TreeFilter,
-        budget: CpuBudget,
-        goal: ReceivedGoal,
-        end: Callable[[], None],
-    ) -> None:
-        self.reason = ""
-        self._budget = budget
-        self._clock = node.clock
-        self._buffer = buffer
-        self._filter = filter_
-        self._goal = goal
-        self._end = end
-        self._taken_at = self._clock.monotonic()
+    node: Node
+    buffer: Buffer
+    filter_: TargetFrameFilter | TreeFilter
+    budget: CpuBudget
+    goal: ReceivedGoal
+    end: Callable[[], None]
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        self._taken_at = self.node.clock.monotonic()
 
     def tick(self) -> None:
         """Send the transforms that are due, if any (TFR-06)."""
-        now = self._clock.monotonic()
-        if not self._goal.feedback_wanted:
-            self._filter.forget()
+        now = self.node.clock.monotonic()
+        if not self.goal.feedback_wanted:
+            self.filter_.forget()
             if now - self._taken_at >= FEEDBACK_TIMEOUT:
                 self.stop(f"no client took the feedback for {FEEDBACK_TIMEOUT:g} s")
             return
         self._taken_at = now
-        self._budget.turn(self._send)
+        self.budget.turn(self._send)
 
     def _send(self) -> None:
-        due = self._filter.due(self._buffer, self._clock.time_ns())
+        due = self.filter_.due(self.buffer, self.node.clock.time_ns())
         if due:
-            self._goal.publish_feedback(to_message(due))
+            self.goal.publish_feedback(to_message(due))
 
     def stop(self, reason: str) -> None:
         """End the goal as aborted."""
         self.reason = reason
-        self._end()
+        self.end()
 
 
+@dataclass(eq=False)
 class TopicStream:
     """Stream on a topic, for one call of the service (TFR-09).
 
@@ -91,49 +87,41 @@ class TopicStream:
     each new one receives all transforms.
     """
 
-    QOS: Final = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
+    QOS: ClassVar = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
 
-    def __init__(
-        self,
-        node: Node,
-        buffer: Buffer,
-        filter_: TargetFrameFilter | TreeFilter,
-        budget: CpuBudget,
-        publisher: TopicPublisher,
-        timeout: float,
-        ended: Callable[[], object],
-    ) -> None:
-        self._node = node
-        self._buffer = buffer
-        self._filter = filter_
-        self._budget = budget
-        self._publisher = publisher
-        self._timeout = timeout
-        self._ended = ended
+    node: Node
+    buffer: Buffer
+    filter_: TargetFrameFilter | TreeFilter
+    budget: CpuBudget
+    publisher: TopicPublisher
+    timeout: float
+    ended: Callable[[], object]
+
+    def __post_init__(self) -> None:
         self._timer: Timer | None = None
         self._subscribers = 0
-        self._subscribed_at = node.clock.monotonic()
+        self._subscribed_at = self.node.clock.monotonic()
 
     def start(self, period: float) -> None:
         """Begin to publish every `period` seconds."""
-        self._timer = self._node.create_timer(period, self._tick)
+        self._timer = self.node.create_timer(period, self._tick)
 
     def _tick(self) -> None:
-        now = self._node.clock.monotonic()
-        subscribers = self._publisher.subscriber_count
+        now = self.node.clock.monotonic()
+        subscribers = self.publisher.subscriber_count
         if subscribers > self._subscribers:
-            self._filter.forget()
+            self.filter_.forget()
         self._subscribers = subscribers
         if subscribers:
             self._subscribed_at = now
-            self._budget.turn(self._publish)
-        elif now - self._subscribed_at >= self._timeout:
+            self.budget.turn(self._publish)
+        elif now - self._subscribed_at >= self.timeout:
             self.stop("")
 
     def _publish(self) -> None:
-        due = self._filter.due(self._buffer, self._node.clock.time_ns())
+        due = self.filter_.due(self.buffer, self.node.clock.time_ns())
         if due:
-            self._publisher.publish(to_message(due))
+            self.publisher.publish(to_message(due))
 
     def stop(self, reason: str) -> None:
         """Withdraw the topic. The reason is ignored: only goals have a client to send it to."""
@@ -141,8 +129,8 @@ class TopicStream:
             return
         self._timer.cancel()
         self._timer = None
-        self._publisher.close()
-        self._ended()
+        self.publisher.close()
+        self.ended()
 
 
 CPU_FRACTION: Final = 0.25
@@ -153,6 +141,7 @@ _NEWEST: Final = 0.2
 """Weight of the last turn in the moving average of its duration: one delayed turn must not slow a stream."""
 
 
+@dataclass(eq=False)
 class CpuBudget:
     """CPU budget of one stream: it pauses after each turn to stay within its part of :data:`CPU_FRACTION`.
 
@@ -161,24 +150,18 @@ class CpuBudget:
         worked: returns the CPU seconds of this thread.
     """
 
-    def __init__(
-        self,
-        monotonic: Callable[[], float],
-        streams: Callable[[], int],
-        worked: Callable[[], float] = thread_time,
-    ) -> None:
-        self._monotonic = monotonic
-        self._streams = streams
-        self._worked = worked
-        self._usual = 0.0
-        self._rests_until = float("-inf")
+    monotonic: Callable[[], float]
+    streams: Callable[[], int]
+    worked: Callable[[], float] = thread_time
+    _usual: float = field(default=0.0, init=False)
+    _rests_until: float = field(default=float("-inf"), init=False)
 
     def turn(self, work: Callable[[], None]) -> None:
         """Run `work`, unless the stream pauses."""
-        now = self._monotonic()
+        now = self.monotonic()
         if now < self._rests_until:
             return
-        began = self._worked()
+        began = self.worked()
         work()
-        self._usual += _NEWEST * (self._worked() - began - self._usual)
-        self._rests_until = now + self._usual * self._streams() / CPU_FRACTION
+        self._usual += _NEWEST * (self.worked() - began - self._usual)
+        self._rests_until = now + self._usual * self.streams() / CPU_FRACTION

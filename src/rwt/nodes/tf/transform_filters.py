@@ -232,7 +232,6 @@ class TreeFilter(TransformFilter[StampedTransform]):
 
 
 def _poses(edges: Mapping[str, StampedTransform]) -> dict[str, Transform]:
-    """Return the pose of each frame in its root; `edges` has parents first."""
     poses: dict[str, Transform] = {}
     for frame, edge in edges.items():
         poses[frame] = poses.get(edge.parent, IDENTITY) @ edge.transform

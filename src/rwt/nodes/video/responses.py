@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from html import escape
 from typing import Final
 from urllib.parse import parse_qsl, urlencode
@@ -13,18 +14,14 @@ from rwt.media.encoders.encoded import Encoded, Track
 from rwt.media.encoders.mp4 import Mp4
 from rwt.media.encoders.webm import Webm
 from rwt.media.errors import RequestRefused
-from rwt.media.stream_metrics import Counts
-from rwt.media.stream_request import StreamRequest
-from rwt.nodes.video.quality_ladder import QualityLadder
+from rwt.media.stream_request import Jpeg, StreamRequest
 
 BOUNDARY: Final = "boundarydonotcross"
 MULTIPART: Final = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
 
-Join = Callable[[], Viewer]
-
 
 async def multipart(
-    join: Callable[[StreamRequest], Viewer], ladder: QualityLadder, counts: Counts, now: Callable[[], float]
+    join: Callable[[StreamRequest], Viewer], ladder: QualityLadder, now: Callable[[], float]
 ) -> AsyncGenerator[bytes, None]:
     """Send images as parts (RFC 2046 section 5.1), in a quality for the viewer's connection.
 
@@ -32,8 +29,6 @@ async def multipart(
 
     Args:
         join: adds a viewer; raises `RequestRefused` if there is no room for a further encoder.
-        ladder: selects the quality.
-        counts: statistics of the stream.
         now: returns the seconds of a steady clock.
     """
     request = ladder.request
@@ -42,8 +37,7 @@ async def multipart(
         yield f"--{BOUNDARY}\r\n".encode()
         while (image := await viewer.next()) is not None:
             part = _part(image)
-            counts.sent += 1
-            counts.sent_bytes += len(part)
+            viewer.count_sent(len(part))
             began = now()
             yield part
             ladder.delivered(now() - began, now())
@@ -71,7 +65,7 @@ def timestamp(image: Encoded) -> str:
     return f"{seconds}.{rest:06d}"
 
 
-async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
+async def video_stream(join: Callable[[], Viewer]) -> AsyncGenerator[bytes, None]:
     """Send a video that begins with the viewer's first image, at time 0. Frames that are late when the
     connection can take them are left out.
     """
@@ -86,8 +80,7 @@ async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None
                 container, began = _container(image.track), image.at_ms
                 opening = container.header()
             part = opening + container.frame(image.data, image.at_ms - began, key=image.key)
-            counts.sent += 1
-            counts.sent_bytes += len(part)
+            viewer.count_sent(len(part))
             yield part
             viewer.skip_late()
     finally:
@@ -141,8 +134,6 @@ def topic_list(topics: Iterable[str], infos: Sequence[str], query: str) -> str:
     """Return the image topics with links as HTML, grouped by camera.
 
     Args:
-        topics: image topics, sorted.
-        infos: topics of camera infos.
         query: query of the enclosing page: its token is added to the links.
     """
     bases = [info.removesuffix("camera_info") for info in infos if info.endswith("/camera_info")]
@@ -167,3 +158,63 @@ def _links(topic: str, shown: str, query: str) -> str:
         f'<li><a href="stream_viewer?{asked}">{escape(shown)}</a>'
         f' (<a href="stream?{asked}">Stream</a>) (<a href="snapshot?{asked}">Snapshot</a>)'
     )
+
+
+RUNGS: Final = (Jpeg(), Jpeg(60), Jpeg(40, 0.75), Jpeg(25, 0.5), Jpeg(15, 0.5))
+"""Images for slower and slower connections. Viewers on the same rung share an encoder."""
+SLOW_SECONDS: Final = 0.2
+"""Delivery time of an image above which smaller ones are sent."""
+VERY_SLOW_SECONDS: Final = 0.6
+FAST_SECONDS: Final = 0.07
+"""Delivery time below which larger ones are tried."""
+PATIENCE_SECONDS: Final = 4.0
+"""Time of fast deliveries before that."""
+MAX_PATIENCE_SECONDS: Final = 32.0
+
+
+class QualityLadder:
+    """Quality ladder of one viewer.
+
+    Args:
+        request: request of the viewer. A quality or size that it names is kept, and so are messages that it
+            wants unchanged.
+        now: time in seconds of a steady clock.
+
+    Attributes:
+        rung: index of the present request.
+    """
+
+    def __init__(self, request: StreamRequest, now: float) -> None:
+        is_free = (
+            request.coding == Jpeg()
+            and request.width is None
+            and request.height is None
+            and not request.prefers_compressed
+        )
+        self._requests = tuple(replace(request, coding=each) for each in RUNGS) if is_free else (request,)
+        self.rung = 0
+        self._fast_since = now
+        self._raised_at: float | None = None
+        self._patience = PATIENCE_SECONDS
+
+    @property
+    def request(self) -> StreamRequest:
+        """Present request."""
+        return self._requests[self.rung]
+
+    def delivered(self, seconds: float, now: float) -> None:
+        """Handle the delivery time of an image."""
+        if seconds > SLOW_SECONDS:
+            if self._raised_at is not None and now - self._raised_at < self._patience:
+                self._patience = min(2 * self._patience, MAX_PATIENCE_SECONDS)
+            self._raised_at = None
+            step = 2 if seconds > VERY_SLOW_SECONDS else 1
+            self.rung = min(self.rung + step, len(self._requests) - 1)
+            self._fast_since = now
+        elif seconds > FAST_SECONDS:
+            self._fast_since = now
+        elif self.rung and now - self._fast_since >= self._patience:
+            if self._raised_at is not None:
+                self._patience = PATIENCE_SECONDS  # The last step up lasted.
+            self.rung -= 1
+            self._fast_since = self._raised_at = now

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Awaitable, Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Final
@@ -17,17 +18,16 @@ from rwt.media.encoders.webm import TYPE as WEBM
 from rwt.media.errors import ImageUnreadable, RequestRefused
 from rwt.media.stream_metrics import StreamMetrics
 from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest, Video, read_request
-from rwt.nodes.video.quality_ladder import QualityLadder
 from rwt.nodes.video.responses import (
     MULTIPART,
     VIDEO_SCRIPT,
+    QualityLadder,
     multipart,
     timestamp,
     topic_list,
     video_stream,
     viewer_page,
 )
-from rwt.nodes.video.topics import INFO, VisibleTopics
 from rwt_graph import Graph, Node
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import (
@@ -41,6 +41,70 @@ from rwt_transports.http.routes import (
     Work,
     page_policy,
 )
+
+INFO: Final = "sensor_msgs/CameraInfo"
+
+
+class VisibleTopics:
+    """Topics of a graph that one reader may subscribe to.
+
+    The pages of this package have no other access to the graph, so they cannot reveal a hidden topic.
+    """
+
+    def __init__(self, graph: Graph, reader: Reader) -> None:
+        self._graph = graph
+        self.reader = reader
+
+    def of_types(self, *types: str) -> list[str]:
+        """Return the topics of some types (two-part names), sorted."""
+        return sorted(
+            topic.name
+            for topic in self._graph.topics()
+            if topic.type is not None and topic.type.name in types and self.reader.may_subscribe(topic.name)
+        )
+
+    def type_of(self, topic: str) -> str | None:
+        """Return the two-part type name of a topic; None if it is hidden, unknown or without a type."""
+        info = self._graph.topic(topic) if self.reader.may_subscribe(topic) else None
+        return info.type.name if info is not None and info.type is not None else None
+
+    def require(self, topic: str) -> None:
+        """Check that the reader may subscribe to a topic, whether it exists or not.
+
+        Raises:
+            RequestRefused: the reader may not (403).
+        """
+        if not self.reader.may_subscribe(topic):
+            raise RequestRefused(403, f"you may not subscribe to {topic}")
+
+    def resolve(self, request: StreamRequest) -> StreamRequest | None:
+        """Return the request with the topic to subscribe to; None if there is none yet.
+
+        Compressed images have a topic below the raw ones, as in image_transport. It is used on request, and
+        if there is no raw topic (where web_video_server shows nothing).
+
+        Raises:
+            RequestRefused: the topic has no images (400).
+        """
+        own = self.type_of(request.topic)
+        below = "compressedDepth" if request.transport == "compressedDepth" else "compressed"
+        compressed = f"{request.topic}/{below}"
+        has_compressed = self.type_of(compressed) == COMPRESSED
+        wants_compressed = request.prefers_compressed or request.transport != "raw"
+        if has_compressed and (wants_compressed or own is None):
+            return replace(request, topic=compressed, transport="raw")
+        if own is None:
+            return None
+        if own not in (RAW, COMPRESSED):
+            raise RequestRefused(400, f"{request.topic} is a {own}; pictures are {RAW} and {COMPRESSED}")
+        passes_on = request.prefers_compressed and own == COMPRESSED
+        return replace(request, transport="raw", prefers_compressed=passes_on)
+
+    def not_found(self, topic: str) -> RequestRefused:
+        """Return the error for a missing topic, with the topics that exist."""
+        known = ", ".join(self.of_types(RAW, COMPRESSED)) or "none"
+        return RequestRefused(404, f"there is no topic {topic}; image topics are: {known}")
+
 
 NAME: Final = "web_video_server"
 #: Seconds to wait for a topic that is not there yet, and for a snapshot's image.
@@ -127,14 +191,13 @@ class WebVideoServer:
 
     def _metrics(self) -> Iterator[MetricFamily]:
         return self._stream_metrics.families(
-            (request.topic, request.type, len(broadcast.viewers))
+            (request.topic, request.type, len(broadcast.listeners))
             for request, broadcast in self._broadcasts.items()
         )
 
     # -- pages ---------------------------------------------------------------------------------------------
 
     async def _answer(self, page: _Page, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """Answer a page about a topic, for a reader that may subscribe to it."""
         try:
             stream = read_request(request.query)
             topics = VisibleTopics(self._node.graph, reader)
@@ -148,15 +211,13 @@ class WebVideoServer:
     ) -> HttpResponse:
         stream = await self._resolved(stream, topics)
         self.check_room(stream)
-        counts = self._stream_metrics.of(stream.topic, stream.type)
         if not isinstance(stream.coding, Video):
             ladder = QualityLadder(stream, self._now())
-            images = multipart(partial(self._join_checked, topics.reader), ladder, counts, self._now)
+            images = multipart(partial(self._join_checked, topics.reader), ladder, self._now)
             return HttpResponse(images, content_type=MULTIPART, headers=_NO_CACHE, is_live=True)
         join = partial(self._join_while_allowed, stream, topics.reader)
         media_type = MP4 if stream.type == "h264" else WEBM
-        video = video_stream(join, counts)
-        return HttpResponse(video, content_type=media_type, headers=_NO_CACHE, is_live=True)
+        return HttpResponse(video_stream(join), content_type=media_type, headers=_NO_CACHE, is_live=True)
 
     async def _viewer(
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
@@ -176,9 +237,6 @@ class WebVideoServer:
         self.check_room(stream)
         image = await self._one_image(stream, topics.reader.work)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
-        counts = self._stream_metrics.of(stream.topic, stream.type)
-        counts.sent += 1
-        counts.sent_bytes += len(image.data)
         return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
     async def _one_image(self, stream: StreamRequest, work: Work) -> Encoded:
@@ -189,6 +247,7 @@ class WebVideoServer:
         finally:
             viewer.leave()
         if image is not None:
+            viewer.count_sent(len(image.data))
             return image
         if viewer.failure is not None:
             raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
@@ -197,7 +256,6 @@ class WebVideoServer:
     # -- sharing -------------------------------------------------------------------------------------------
 
     async def _resolved(self, stream: StreamRequest, topics: VisibleTopics) -> StreamRequest:
-        """Return the request with its topic resolved, after a short wait for a missing topic."""
         _check_codec(stream)
         until = anyio.current_time() + PATIENCE
         while (resolved := topics.resolve(stream)) is None:
@@ -212,7 +270,7 @@ class WebVideoServer:
         Raises:
             RequestRefused: a limit is reached.
         """
-        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.viewers]
+        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.listeners]
         if len(viewers) >= self._most_viewers:
             # Whose connection takes nothing makes place for who wants to look.
             stalled = [viewer for viewer in viewers if viewer.has_stalled]
@@ -253,7 +311,6 @@ class WebVideoServer:
             raise
 
     def _join(self, stream: StreamRequest, work: Work) -> Viewer:
-        """Add a viewer; the first one starts the encoder."""
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
             counts = self._stream_metrics.of(stream.topic, stream.type)
@@ -263,7 +320,7 @@ class WebVideoServer:
                 partial(_make_encoder, stream, partial(self._reserve, stream)),
                 self._threads,
                 counts,
-                self._ended,
+                partial(self._broadcasts.pop, stream),
                 self._now,
             )
             self._broadcasts[stream] = broadcast
@@ -279,17 +336,12 @@ class WebVideoServer:
         return RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
-        """Add a viewer that ends when its reader may no longer subscribe to the topic."""
         viewer = self._join(stream, reader.work)
         try:
             viewer.when_ended = reader.while_allowed((stream.topic,), viewer.cut)
         except Refused as refused:
             viewer.cut(refused.reason)
         return viewer
-
-    def _ended(self, broadcast: Broadcast) -> None:
-        if self._broadcasts.get(broadcast.request) is broadcast:
-            del self._broadcasts[broadcast.request]
 
 
 def _counted(stream: StreamRequest, pixels: int) -> int:

@@ -13,7 +13,7 @@ from rwt.access.settings import SettingsError
 from rwt.server import Server
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, from_text, load_settings
-from rwt.testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
+from rwt.testing import ObservedGraph, ObservedWire, ScriptedRobot
 from rwt.testing.expectations import TIMEOUT_SECONDS, block_until, wait_until
 from rwt.testing.pytest_plugin.options import Options
 from rwt.testing.virtual_time import VirtualTime
@@ -34,23 +34,17 @@ class RobotServer:
     Attributes:
         url: ``ws://127.0.0.1:PORT``.
         host: ``127.0.0.1``.
+        faults: faults of the wire.
+        transcript: transcript of the wire.
     """
 
     def __init__(self, url: str, wire: ObservedWire) -> None:
         self.url = url
         self.host, _, port = url.removeprefix("ws://").partition(":")
         self.port = int(port)
+        self.faults = wire.faults
+        self.transcript = wire.transcript
         self._wire = wire
-
-    @property
-    def faults(self) -> Faults:
-        """Faults of the wire."""
-        return self._wire.faults
-
-    @property
-    def transcript(self) -> Transcript:
-        """Transcript of the wire."""
-        return self._wire.transcript
 
     @property
     def client_count(self) -> int:

@@ -21,8 +21,6 @@ class Options:
     """Options of a robot and its server.
 
     Attributes:
-        demo: True to run the demo robot.
-        interfaces: folders of interface files.
         settings: server settings by dotted key; those from the ini file are strings.
         virtual: True to simulate time.
     """

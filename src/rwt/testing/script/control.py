@@ -5,23 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rwt.testing.errors import ScriptError
-from rwt.testing.journal import OF_THE_SERVER, Kind, Received
-from rwt.testing.script.errors import read_script
+from rwt.testing.journal import OF_THE_SERVER, Kind, ObservedGraph, Received
+from rwt.testing.script.file import FaultScript, read_script
 from rwt.testing.script.program import ProgramRobot, read_program
 from rwt.testing.script.robot import SteppedTopic, TomlRobot, inject
+from rwt.testing.scripted.robot import ScriptedRobot
+from rwt.testing.wire.observed import ObservedWire
 from rwt_graph.nodes.node import Node
-from rwt_participant.messages import Message, MessageLike
-
-if TYPE_CHECKING:
-    from rwt.testing.observed_graph import ObservedGraph
-    from rwt.testing.script.file import FaultScript
-    from rwt.testing.scripted.robot import ScriptedRobot
-    from rwt.testing.wire.observed import ObservedWire
-    from rwt_participant.handles import Handle
-    from rwt_participant.messages import ParameterValue
+from rwt_participant.handles import Handle
+from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 #: Node of the control services, and prefix of their names.
 CONTROL = "/rwt_script"
@@ -135,7 +129,6 @@ class ScriptControl:
 
 
 def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[ParameterValue]]:
-    """Return what clients have sent, by name, as they see it."""
     chosen = {
         name: [json.loads(entry.json) for entry in kept if entry.node in _CLIENTS]
         for name, kept in entries.items()

@@ -11,15 +11,12 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from pathlib import Path
 from types import ModuleType, TracebackType
-from typing import TYPE_CHECKING
 
 import anyio
 
 from rwt.testing.errors import ScriptError, instead
+from rwt.testing.journal import ObservedGraph
 from rwt.testing.scripted.robot import ScriptedRobot
-
-if TYPE_CHECKING:
-    from rwt.testing.observed_graph import ObservedGraph
 
 logger = logging.getLogger(__name__)
 
@@ -108,7 +105,6 @@ def _named(error: Exception) -> str:
 
 
 def _place(file: Path, trace: TracebackType | None) -> str:
-    """Return the file, with its line that is nearest to the error."""
     frames = traceback.extract_tb(trace)
     here = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
     return f"{file}:{here[-1]}" if here else str(file)

@@ -5,34 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rwt.testing.errors import ScriptError
-from rwt.testing.script.errors import dotted, read_recorded
+from rwt.testing.journal import ObservedGraph
+from rwt.testing.script.file import (
+    ActionScript,
+    AnswerScript,
+    FaultScript,
+    Script,
+    ServiceScript,
+    TopicScript,
+    dotted,
+    read_recorded,
+)
 from rwt.testing.scripted.robot import ScriptedRobot
+from rwt.testing.scripted.service import Case, ScriptedService
+from rwt.testing.scripted.topic import ScriptedTopic
+from rwt.testing.wire.faults import Faults, Scope
 from rwt_participant.errors import RobotError
-
-if TYPE_CHECKING:
-    from rwt.testing.observed_graph import ObservedGraph
-    from rwt.testing.script.file import (
-        ActionScript,
-        AnswerScript,
-        FaultScript,
-        Script,
-        ServiceScript,
-        TopicScript,
-    )
-    from rwt.testing.scripted.service import Case, ScriptedService
-    from rwt.testing.scripted.topic import ScriptedTopic
-    from rwt.testing.wire.faults import Faults, Scope
 
 
 class SteppedTopic:
-    """Topic whose messages are published one at a time, by :meth:`step`.
-
-    Attributes:
-        name: absolute name.
-    """
+    """Topic whose messages are published one at a time, by :meth:`step`."""
 
     def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
         self.name = topic.name

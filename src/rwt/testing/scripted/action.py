@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import anyio
 
 from rwt.testing.errors import check_messages
-from rwt.testing.journal import Kind, Received
+from rwt.testing.journal import Journal, Kind, Received
+from rwt_graph.clock import Clock
+from rwt_interfaces.structs import ActionType, MessageType
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import Execute, ReceivedGoal
 from rwt_participant.messages import Message, MessageLike, to_payload
-
-if TYPE_CHECKING:
-    from rwt.testing.journal import Journal
-    from rwt_graph.clock import Clock
-    from rwt_interfaces.structs import ActionType, MessageType
 
 
 class ScriptedAction:

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
 from rwt.testing.errors import ScriptError
 from rwt.testing.expectations import Expectation, expect, expect_soon
-from rwt.testing.journal import Kind
+from rwt.testing.journal import Kind, ObservedGraph
+from rwt.testing.matching import Matching
 from rwt.testing.scripted.action import ScriptedAction
 from rwt.testing.scripted.service import ScriptedService
 from rwt.testing.scripted.topic import ScriptedTopic
 from rwt_graph.names import node_name
 from rwt_graph.nodes.node import Node
-from rwt_participant.messages import Message, MessageLike
-
-if TYPE_CHECKING:
-    from rwt.testing.matching import Matching
-    from rwt.testing.observed_graph import ObservedGraph
-    from rwt_participant.messages import ParameterValue
+from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 
 class Bounds(TypedDict, total=False):

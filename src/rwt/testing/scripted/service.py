@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import anyio
 
 from rwt.testing.errors import check_messages
-from rwt.testing.journal import Kind, Received
+from rwt.testing.journal import Journal, Kind, Received
 from rwt.testing.matching import Matching, mismatch
+from rwt_graph.clock import Clock
 from rwt_graph.nodes.service_handlers import Answer
+from rwt_interfaces.structs import ServiceType
 from rwt_participant.errors import ServiceFailed
 from rwt_participant.messages import Message, MessageLike, ServiceHandler, to_payload
-
-if TYPE_CHECKING:
-    from rwt.testing.journal import Journal
-    from rwt_graph.clock import Clock
-    from rwt_interfaces.structs import ServiceType
 
 
 class Case:

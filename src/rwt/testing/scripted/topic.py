@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from rwt.testing.errors import ScriptError, check_messages
 from rwt.testing.expectations import TIMEOUT_SECONDS, block_until, wait_until
+from rwt_graph.api import Graph
+from rwt_graph.clock import Clock
 from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_participant.messages import MessageLike
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 #: Maximum number of messages per turn of the event loop, so that a rate above what the machine can publish
 #: does not block it.
@@ -64,7 +63,9 @@ class ScriptedTopic:
             raise ScriptError(f"{self.name}: what is repeated must have a length of more than 0 s")
         self.stop()
         if messages:
-            playing = self._playing = _Playing(self._graph, self._publisher, tuple(messages), repeat, length)
+            playing = self._playing = _Playing(
+                self._graph.clock, self._publisher, tuple(messages), repeat, length
+            )
             self._run(playing.begin)
 
     def repeat(self, messages: Sequence[MessageLike], rate: float, *, again: bool = True) -> None:
@@ -120,50 +121,42 @@ class ScriptedTopic:
         return f"{self.name} has no subscriber within {within:g} s"
 
 
+@dataclass(eq=False)
 class _Playing:
     """Single run through timed messages. All but `over` is confined to the graph's thread."""
 
-    def __init__(
-        self,
-        graph: Graph,
-        publisher: TopicPublisher,
-        messages: tuple[tuple[float, MessageLike], ...],
-        repeat: bool,
-        length: float,
-    ) -> None:
-        self.over = False
-        self._clock = graph.clock
-        self._publisher = publisher
-        self._messages = messages
-        self._repeat = repeat
-        self._length = length
-        self._next = 0
-        self._began = 0.0
-        self._timer: Timer | None = None
+    clock: Clock
+    publisher: TopicPublisher
+    messages: tuple[tuple[float, MessageLike], ...]
+    repeat: bool
+    length: float
+    over: bool = False
+    next: int = 0
+    began: float = 0.0
+    timer: Timer | None = None
 
     def begin(self) -> None:
         """Start. A message at time 0 is published at once."""
-        self._began = self._clock.monotonic()
+        self.began = self.clock.monotonic()
         self._go_on()
 
     def _go_on(self) -> None:
         for _ in range(_BATCH):
             if self.over:
                 return
-            rounds, index = divmod(self._next, len(self._messages))
-            if rounds and not self._repeat:
+            rounds, index = divmod(self.next, len(self.messages))
+            if rounds and not self.repeat:
                 return
-            at, message = self._messages[index]
-            wait = self._began + rounds * self._length + at - self._clock.monotonic()
+            at, message = self.messages[index]
+            wait = self.began + rounds * self.length + at - self.clock.monotonic()
             # 1e-9 absorbs rounding errors: a message that is due now is sent now.
             if wait > 1e-9:
-                self._timer = self._clock.call_later(wait, self._go_on)
+                self.timer = self.clock.call_later(wait, self._go_on)
                 return
-            self._next += 1
-            self._publisher.publish(message)
-        self._timer = self._clock.call_later(0.0, self._go_on)
+            self.next += 1
+            self.publisher.publish(message)
+        self.timer = self.clock.call_later(0.0, self._go_on)
 
     def end(self) -> None:
-        """Cancel the timer."""
-        if self._timer is not None:
-            self._timer.cancel()
+        if self.timer is not None:
+            self.timer.cancel()

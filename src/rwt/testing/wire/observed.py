@@ -7,13 +7,14 @@ below are the real ones.
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.access.settings import SettingsError
 from rwt.testing.wire.faults import PASS, FaultAction, Faults, Subject
-from rwt.testing.wire.slow_reader import SlowReader
 from rwt.testing.wire.transcript import Transcript, shown_bytes, shown_frame
 from rwt_protocol.codecs import bson_codec
 from rwt_protocol.errors import EncodingUnavailable
@@ -26,6 +27,7 @@ from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
+    from rwt_graph.clock import Clock
     from rwt_protocol.codecs.base import Codec
     from rwt_protocol.frames import Frame
     from rwt_transports.endpoint import Accept, Endpoint, Flow, PeerInfo, Sink, Traffic
@@ -123,8 +125,6 @@ def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:
 
 
 class _ObservedEndpoint:
-    """Wrapper of the bridge's endpoint, for the transport."""
-
     def __init__(self, wire: ObservedWire, inner: Endpoint, sink: _ObservedSink, number: int) -> None:
         self._wire = wire
         self.inner = inner
@@ -164,8 +164,6 @@ class _ObservedEndpoint:
 
 
 class _ObservedSink:
-    """Wrapper of the transport's sink, for the bridge."""
-
     def __init__(self, wire: ObservedWire, inner: Sink, number: int) -> None:
         self.wire = wire
         self.inner = inner
@@ -247,34 +245,106 @@ class _ObservedSink:
         return self.inner.traffic
 
 
+@dataclass(eq=False)
 class _ObservedFlow:
-    def __init__(
-        self,
-        sink: _ObservedSink,
-        inner: Flow,
-        topic: str,
-        rules: FlowRules,
-        on_drop: Callable[[DropReason], None],
-    ) -> None:
-        self.rules = rules
-        self.on_drop = on_drop
-        self._sink = sink
-        self._inner = inner
-        self._subjects = [("publish", topic)]
+    sink: _ObservedSink
+    inner: Flow
+    topic: str
+    rules: FlowRules
+    on_drop: Callable[[DropReason], None]
 
     def send(self, frame: Frame) -> None:
-        self._sink.pass_on(frame, self._subjects, self, lambda: self._inner.send(frame))
+        self.sink.pass_on(frame, [("publish", self.topic)], self, lambda: self.inner.send(frame))
 
     def join(self, burst: Burst) -> bool:
         return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        send = partial(self._inner.send_message, pieces, expires_ns)
-        self._sink.pass_on(pieces[0], self._subjects, self, send)
+        send = partial(self.inner.send_message, pieces, expires_ns)
+        self.sink.pass_on(pieces[0], [("publish", self.topic)], self, send)
 
     def configure(self, rules: FlowRules) -> None:
         self.rules = rules
-        self._inner.configure(rules)
+        self.inner.configure(rules)
 
     def close(self) -> None:
-        self._inner.close()
+        self.inner.close()
+
+
+#: Maximum number of queued messages per client, over all topics; beyond it, the oldest of a topic is dropped.
+MOST_WAITING = 10_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _QueuedMessage:
+    """Queued message; `flow` is None for a reply, which is never dropped."""
+
+    send: Callable[[], None]
+    flow: object
+    on_drop: Callable[[DropReason], None] | None
+
+
+class SlowReader:
+    """Sends messages at the rate of a slow reader, in order.
+
+    Args:
+        read_rate: returns the current rate in messages per second; None for no limit, which flushes the
+            queue.
+    """
+
+    def __init__(self, clock: Clock, read_rate: Callable[[], float | None]) -> None:
+        self._clock = clock
+        self._read_rate = read_rate
+        self._waiting: deque[_QueuedMessage] = deque()
+        self._ticking = False
+
+    @property
+    def idle(self) -> bool:
+        """True if the queue is empty."""
+        return not self._waiting
+
+    def put(
+        self,
+        send: Callable[[], None],
+        flow: object = None,
+        depth: int | None = None,
+        on_drop: Callable[[DropReason], None] | None = None,
+    ) -> None:
+        """Queue a message; it is sent at once if the queue is empty.
+
+        Args:
+            flow: key of the topic's flow; None for a message that is never dropped.
+            depth: maximum number of queued messages of the flow.
+            on_drop: called with the reason when a message of the flow is dropped.
+        """
+        if flow is not None and depth is not None:
+            while sum(each.flow is flow for each in self._waiting) >= max(1, depth):
+                self._drop_oldest(lambda each: each.flow is flow, DropReason.QUEUE)
+        if flow is not None and len(self._waiting) >= MOST_WAITING:
+            self._drop_oldest(lambda each: each.flow is not None, DropReason.BACKLOG)
+        self._waiting.append(_QueuedMessage(send, flow, on_drop))
+        if not self._ticking:
+            self._tick()
+
+    def _drop_oldest(self, is_meant: Callable[[_QueuedMessage], bool], reason: DropReason) -> None:
+        oldest = next((each for each in self._waiting if is_meant(each)), None)
+        if oldest is None:
+            return
+        self._waiting.remove(oldest)
+        if oldest.on_drop is not None:
+            oldest.on_drop(reason)
+
+    def _tick(self) -> None:
+        self._ticking = False
+        read_rate = self._read_rate()
+        if read_rate is None:
+            self.flush()
+        elif self._waiting:
+            self._ticking = True
+            self._clock.call_later(1.0 / read_rate, self._tick)
+            self._waiting.popleft().send()
+
+    def flush(self) -> None:
+        """Send all queued messages now."""
+        while self._waiting:
+            self._waiting.popleft().send()

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.frames import Buffer, Frame
 
 #: Maximum number of lines, and of characters per message.
 KEPT_LINES = 1000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt.media.webrtc.bitrate_ladder import BAN_SECONDS, RUNGS, BitrateLadder
+from rwt.media.webrtc.video_track import BAN_SECONDS, RUNGS, BitrateLadder
 
 BEST = 1_500_000
 

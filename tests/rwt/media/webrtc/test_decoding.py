@@ -8,8 +8,14 @@ from types import SimpleNamespace
 import pytest
 from aiortc import RTCPeerConnection
 
-from rwt.media.webrtc.decoding import FRAME_BYTES, MOST_WAITING, DecoderQueue, bound_decoding, check_frame
-from rwt.media.webrtc.frame_size import BadFrame
+from rwt.media.webrtc.decoding import (
+    FRAME_BYTES,
+    MOST_WAITING,
+    BadFrame,
+    DecoderQueue,
+    bound_decoding,
+    check_frame,
+)
 from tests.rwt.media.webrtc.test_frame_size import vp8_header
 
 pytestmark = pytest.mark.anyio

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.media.webrtc.frame_size import MAX_PARAMETER_SETS, BadFrame, h264_area, vp8_area
+from rwt.media.webrtc.decoding import MAX_PARAMETER_SETS, BadFrame, h264_area, vp8_area
 
 
 def vp8_header(width: int, height: int) -> bytes:

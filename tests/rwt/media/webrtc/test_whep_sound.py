@@ -205,7 +205,7 @@ def _data(data: bytes) -> Payload:
 )
 def test_what_cannot_be_decoded_says_why(changed: dict[str, Any], why: str) -> None:
     with pytest.raises(AudioUnreadable, match=why):
-        read_info(_info(**changed))
+        read_info(_info(**changed).value())
 
 
 def test_every_format_of_samples_gives_the_same_sound() -> None:

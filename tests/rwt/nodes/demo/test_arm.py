@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.nodes.demo.arm.kinematics import ARM, REST
-from rwt.nodes.demo.arm.trajectory import Trajectory, Waypoint
+from rwt.nodes.demo.arm.kinematics import ARM, REST, Trajectory, Waypoint
 from rwt_participant.errors import GoalRejected
 from rwt_participant.goals import GoalStatus
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rwt.nodes.demo.battery import EMPTY_VOLTAGE, FULL_VOLTAGE, Battery
 from rwt.nodes.demo.drive import STANDSTILL, Velocity
+from rwt.nodes.demo.state import EMPTY_VOLTAGE, FULL_VOLTAGE, Battery
 
 
 def test_it_drains_faster_while_driving() -> None:

@@ -15,8 +15,7 @@ from PIL import Image
 
 from rwt.nodes.demo import DemoRobot
 from rwt.nodes.demo.world.lens import MATRICES, Lens
-from rwt.nodes.demo.world.map import Box, Pillar, World, house, walled
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Box, Pillar, Pose, World, house, walled
 from rwt.nodes.demo.world.view import FARTHEST, View
 from rwt.nodes.depth_cloud.depth_image import decode_image, square
 from rwt.nodes.depth_cloud.point_cloud import read_points

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Velocity
-from rwt.nodes.demo.world.map import Box, World, house, walled
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Box, Pose, World, house, walled
 
 STEP = 0.05
 CHASSIS = Chassis()

@@ -11,8 +11,7 @@ import pytest
 from rwt.nodes.demo import DemoRobot
 from rwt.nodes.demo.drive import Chassis
 from rwt.nodes.demo.model.urdf import fixed_mounts
-from rwt.nodes.demo.world.map import Box, World, walled
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Box, Pose, World, walled
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 
 pytestmark = pytest.mark.anyio

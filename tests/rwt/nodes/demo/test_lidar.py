@@ -9,8 +9,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from rwt.nodes.demo.world.lidar import Lidar
-from rwt.nodes.demo.world.map import Box, Pillar, World, house, walled
-from rwt.nodes.demo.world.pose import ORIGIN, Pose
+from rwt.nodes.demo.world.map import ORIGIN, Box, Pillar, Pose, World, house, walled
 
 ROOM = World(Box(-3, -2, 3, 2), walled(Box(-3, -2, 3, 2), 0.5))
 HOUSE = house()

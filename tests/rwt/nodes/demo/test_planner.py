@@ -10,10 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rwt.nodes.demo.drive import Chassis, DifferentialDrive, MotorLimits
-from rwt.nodes.demo.navigation.path_follower import PathFollower
-from rwt.nodes.demo.navigation.planner import NoPath, Planner
-from rwt.nodes.demo.world.map import Box, World, house, walled
-from rwt.nodes.demo.world.pose import Pose, wrap_angle
+from rwt.nodes.demo.navigation.planner import NoPath, PathFollower, Planner
+from rwt.nodes.demo.world.map import Box, Pose, World, house, walled, wrap_angle
 
 CHASSIS = Chassis()
 HOUSE = house()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.nodes.demo.world.pose import Pose, wrap_angle
+from rwt.nodes.demo.world.map import Pose, wrap_angle
 
 coordinate = st.floats(-100, 100)
 poses = st.builds(Pose, coordinate, coordinate, st.floats(-math.pi, math.pi))

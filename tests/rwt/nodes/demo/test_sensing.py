@@ -10,8 +10,7 @@ import pytest
 
 from rwt.nodes.demo import DemoRobot
 from rwt.nodes.demo.world.lidar import Lidar
-from rwt.nodes.demo.world.map import draw_map, house
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose, draw_map, house
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_participant.errors import ParameterRejected
 

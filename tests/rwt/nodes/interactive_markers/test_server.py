@@ -19,7 +19,7 @@ from rwt.nodes.interactive_markers import (
     interactive_marker,
     move_plane,
 )
-from rwt.nodes.interactive_markers.topics import PUBLISHES_STATE
+from rwt.nodes.interactive_markers.server import PUBLISHES_STATE
 from rwt_graph import Node
 from rwt_interfaces.errors import InvalidMessage
 from rwt_participant.messages import Message

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rwt.media.stream_request import read_request
-from rwt.nodes.video.quality_ladder import RUNGS, QualityLadder
+from rwt.nodes.video.responses import RUNGS, QualityLadder
 
 
 def deliver(ladder: QualityLadder, seconds: float, begin: float, duration: float) -> list[int]:

@@ -26,7 +26,7 @@ from rwt import Server, Settings
 from rwt.media.broadcast import STALLED_SECONDS
 from rwt.media.stream_request import StreamRequest
 from rwt.nodes.video import WebVideoServer
-from rwt.nodes.video.topics import VisibleTopics
+from rwt.nodes.video.server import VisibleTopics
 from rwt_graph import MemoryGraph, Node, TopicPublisher
 from tests.rwt.nodes.video.conftest import image, scene
 from tests.waiting import until

@@ -96,11 +96,7 @@ def _add_time(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_remap(text: str) -> tuple[str, str]:
-    """Parse `OLD:=NEW`.
-
-    Raises:
-        argparse.ArgumentTypeError: the text has another form.
-    """
+    """Parse `OLD:=NEW`."""
     old, sign, new = text.partition(":=")
     if not (old and sign and new):
         raise argparse.ArgumentTypeError(f"{text!r}: expected OLD:=NEW, for example /scan:=/front/scan")

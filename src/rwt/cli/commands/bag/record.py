@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import anyio
 import anyio.to_thread
 
+from rwt.cli.console.logs import quiet
 from rwt.cli.console.output import log_notes, note
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
@@ -44,6 +45,7 @@ from rwt.nodes.recording import (
 )
 from rwt.nodes.recording.channels import KEPT
 from rwt.signals import STOP_SIGNALS, on_signals
+from rwt_participant.errors import RobotError
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -131,11 +133,7 @@ def add_record_verb(verbs: Commands) -> None:
 
 
 def parse_split(text: str) -> Split:
-    """Parse the size or duration at which a new file begins.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is neither.
-    """
+    """Parse the size or duration at which a new file begins."""
     match = _SPLIT.fullmatch(text.strip())
     if match is None or not 0 < float(match[1]) <= _MOST_SPLIT:
         raise argparse.ArgumentTypeError(
@@ -146,26 +144,20 @@ def parse_split(text: str) -> Split:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt_participant.errors import RobotError  # deferred: `--help` does not need the client
-
     log_notes("%(levelname)s %(message)s")
     if arguments.verbose:
         logging.getLogger("rwt.cli").setLevel(logging.DEBUG)
     _refuse_files(arguments.topics)
     if arguments.output is None:
         arguments.output = Path("rwt_%Y_%m_%d-%H_%M_%S.mcap")
-    writer = logging.getLogger("rwt.nodes.recording.writer")
-    level = writer.level
-    # The command prints an error that ends it, so it is not logged as well.
-    writer.setLevel(logging.CRITICAL)
     try:
-        anyio.run(_record, arguments)
+        # The command prints an error that ends it, so it is not logged as well.
+        with quiet("rwt.nodes.recording.writer", logging.CRITICAL):
+            anyio.run(_record, arguments)
     except RobotError as error:
         raise command_error(error) from error
     except RecordingError as error:
         raise CommandError(str(error)) from error
-    finally:
-        writer.setLevel(level)
     return 0
 
 
@@ -187,7 +179,6 @@ async def _record(arguments: argparse.Namespace) -> None:
 
 
 async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio.Event) -> None:
-    """Record until `over` is set, the connection ends, or the maximum duration is reached."""
     url = url_of(arguments)
     if robot.types.distro is None:
         raise CommandError(f"rosapi does not answer at {url}: start it on the robot to list its topics")
@@ -232,8 +223,6 @@ async def _look(recorder: Recorder) -> None:
 
 
 async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
-    from rwt_participant.errors import RobotError
-
     progress = Progress(recorder.writer)
     while not over.is_set() and recorder.writer.failure is None:
         with anyio.move_on_after(_LOOK_SECONDS):

@@ -13,6 +13,7 @@ from rwt.cli.console.output import printable, standard_output
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import number_within
+from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt.nodes.recording import RecordedTopic, Recording
@@ -157,8 +158,6 @@ def _is_latched(topic: RecordedTopic) -> bool:
 
 
 def _date(time_ns: int) -> str:
-    from rwt_interfaces.times import NANOSECONDS
-
     seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
     try:
         date = datetime.fromtimestamp(seconds, UTC)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import secrets
+import ssl
 import statistics
-from collections.abc import AsyncIterator, Callable
+import time
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
+from urllib.parse import urlsplit
 
 from rwt.cli.console.output import Output, Style, standard_output
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
@@ -23,11 +26,9 @@ from rwt.cli.verbs import (
     token_of,
     url_of,
 )
+from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
-    import ssl
-    from collections.abc import Mapping
-
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
     from rwt_transports.errors import ConnectCause
     from rwt_transports.webrtc.ice_servers import Probe
@@ -66,9 +67,7 @@ class Finding:
     """Result of one check.
 
     Attributes:
-        name: name of the check.
         verdict: ``problem`` if something that clients need does not work.
-        text: observation.
         advice: what to do; empty if nothing.
     """
 
@@ -311,8 +310,6 @@ def stop_finding(name: str, latencies: list[float], since: str) -> Finding:
 
 def _is_readable(url: str) -> bool:
     """Return True if a network between this machine and the robot can read what is sent."""
-    from urllib.parse import urlsplit
-
     from rwt_transports.http.routes import is_local
 
     parts = urlsplit(url)
@@ -331,7 +328,6 @@ def _how_to_connect(cause: ConnectCause, token: bool) -> str:
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
-    """Return what the server reports about itself; nothing if it does not answer over HTTP."""
     health = await health_of(url, patience, tls)
     if health is None:
         return []  # The next check reports whether the server can be reached.
@@ -415,8 +411,6 @@ class _Examination:
 
     async def _look_at_time(self) -> list[Finding]:
         """Measure round trips and the clock difference, from the shortest round trip (RFC 5905 section 8)."""
-        import time
-
         trips: list[tuple[float, float]] = []
         for _ in range(_QUESTIONS):
             began = time.time()
@@ -527,7 +521,6 @@ def _seconds_in(answer: ReceivedFrame) -> float | None:
     whole, rest = time.get("sec", time.get("secs")), time.get("nanosec", time.get("nsecs"))
     if not isinstance(whole, int) or not isinstance(rest, int):
         return None
-    from rwt_interfaces.times import NANOSECONDS
 
     return whole + rest / NANOSECONDS
 

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import anyio
 
+from rwt.cli.console.logs import quiet
 from rwt.server import Server
-from rwt_client import connect
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rwt_client import Robot
+from rwt_client import Robot, connect
 
 _TYPE: Final = "geometry_msgs/Twist"
 _LEASE_SECONDS: Final = 0.05
@@ -59,7 +54,6 @@ class _Base:
         self.heard_at = 0.0
 
     def on_command(self, command: Any) -> None:
-        """Note a velocity."""
         if command.linear.x != self.speed:
             self.heard_at = time.monotonic()
         self.speed = command.linear.x
@@ -67,7 +61,6 @@ class _Base:
         self._changed = anyio.Event()
 
     async def wait_for(self, speed: float) -> float:
-        """Wait for a velocity, and return when it arrived."""
         with anyio.fail_after(_PATIENCE):
             while self.speed != speed:
                 await self._changed.wait()
@@ -84,7 +77,7 @@ async def measure(stops: int = _STOPS, leases: int = _LEASES) -> Latencies:
     stopped, leased = _Base(), _Base()
     found = Latencies([], [])
     server = Server("ws://127.0.0.1:0", gate={"rules": _RULES}, nodes=(), gateways=())
-    with _quiet_log():
+    with quiet("rwt.bridge", logging.ERROR):  # Each stop is a warning.
         async with server, connect(server.urls[0]) as client:
             robot = server.node("base")
             robot.subscribe("/stopped", stopped.on_command, _TYPE)
@@ -106,18 +99,6 @@ async def measure(stops: int = _STOPS, leases: int = _LEASES) -> Latencies:
     found.stops.sort()
     found.leases.sort()
     return found
-
-
-@contextmanager
-def _quiet_log() -> Iterator[None]:
-    """Suppress within the block the warning of each stop."""
-    log = logging.getLogger("rwt.bridge")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
 
 
 async def _call(client: Robot, service: str) -> None:

@@ -92,10 +92,7 @@ class WireProbe:
         self._sink.send(Frame(json.dumps({"op": op, **members}).encode()))
 
     async def expect(self, wanted: Callable[[ReceivedFrame], bool], patience: float) -> ReceivedFrame | None:
-        """Return the next frame that matches; None on timeout.
-
-        Frames before it are dropped.
-        """
+        """Return the next frame that matches, dropping those before it; None on timeout."""
         with anyio.move_on_after(patience):
             while True:
                 while self._received:

@@ -9,6 +9,7 @@ from rwt.cli.console.output import Output
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_verb, seconds
+from rwt_participant.errors import ProviderNotFound
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -33,8 +34,6 @@ async def _ask_gate(robot: Robot, service: str, type: str, request: MessageLike)
     Raises:
         CommandError: the robot has no gate, or the gate refuses.
     """
-    from rwt_participant.errors import ProviderNotFound
-
     try:
         answer: Any = await robot.call(service, request, type)
     except ProviderNotFound:

@@ -184,7 +184,6 @@ def _selected(
 
 
 def _is_after(line: Mapping[str, object], since: datetime) -> bool:
-    """True if a line has this time or later, or no time."""
     try:
         return datetime.fromisoformat(str(line["time"])) >= since
     except (KeyError, ValueError):

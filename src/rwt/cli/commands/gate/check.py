@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -15,8 +16,6 @@ from rwt.cli.parser import Commands, add_commands
 from rwt.cli.verbs import epilog
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from rwt.access.roles import Role
     from rwt.access.settings import GateRule
     from rwt.cli.commands.gate.trial import Outcome
@@ -211,14 +210,14 @@ def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str
                 continue
             found = rules.of(verb, resource) if is_gated(verb) else ()
             applied = [rule for rule in found if rule.holds_for(role.name)]
-            yield {
-                "role": role.name,
-                "verb": verb,
-                "resource": resource,
-                "rules": [rule.key.removeprefix("gate.rules.") for rule in applied],
-                "limits": "; ".join(filter(None, (limits_of(rule.settings) for rule in applied))),
-                "places": [loaded.place(tuple(rule.key.split("."))) for rule in applied],
-            }
+            yield _row(
+                role,
+                verb,
+                resource,
+                [rule.key.removeprefix("gate.rules.") for rule in applied],
+                [loaded.place(tuple(rule.key.split("."))) for rule in applied],
+                "; ".join(filter(None, (limits_of(rule.settings) for rule in applied))),
+            )
     if gate.rules:
         yield from _emergency_rows(loaded, role)
 
@@ -230,17 +229,18 @@ def _emergency_rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Se
     for verb, roles in (("stop", emergency.stop_roles), ("release_stop", emergency.release_roles)):
         if glob_pattern(roles).fullmatch(role.name):
             place = loaded.place(("gate", "emergency", f"{verb.removesuffix('_stop')}_roles"))
-            yield {
-                "role": role.name, "verb": verb, "resource": "/gate", "rules": ["emergency"], "limits": "",
-                "places": [place],
-            }  # fmt: skip
+            yield _row(role, verb, "/gate", ["emergency"], [place])
     for name, rule in loaded.settings.gate.rules.items():
         if rule.approval is not None and glob_pattern(rule.approval.roles).fullmatch(role.name):
             place = loaded.place(("gate", "rules", name, "approval"))
-            yield {
-                "role": role.name, "verb": "approve", "resource": name, "rules": [name], "limits": "",
-                "places": [place],
-            }  # fmt: skip
+            yield _row(role, "approve", name, [name], [place])
+
+
+def _row(
+    role: Role, verb: str, resource: str, rules: list[str], places: list[str], limits: str = ""
+) -> dict[str, Sequence[str] | str]:
+    row = {"role": role.name, "verb": verb, "resource": resource, "rules": rules}
+    return {**row, "limits": limits, "places": places}
 
 
 def limits_of(rule: GateRule) -> str:
@@ -272,7 +272,6 @@ def _range(low: float | None, high: float | None) -> str:
 
 
 def _credentials(loaded: LoadedSettings) -> Iterator[str]:
-    """Return lines about who has which role."""
     auth = loaded.settings.auth
     for name, token in auth.tokens.items():
         yield f"token {name}: role {token.role} ({loaded.place(('auth', 'tokens', name))})"

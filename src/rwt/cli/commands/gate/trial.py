@@ -5,31 +5,28 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, cast
 
 from rwt.access.access import Access
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError, GateRefused
 from rwt.access.gate.rules import is_gated
 from rwt.access.graph_view import canonical
+from rwt.access.roles import Act, Role
 from rwt.access.settings import AuditSettings, SettingsError
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.composition.graphs import make_registry
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.nodes.rosapi import DISCLOSURES
+from rwt.settings import Settings
 from rwt_graph import MemoryGraph, SimulatedClock
-from rwt_graph.api import GoalEvents
+from rwt_graph.api import GoalEvents, Sample, ServerGoal, ServiceCall
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import CallFailed, RobotError
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.access.roles import Act, Role
-    from rwt.settings import Settings
-    from rwt_graph.api import Sample, ServerGoal, ServiceCall
-    from rwt_interfaces.structs import MessageType
 
 _ADDRESS: Final = "127.0.0.1"
 
@@ -45,7 +42,6 @@ class Outcome:
 
     Attributes:
         decision: `allowed`, `changed`, `needs approval` or `denied`.
-        text: reason.
         rule: key of the setting that decided; empty if none did.
         role: role of the client; empty without one.
         credential: name of its token.

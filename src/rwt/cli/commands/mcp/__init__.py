@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import anyio.to_thread
+
+from rwt.access.audit import one_line
 from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, add_robot_options, connecting, run_async
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
-
     from mcp.server.context import ServerRequestContext
 
     from rwt.gateways.mcp.agent import Act, Agent, Allow
@@ -69,7 +74,6 @@ def _run(arguments: Arguments) -> int:
         raise CommandError(
             f"this needs {error.name}, which is not installed: pip install 'robot-web-tools[mcp]'"
         ) from None
-    from importlib.metadata import version
 
     from pydantic import ValidationError
 
@@ -95,8 +99,6 @@ class CommandHost:
     """Host of the one agent of this program."""
 
     def __init__(self, robot: Robot, settings: McpSettings, *, acts: bool) -> None:
-        import logging
-
         from rwt.composition.recordings import RecordingFolder
         from rwt.gateways.mcp.goals import GoalTable
         from rwt.gateways.mcp.person import Questions
@@ -115,10 +117,6 @@ class CommandHost:
         self, context: ServerRequestContext[Any, Any], allow: Allow | None = None, *, lasts: bool = False
     ) -> AsyncIterator[Agent]:
         """Yield the only agent."""
-        from functools import partial
-
-        import anyio.to_thread
-
         from rwt.cli.commands.mcp.checked_publisher import CheckedPublisher, take_lease
         from rwt.gateways.mcp.agent import Agent, note_once
 
@@ -151,8 +149,6 @@ class CommandHost:
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Log an act of the agent on standard error."""
-        from rwt.access.audit import one_line
-
         (self._log.info if acts else self._log.debug)("%s", one_line(text))
 
     def count(self, tool: str, outcome: str) -> None:

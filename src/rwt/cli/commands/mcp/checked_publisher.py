@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.gateways.mcp.errors import ToolError
-from rwt_client import ServerRefused
+from rwt_client import ConnectionEvent, Robot, ServerRefused
 from rwt_participant.handles import Publisher
-
-if TYPE_CHECKING:
-    from rwt_client import ConnectionEvent, Robot
-    from rwt_participant.messages import MessageLike
+from rwt_participant.messages import MessageLike
 
 _TAKE_LEASE: Final = "/gate/take_lease"
 

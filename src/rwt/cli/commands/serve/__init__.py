@@ -146,11 +146,7 @@ def _split(text: str) -> Split:
 
 
 def _record_options(arguments: argparse.Namespace) -> RecordingOptions | None:
-    """Return the options of a recording; None without one.
-
-    Raises:
-        CommandError: an option needs another.
-    """
+    """Return the options of a recording; None without one."""
     split, keep = arguments.record_split, arguments.record_keep
     if arguments.record is None:
         if split or keep or arguments.record_overwrite:
@@ -245,11 +241,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _check(settings: Settings) -> None:
-    """Check what a server reads when it starts.
-
-    Raises:
-        SettingsError, CommandError: it would not start.
-    """
+    """Check what a server reads when it starts."""
     from rwt.cli.commands.gate.trial import Trial
     from rwt.composition.extensions import load_encodings
     from rwt.tls.tls import server_tls

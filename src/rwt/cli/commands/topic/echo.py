@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import CodeType
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt.cli.commands.topic.qos import add_qos_options, qos_from
+import anyio
+import pybase64
+
 from rwt.cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
 from rwt.cli.console.output import Output
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
+from rwt_participant.errors import TimedOut
 
 if TYPE_CHECKING:
     from rwt.cli.console.yaml_text import YamlValue
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from rwt_client.endpoints.subscriptions import SubscribeOptions
     from rwt_interfaces.structs import MessageType
     from rwt_participant.messages import RawMessage
+    from rwt_protocol.ops import Qos
+
 
 _USUAL_LENGTH: Final = 128
 _MOST_WAITING: Final = 100
@@ -80,11 +84,7 @@ def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExc
 
 
 def expression(text: str) -> CodeType:
-    """Compile a Python expression.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is not an expression.
-    """
+    """Compile a Python expression."""
     try:
         return compile(text, "--filter", "eval")
     except (SyntaxError, ValueError) as error:
@@ -113,10 +113,6 @@ async def echo_messages(
     Raises:
         TimedOut: `arguments.timeout` passed without a message to print.
     """
-    import anyio
-
-    from rwt_participant.errors import TimedOut
-
     options: SubscribeOptions = {"qos": qos_from(arguments)}
     if arguments.max_rate:
         options["throttle"] = 1 / arguments.max_rate
@@ -151,11 +147,6 @@ def _passes(code: CodeType | None) -> Callable[[Any], bool]:
 
 
 async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, output: Output) -> None:
-    import anyio
-    import pybase64
-
-    from rwt_participant.errors import TimedOut
-
     refused = next((each for each in ("field", "filter", "max_rate") if getattr(arguments, each)), None)
     if refused is not None:
         raise CommandError(f"--raw cannot be combined with --{refused.replace('_', '-')}", CALLED_WRONGLY)
@@ -239,3 +230,45 @@ ECHO = Verb(
     definitions=True,
     until_interrupted=True,
 )
+
+
+_POLICIES = {
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("volatile", "transient_local"),
+    "history": ("keep_last", "keep_all"),
+}
+_RELIABLE: Final = {"reliability": "reliable", "durability": "volatile", "history": "keep_last", "depth": 10}
+_PROFILES: Final[Mapping[str, Mapping[str, Any]]] = {
+    "default": _RELIABLE,
+    "sensor_data": {**_RELIABLE, "reliability": "best_effort", "depth": 5},
+    "services_default": _RELIABLE,
+    "parameters": {**_RELIABLE, "depth": 1000},
+    "parameter_events": {**_RELIABLE, "depth": 1000},
+    "action_status_default": {**_RELIABLE, "durability": "transient_local", "depth": 1},
+    "best_available": {**_RELIABLE, "reliability": "best_available", "durability": "best_available"},
+    "system_default": {},
+}
+"""ROS 2's profiles by name (rmw/qos_profiles.h)."""
+
+
+def add_qos_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--qos-…``, which only ROS 2 robots apply."""
+    parser.add_argument(
+        "--qos-profile",
+        choices=_PROFILES,
+        default="system_default",
+        help="QoS profile (ROS 2); the following options override its policies",
+    )
+    for policy, words in _POLICIES.items():
+        parser.add_argument(f"--qos-{policy}", choices=words, help=f"QoS {policy} (ROS 2)")
+    parser.add_argument("--qos-depth", type=count_or_none, metavar="N", help="history depth with keep_last")
+
+
+def qos_from(arguments: Arguments) -> Qos | None:
+    """Return the QoS request of the options; None without any."""
+    from rwt_protocol.ops import Qos  # slow import that `--help` does not need
+
+    given = {policy: getattr(arguments, f"qos_{policy}") for policy in (*_POLICIES, "depth")}
+    chosen = {policy: value for policy, value in given.items() if value is not None}
+    asked = {**_PROFILES[arguments.qos_profile], **chosen}
+    return Qos(**asked) if asked else None

@@ -6,15 +6,17 @@ import argparse
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Final
 
+import anyio
+
 from rwt.cli.approval import ApprovalProgress
-from rwt.cli.commands.topic.qos import add_qos_options, qos_from
+from rwt.cli.commands.topic.echo import add_qos_options, qos_from
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
+from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
     from rwt_client import RemotePublisher, Robot
@@ -58,10 +60,6 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
-    import anyio
-
-    from rwt_participant.messages import to_payload
-
     name = absolute_name(arguments.topic)
     kind, message = type_and_message(arguments.message, "message")
     with await robot.advertise(
@@ -94,8 +92,6 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
 def _publish(
     publisher: RemotePublisher, given: object, number: int, arguments: Arguments, output: Output
 ) -> None:
-    from rwt_participant.messages import to_payload
-
     # Converted for each message: the header gets the time of sending.
     message = to_payload(publisher.type, given).value()
     publisher.publish(message)
@@ -109,9 +105,6 @@ def _publish(
 
 
 async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
-    """Yield 1, 2, 3, … at a rate, without catching up after a delay."""
-    import anyio
-
     due = anyio.current_time()
     number = 0
     while True:
@@ -124,8 +117,6 @@ async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
 
 
 async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -> None:
-    import anyio
-
     wanted = arguments.wait if arguments.wait is not None else int(arguments.times is not None)
     noted = False
     with anyio.move_on_after(arguments.timeout):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -11,13 +12,15 @@ from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
+import anyio
+
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import TOPIC
+from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CommandError
-from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, seconds
 from rwt_interfaces import field_types
 from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.errors import ProviderNotFound, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_client import RemoteSubscription, Robot
@@ -117,8 +120,6 @@ async def _measure(
     value: Callable[[RemoteSubscription, Any], float],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> None:
-    import anyio
-
     names = [absolute_name(name) for name in dict.fromkeys(arguments.topic)]
     measured = {name: await _listen(robot, name, arguments.window, value) for name in names}
     reported = 0
@@ -135,8 +136,6 @@ async def _measure(
 async def _listen(
     robot: Robot, name: str, window: int, value: Callable[[RemoteSubscription, Any], float]
 ) -> Samples:
-    import anyio
-
     samples: Samples = deque(maxlen=window)
 
     def hear(message: Any) -> None:
@@ -220,15 +219,10 @@ class _RobotClock:
         self._noted = False
 
     def now(self) -> float:
-        import time
-
         return time.time() + self._ahead
 
     async def set(self) -> None:
         # Half of the round trip is taken for the way of the answer.
-        import time
-
-        from rwt_participant.errors import ProviderNotFound, ServiceFailed
 
         before = time.time()
         try:

@@ -9,8 +9,7 @@ from typing import Final
 import anyio
 
 from rwt.nodes.demo import messages
-from rwt.nodes.demo.arm.kinematics import ARM, Arm
-from rwt.nodes.demo.arm.trajectory import Angles, Trajectory, Waypoint
+from rwt.nodes.demo.arm.kinematics import ARM, Angles, Arm, Trajectory, Waypoint
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import ReceivedGoal
@@ -32,8 +31,6 @@ class TrajectoryRefused(ValueError):
 
 
 class _ActiveTrajectory:
-    """Trajectory in progress."""
-
     def __init__(self, trajectory: Trajectory, began: float, goal: ReceivedGoal | None) -> None:
         self.trajectory = trajectory
         self.began = began
@@ -65,19 +62,16 @@ class ArmController:
         if run is None:
             return
         if run.goal is not None and run.goal.cancel_requested:
-            self._finish("canceled")
+            self.end("canceled")
             return
         seconds = self._node.clock.monotonic() - run.began
         self._arm.go(run.trajectory, seconds)
         self._give_feedback(run, seconds)
         if seconds >= run.trajectory.duration:
-            self._finish("")
+            self.end("")
 
-    def abort(self, reason: str) -> None:
-        """Abort the trajectory under way; the arm stays where it is."""
-        self._finish(reason)
-
-    def _finish(self, reason: str) -> None:
+    def end(self, reason: str) -> None:
+        """End the trajectory under way, aborted unless the reason is empty; the arm stays where it is."""
         self._arm.stop()
         run, self._run = self._run, None
         if run is not None:
@@ -86,7 +80,7 @@ class ArmController:
 
     def _begin(self, message: Message, goal: ReceivedGoal | None) -> _ActiveTrajectory:
         trajectory = self._read(message)
-        self.abort("a newer trajectory took its place")
+        self.end("a newer trajectory took its place")
         wait = max(0, stamp_ns(message.header.stamp) - self._node.clock.time_ns()) / 1e9
         self._run = _ActiveTrajectory(trajectory, self._node.clock.monotonic() + wait, goal)
         return self._run
@@ -116,7 +110,7 @@ class ArmController:
         finally:
             # However the wait ends, an arm without a goal must stop.
             if self._run is run:
-                self._finish("")
+                self.end("")
         if goal.cancel_requested:
             raise GoalCanceled(_result(_INVALID_GOAL, "canceled"))
         if run.reason:

@@ -70,11 +70,7 @@ class Visual:
 
 
 def mesh_pages(visuals: Mapping[str, Visual]) -> HttpExtension:
-    """Return the extension for :func:`rwt.serve` with one COLLADA file for each link.
-
-    Args:
-        visuals: visuals by the name of the link.
-    """
+    """Return the extension for :func:`rwt.serve` with one COLLADA file for each link."""
 
     def page(request: HttpRequest, reader: Reader) -> HttpResponse:
         name = request.path.removeprefix(PATH)

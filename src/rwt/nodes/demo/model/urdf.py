@@ -139,7 +139,6 @@ def urdf(chassis: Chassis) -> str:
 def _link(
     robot: ET.Element, name: str, visuals: Mapping[str, Visual], xyz: str = "0 0 0", rpy: str = "0 0 0"
 ) -> None:
-    """Return a link with a mesh and, for viewers without meshes, the same shape in it."""
     visual = visuals[name]
     link = ET.SubElement(robot, "link", name=name)
     mesh = ET.Element("mesh", filename=mesh_url(name))
@@ -172,7 +171,6 @@ def _arm_joint(robot: ET.Element, joint: ArmJoint, mount: Mount) -> None:
 def _joint(
     robot: ET.Element, name: str, mount: Mount, axis: str | None = None, kind: str = "continuous"
 ) -> ET.Element:
-    """Return a joint of a kind about an axis, or a fixed one."""
     joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else kind)
     ET.SubElement(joint, "parent", link=mount.parent)
     ET.SubElement(joint, "child", link=mount.link)

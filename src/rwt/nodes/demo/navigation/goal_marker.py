@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.messages import MAP, frame
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose
 from rwt.nodes.interactive_markers import (
     Colour,
     Event,

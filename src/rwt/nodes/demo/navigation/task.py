@@ -18,9 +18,8 @@ from rwt.nodes.demo import messages
 from rwt.nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt.nodes.demo.messages import MAP, ODOM, frame
 from rwt.nodes.demo.model.urdf import BASE
-from rwt.nodes.demo.navigation.path_follower import PathFollower
-from rwt.nodes.demo.navigation.planner import NoPath, Planner
-from rwt.nodes.demo.world.pose import ORIGIN, Pose
+from rwt.nodes.demo.navigation.planner import NoPath, PathFollower, Planner
+from rwt.nodes.demo.world.map import ORIGIN, Pose
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import GoalStatus, ReceivedGoal
@@ -56,8 +55,6 @@ _MOVE_BASE = _Interface(attrgetter("target_pose"), "base_position", has_progress
 
 @dataclass(slots=True)
 class _NavigationTask:
-    """Goal in progress, with its path."""
-
     goal: ReceivedGoal
     interface: _Interface
     follower: PathFollower

@@ -12,8 +12,7 @@ from rwt.nodes.demo.drive import DifferentialDrive
 from rwt.nodes.demo.messages import frame
 from rwt.nodes.demo.model.urdf import OPTICAL, Mount
 from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import World
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Pose, World
 from rwt_graph import Node, Timer, TopicPublisher
 from rwt_participant.qos import SENSOR_DATA
 
@@ -73,7 +72,6 @@ class CameraPublisher:
             self._timer = None
 
     async def _shoot(self) -> None:
-        """Publish one image of each subscribed kind, all of the same time."""
         header = messages.header(self._node.clock.time_ns(), self._frame)
         self._shots += 1
         for infos in (self._infos, self._depth_infos):

@@ -15,8 +15,6 @@ class Lens:
     """Pinhole camera without distortion.
 
     Attributes:
-        width: columns of the image.
-        height: rows of the image.
         field_of_view: horizontal field of view, radians.
     """
 

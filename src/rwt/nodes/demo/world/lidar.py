@@ -14,8 +14,7 @@ from collections.abc import Iterable
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.drive import DifferentialDrive
 from rwt.nodes.demo.model.urdf import LASER
-from rwt.nodes.demo.world.map import Box, Pillar, World
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Box, Pillar, Pose, World
 from rwt_graph import Node, Timer
 from rwt_participant.qos import SENSOR_DATA
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from rwt.nodes.demo.messages import Message
 from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import Box, Pillar, World
-from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.map import Box, Pillar, Pose, World
 
 Floats = NDArray[np.float32]
 
@@ -137,8 +136,6 @@ class View:
 
 
 class _Sides:
-    """Return the vertical sides of all boxes as arrays."""
-
     def __init__(self, boxes: Sequence[Box]) -> None:
         def column(values: list[float]) -> Floats:
             return np.array(values, np.float32)[:, None]
@@ -179,7 +176,6 @@ def _hit_pillar(
     direction: tuple[Floats, Floats],
     found: tuple[Floats, Floats, NDArray[np.int32]],
 ) -> None:
-    """Replace the hits of rays that meet a pillar first."""
     (dx, dy), (depth, along, colour) = direction, found
     x, y = pillar.x - pose.x, pillar.y - pose.y
     # |t * d - p| = r, solved for the smaller t.
