@@ -14,6 +14,7 @@ from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import RCLError, RCLInvalidROSArgsError
 from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 from rwt_rclpy.names.arguments import RosArguments, parse_arguments
+from rwt_rclpy.release import RELEASE
 
 OnShutdown = Callable[[], object]
 
@@ -146,7 +147,9 @@ class Context:
             if self._handle is None:
                 raise RuntimeError("Context must be initialized before it can be shutdown")
             if not self._handle.valid:
-                raise RCLError("the context was shut down before; try_shutdown() does so only if needed")
+                raise RELEASE.error_of_second_shutdown(
+                    "the context was shut down before; try_shutdown() does so only if needed"
+                )
             self._handle.shutdown()
         self._call_callbacks()
 
