@@ -400,8 +400,6 @@ def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
 
 
 def _shorter(name: str, offered: Duration, requested: Duration, noun: str) -> list[str]:
-    if BEST_AVAILABLE_NS in (offered.nanoseconds, requested.nanoseconds):
-        return []
     if requested.nanoseconds and not offered.nanoseconds:
         return [f"Subscription has a {name}, but publisher does not"]
     if requested.nanoseconds and requested < offered:
