@@ -71,9 +71,9 @@ def test_topics_and_services_reach_the_other_rclpy(program: Program, ours: Progr
     for each, name, other in ((program, "real", "ours"), (ours, "ours", "real")):
         each.run(f"NAME, OTHER = '{name}', '{other}'\n{_COMMON}")
     assert ours.run("result = rclpy.__name__") == "rwt_rclpy.client_library"
-    for each, name, other in ((program, "real", ours), (ours, "ours", program)):
-        each.run(_PUBLISH)
-        assert other.run(_RECEIVED) == [f"{name} {number}" for number in range(3)]
+    for sender, name, receiver in ((program, "real", ours), (ours, "ours", program)):
+        sender.run(_PUBLISH)
+        assert receiver.run(_RECEIVED) == [f"{name} {number}" for number in range(3)]
     assert program.run(_CALL) == [True, "ours"]
     assert ours.run(_CALL) == [True, "real"]
 
