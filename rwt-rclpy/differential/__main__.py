@@ -30,7 +30,10 @@ def main() -> int:
     failed = 0
     for distro in options.distro or REAL:
         if options.real:
-            real = real_rclpy(options.real, distro).play(options.names, 2)
+            rclpy, recorded = real_rclpy(options.real, distro), read_recorded(distro)
+            real = rclpy.play(options.names, 2)
+            if changed := [name for name, text in real.items() if recorded.get(name) != text]:
+                real.update(rclpy.play(changed, 1))  # Alone, without delays by others.
             if options.record:
                 record(distro, options.real, real)
         else:

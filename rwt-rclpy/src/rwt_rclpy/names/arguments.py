@@ -136,7 +136,8 @@ class RosArguments:
 
 
 def _kind(value: Any) -> int:
-    return ParameterKind.from_parameter_value(value).value
+    """Rank of a value's type; unset ones come last."""
+    return ParameterKind.from_parameter_value(value).value or len(ParameterKind)
 
 
 def _names_node(pattern: str, full: str) -> bool:
