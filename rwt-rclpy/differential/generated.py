@@ -1,7 +1,8 @@
 """Cases of messages, QoS pairs, names, YAML and arguments that Hypothesis generates, and their comparison.
 
 `differential.cases` answers them in the interpreter of either rclpy. Known differences are not generated:
-fields of other messages, and of YAML subnormal numbers, empty maps, anchors and repeated keys.
+fields of other messages, strings with NUL, where the real one ends them, and of YAML subnormal numbers,
+empty maps, anchors and repeated keys.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def _field(kind: str) -> Strategy | None:
     elif kind == "octet":
         valid = st.binary(min_size=1, max_size=1).map(lambda octet: {"bytes": list(octet)})
     elif kind.startswith(("string", "wstring")):
-        valid = st.text(max_size=24)
+        valid = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=24)
     else:
         return None
     return st.one_of(valid, valid, valid, valid, _WRONG)
