@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-ros1 test-ros2 bench-ros2 test-rclpy-real
+client-grades size clean test-ros1 test-ros2 bench-ros2 test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -113,12 +113,20 @@ ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconf
 test-ros1: $(STAMP)-dev /usr/bin/rosmaster
 	$(BIN)/python -m pytest tests/ros1 $(ARGS)
 
-# Programs that print the same with the real rclpy of ROS 2 and with rwt-rclpy; ARGS are areas or programs.
+# Environments with the real rclpy of a release of ROS 2.
 build/rclpy-%/.installed:
 	python3.11 -m venv build/rclpy-$*
 	build/rclpy-$*/bin/python -m pip install --quiet numpy $(addprefix ros-$*-,$(ROS2_PACKAGES))
 	touch $@
 
+# Cost of messages, services and timers on rwt-rclpy and on the real rclpy.
+bench-rclpy: $(STAMP) build/rclpy-jazzy/.installed build/rclpy-kilted/.installed
+	$(BIN)/python -m bench.message.rclpy $(ARGS)
+	for each in $(abspath build/rclpy-jazzy build/rclpy-kilted); do echo $$each; \
+		AMENT_PREFIX_PATH=$$each LD_LIBRARY_PATH=$$each/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp ROS_DOMAIN_ID=91 \
+		ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST PYTHONPATH=. $$each/bin/python -m bench.message.rclpy $(ARGS) || exit 1; done
+
+# Programs that print the same with the real rclpy and with rwt-rclpy, and generated cases; ARGS are areas or programs.
 test-rclpy-real: $(STAMP)-test build/rclpy-jazzy/.installed build/rclpy-kilted/.installed
 	PYTHONPATH=rwt-rclpy $(BIN)/python -m differential --distro jazzy --real build/rclpy-jazzy $(ARGS)
 	PYTHONPATH=rwt-rclpy $(BIN)/python -m differential --distro kilted --real build/rclpy-kilted $(ARGS)

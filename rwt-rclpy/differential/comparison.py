@@ -43,28 +43,46 @@ def normalised(status: int, text: str) -> str:
     return "\n".join(lines)
 
 
-def _play(command: list[str], environment: dict[str, str], names: list[str]) -> Outputs:
-    played = subprocess.run(
-        [*command, "-u", "-m", "differential.player", *names],
-        env=environment,
-        stdout=subprocess.PIPE,
-        check=True,
-        text=True,
-    )
-    rows = [json.loads(line) for line in played.stdout.splitlines()]
-    return {name: normalised(status, text) for name, status, text in rows}
+@dataclass(frozen=True, slots=True)
+class Rclpy:
+    """Interpreter with an rclpy, this project's or the real one.
+
+    Attributes:
+        python: path of the interpreter.
+        environment: variables of its processes.
+        options: options of `differential.player` and `differential.cases` for it.
+    """
+
+    python: str
+    environment: dict[str, str]
+    options: tuple[str, ...] = ()
+
+    def command(self, module: str) -> list[str]:
+        """Return the command of a module."""
+        return [self.python, "-u", "-m", f"differential.{module}", *self.options]
+
+    def play(self, names: list[str], jobs: int) -> Outputs:
+        """Return the outputs of programs."""
+        played = subprocess.run(
+            [*self.command("player"), "--jobs", str(jobs), *names],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            check=True,
+            text=True,
+        )
+        rows = [json.loads(line) for line in played.stdout.splitlines()]
+        return {name: normalised(status, text) for name, status, text in rows}
 
 
-def play_ours(distro: str, names: list[str]) -> Outputs:
-    """Return the outputs with this project's rclpy."""
+def our_rclpy(distro: str) -> Rclpy:
+    """Return this project's rclpy, which does not check fields by default, as the real one."""
     path = os.pathsep.join([str(ROOT), *(each for each in sys.path if each)])
     environment = {**os.environ, "PYTHONPATH": path, "ROS_DISTRO": distro, "RCUTILS_COLORIZED_OUTPUT": "0"}
-    environment["ROS_PYTHON_CHECK_FIELDS"] = "0"  # As the real one has it by default.
-    return _play([sys.executable], environment, ["--ours", "--jobs", "6", *names])
+    return Rclpy(sys.executable, {**environment, "ROS_PYTHON_CHECK_FIELDS": "0"}, ("--ours",))
 
 
-def play_real(place: Path, distro: str, names: list[str]) -> Outputs:
-    """Return the outputs with the real rclpy of an environment."""
+def real_rclpy(place: Path, distro: str) -> Rclpy:
+    """Return the real rclpy of an environment."""
     place = place.absolute()
     environment = {
         "PATH": os.environ.get("PATH", ""),
@@ -78,7 +96,7 @@ def play_real(place: Path, distro: str, names: list[str]) -> Outputs:
         "ROS_DISTRO": distro,
         "RCUTILS_COLORIZED_OUTPUT": "0",
     }
-    return _play([str(place / "bin" / "python")], environment, names)
+    return Rclpy(str(place / "bin" / "python"), environment)
 
 
 def real_version(place: Path) -> str:
@@ -197,9 +215,10 @@ class Result:
 
 def compare_ours(distro: str, real: Outputs, names: list[str]) -> Result:
     """Compare this rclpy's outputs; programs that differ are played again alone, without delays by others."""
-    result = compare(distro, real, play_ours(distro, names))
+    ours = our_rclpy(distro)
+    result = compare(distro, real, ours.play(names, 6))
     for difference in result.unreviewed[:20]:
-        again = compare(distro, real, play_ours(distro, [difference.name]))
+        again = compare(distro, real, ours.play([difference.name], 1))
         if not again.unreviewed:
             result.unreviewed.remove(difference)
             result.same += again.same

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from differential.comparison import compare_ours, read_recorded
+from differential.comparison import REAL, compare_ours, our_rclpy, read_recorded
+from differential.generated import differences_from_recorded
 from differential.player import areas
 
 _JAZZY, _KILTED = read_recorded("jazzy"), read_recorded("kilted")
@@ -26,3 +27,8 @@ def test_programs_that_kilted_changed_print_the_same_as_there() -> None:
 
 def test_two_hundred_programs_are_recorded_for_each_release() -> None:
     assert len(_JAZZY) >= 200 and set(_JAZZY) == set(_KILTED)
+
+
+@pytest.mark.parametrize("distro", REAL)
+def test_generated_cases_are_answered_as_by_the_real_one(distro: str) -> None:
+    assert not differences_from_recorded(our_rclpy(distro))

@@ -11,7 +11,7 @@ from rwt_rclpy.exceptions import InvalidHandle, RCLError
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """Release of rclpy.
+    """Release of rclpy; the defaults are Jazzy's.
 
     Attributes:
         calls_raise_timeout: True if `Client.call` raises TimeoutError; otherwise it returns None.
@@ -21,39 +21,35 @@ class Release:
         executors_outlive_shutdown: True if nodes and tasks may be added to an executor after its shutdown.
         error_without_context: what an executor raises without an initialised context.
         error_after_shutdown: what a node raises that makes a publisher or a subscription after the shutdown.
+        error_of_second_shutdown: what a context raises that is shut down again.
+        error_of_unknown_policy: what a `QoSProfile` raises for a policy that it does not have.
         executors_create_futures: True if executors have `create_future`.
         init_returns_context_manager: True if `rclpy.init` may be used in a ``with`` statement.
+        parameter_types_are_numbers: True if `Parameter.Type` is an IntEnum, which prints numbers.
+        rosout_is_preset: True if the profile of /rosout is in `QoSPresetProfiles`.
         transitions_raise: True if impossible lifecycle transitions raise RCLError; otherwise they fail.
         warn_is_deprecated: True if `warn` of a logger issues a DeprecationWarning.
     """
 
-    calls_raise_timeout: bool
-    durations_calculate: bool
-    has_timer_info: bool
-    tasks_are_fifo: bool
-    executors_outlive_shutdown: bool
-    error_without_context: type[Exception]
-    error_after_shutdown: type[Exception]
-    executors_create_futures: bool
-    init_returns_context_manager: bool
-    transitions_raise: bool
-    warn_is_deprecated: bool
+    calls_raise_timeout: bool = False
+    durations_calculate: bool = False
+    has_timer_info: bool = False
+    tasks_are_fifo: bool = False
+    executors_outlive_shutdown: bool = False
+    error_without_context: type[Exception] = TypeError
+    error_after_shutdown: type[Exception] = RCLError
+    error_of_second_shutdown: type[Exception] = RCLError
+    error_of_unknown_policy: type[Exception] = AssertionError
+    executors_create_futures: bool = False
+    init_returns_context_manager: bool = False
+    parameter_types_are_numbers: bool = False
+    rosout_is_preset: bool = False
+    transitions_raise: bool = True
+    warn_is_deprecated: bool = False
 
 
 RELEASES: Final = {
-    "jazzy": Release(
-        calls_raise_timeout=False,
-        durations_calculate=False,
-        has_timer_info=False,
-        tasks_are_fifo=False,
-        executors_outlive_shutdown=False,
-        error_without_context=TypeError,
-        error_after_shutdown=RCLError,
-        executors_create_futures=False,
-        init_returns_context_manager=False,
-        transitions_raise=True,
-        warn_is_deprecated=False,
-    ),
+    "jazzy": Release(),
     "kilted": Release(
         calls_raise_timeout=True,
         durations_calculate=True,
@@ -62,8 +58,12 @@ RELEASES: Final = {
         executors_outlive_shutdown=True,
         error_without_context=RuntimeError,
         error_after_shutdown=InvalidHandle,
+        error_of_second_shutdown=RuntimeError,
+        error_of_unknown_policy=TypeError,
         executors_create_futures=True,
         init_returns_context_manager=True,
+        parameter_types_are_numbers=True,
+        rosout_is_preset=True,
         transitions_raise=False,
         warn_is_deprecated=True,
     ),

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from rwt_participant import qos as program
 from rwt_rclpy.clocks.duration import Duration, Infinite
+from rwt_rclpy.release import RELEASE
 
 #: rmw's duration for "best available".
 BEST_AVAILABLE_NS: Final = 9223372036854775806
@@ -160,6 +161,7 @@ class QoSProfile:
     Raises:
         InvalidQoSProfileException: neither history nor depth is given, or KEEP_LAST without a depth.
         AssertionError: a policy is unknown, or its value is of another type.
+        TypeError: on Kilted, a policy is unknown.
     """
 
     __slots__ = tuple(f"_{name}" for name in POLICIES)
@@ -177,7 +179,7 @@ class QoSProfile:
     def __init__(self, **kwargs: Any) -> None:
         unknown = set(kwargs) - set(POLICIES)
         if unknown:
-            raise AssertionError(f"no such policy: {', '.join(sorted(unknown))}")
+            raise RELEASE.error_of_unknown_policy(f"no such policy: {', '.join(sorted(unknown))}")
         if "history" not in kwargs:
             if "depth" not in kwargs:
                 raise InvalidQoSProfileException("History and/or depth settings are required.")
@@ -297,6 +299,8 @@ class QoSPresetProfiles(Enum):
     PARAMETER_EVENTS = qos_profile_parameter_events
     ACTION_STATUS_DEFAULT = qos_profile_action_status_default
     BEST_AVAILABLE = qos_profile_best_available
+    if RELEASE.rosout_is_preset:
+        ROSOUT_DEFAULT = qos_profile_rosout_default
 
     @classmethod
     def short_keys(cls) -> list[str]:
@@ -396,8 +400,6 @@ def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
 
 
 def _shorter(name: str, offered: Duration, requested: Duration, noun: str) -> list[str]:
-    if BEST_AVAILABLE_NS in (offered.nanoseconds, requested.nanoseconds):
-        return []
     if requested.nanoseconds and not offered.nanoseconds:
         return [f"Subscription has a {name}, but publisher does not"]
     if requested.nanoseconds and requested < offered:

@@ -14,6 +14,8 @@ from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import RCLError, RCLInvalidROSArgsError
 from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 from rwt_rclpy.names.arguments import RosArguments, parse_arguments
+from rwt_rclpy.names.validation import wrong_in_namespace
+from rwt_rclpy.release import RELEASE
 
 OnShutdown = Callable[[], object]
 
@@ -89,7 +91,7 @@ class Context:
         Raises:
             RuntimeError: it was initialised before, or the domain is negative.
             UnicodeEncodeError: an argument is not valid UTF-8.
-            RCLError: the environment demands security enclaves, which only DDS has.
+            RCLError: the enclave's name is invalid, or the environment demands enclaves, which only DDS has.
             UnknownROSArgsError: an argument after ``--ros-args`` is unknown.
         """
         with self._lock:
@@ -105,6 +107,8 @@ class Context:
                 raise RCLError(
                     str(error)
                 ) from error  # The program's arguments are rcl's, a node's are rclpy's.
+            if wrong := wrong_in_namespace(arguments.enclave):
+                raise RCLError(f"--enclave {arguments.enclave}: {wrong[0]}")
             arguments.refuse_unknown()
             config = arguments.log_config_file
             if config is not None and not config.is_file():
@@ -146,7 +150,9 @@ class Context:
             if self._handle is None:
                 raise RuntimeError("Context must be initialized before it can be shutdown")
             if not self._handle.valid:
-                raise RCLError("the context was shut down before; try_shutdown() does so only if needed")
+                raise RELEASE.error_of_second_shutdown(
+                    "the context was shut down before; try_shutdown() does so only if needed"
+                )
             self._handle.shutdown()
         self._call_callbacks()
 

@@ -19,7 +19,6 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from rwt_interfaces.definitions.model import Field, WrittenType
-from rwt_interfaces.field_types import FLOAT32_LIMIT
 from rwt_rclpy.messages import slot_types
 from rwt_rclpy.messages.slot_types import (
     AbstractNestableType,
@@ -40,6 +39,8 @@ Check: TypeAlias = Callable[[Any], Any]
 Convert: TypeAlias = Callable[[Any], Any]
 
 #: IDL's names of the primitives of `.msg` files; a `char` of ROS 2 is a uint8.
+#: rosidl's limit in Python, a little less than the largest value.
+_FLOAT32_LIMIT = 3.402823466e38
 _IDL = {"bool": "boolean", "byte": "octet", "char": "uint8", "float32": "float", "float64": "double"}
 #: typecode of sequences in `array.array`, and dtype of numpy arrays, by number type.
 NUMBER_CODES = {
@@ -231,7 +232,7 @@ def _element_check(name: str, element: AbstractNestableType, inner: Nested | Non
         if kind == "octet":
             return partial(_check_octet, name)
         if kind in slot_types.FLOATING_POINT_TYPES:
-            return partial(_check_float, name, FLOAT32_LIMIT if kind == "float" else math.inf)
+            return partial(_check_float, name, _FLOAT32_LIMIT if kind == "float" else math.inf)
         bits = int(kind.lstrip("uint"))
         signed = not kind.startswith("u")
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)

@@ -21,7 +21,7 @@ VARIABLE: Final = "RWT_RCLPY_GRAPH"
 
 _EXPECTED: Final = (
     "expected `memory`, the URL of a server (ws://HOST:PORT, unix:///PATH), `zenoh`, or `zenoh:ENDPOINT` such"
-    " as zenoh:tcp/10.0.0.7:7447"
+    " as zenoh:tcp/10.0.0.7:7447; nodes of ROS 2 are reached through `rwt serve --graph ros2 URL`"
 )
 
 

@@ -14,14 +14,10 @@ from typing import Any, Final
 
 import yaml
 
-from rwt_rclpy.exceptions import NameValidationException, RCLInvalidROSArgsError, UnknownROSArgsError
+from rwt_rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
 from rwt_rclpy.names import bounded_yaml
-from rwt_rclpy.names.validation import (
-    expand_topic_name,
-    validate_namespace,
-    validate_node_name,
-    wrong_in_topic_name,
-)
+from rwt_rclpy.names.validation import expand_topic_name
+from rwt_rclpy.parameters.parameter import ParameterKind
 
 LEVELS: Final = {"unset": 0, "debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
 _SWITCHES: Final = {
@@ -32,6 +28,18 @@ _SWITCHES: Final = {
     "--enable-external-lib-logs": ("external", True),
     "--disable-external-lib-logs": ("external", False),
 }
+#: Names of rules are stricter than others: tokens contain no double underscore.
+_TOKEN: Final = r"(?!\d)(?!\w*__)\w+"
+_NAME: Final = re.compile(rf"(?:~?/)?{_TOKEN}(?:/{_TOKEN})*", re.ASCII)
+_REMAPPED: Final = re.compile(
+    rf"(?:({_TOKEN}):)?(?:(rostopic|rosservice)://)?(__node|__name|__ns|{_NAME.pattern})", re.ASCII
+)
+_SPECIAL: Final = {
+    "__node": ("node", re.compile(_TOKEN, re.ASCII)),
+    "__name": ("node", re.compile(_TOKEN, re.ASCII)),
+    "__ns": ("ns", re.compile(rf"/(?:{_TOKEN}(?:/{_TOKEN})*)?", re.ASCII)),
+}
+_KINDS: Final = {None: "name", "rostopic": "topic", "rosservice": "service"}
 _PARAMETER_NAME: Final = re.compile(r"[^\s]+\Z")
 _WITH_VALUE: Final = frozenset(
     {"-r", "--remap", "-p", "--param", "--params-file", "--log-level", "--log-config-file", "-e", "--enclave",
@@ -80,6 +88,7 @@ class RosArguments:
     unknown: list[str] = field(default_factory=list)
     others: list[str] = field(default_factory=list)
     log_config_file: Path | None = None
+    enclave: str = "/"
     below: RosArguments | None = None
 
     def refuse_unknown(self) -> None:
@@ -111,22 +120,27 @@ class RosArguments:
     def parameters_of(self, full_node_name: str) -> dict[str, Any]:
         """Return the values that a node's parameters get.
 
-        Patterns count in the order in which they first appear, as in rcl, and the later ones win.
+        Patterns count in the order in which they first appear, as in rcl, and the later ones win. Of the
+        values of one pattern, rcl keeps the last one of each type, and takes the first type that has one.
         """
         by_pattern: dict[str, dict[str, Any]] = {}
         for pattern, parameter, value in self.parameters:
-            by_pattern.setdefault(pattern or "/**", {})[parameter] = value
-        name = full_node_name.rpartition("/")[2]
+            values = by_pattern.setdefault(pattern or "/**", {})
+            if parameter not in values or _kind(value) <= _kind(values[parameter]):
+                values[parameter] = value
         found = {} if self.below is None else self.below.parameters_of(full_node_name)
         for pattern, values in by_pattern.items():
-            if _names_node(pattern, full_node_name, name):
+            if _names_node(pattern, full_node_name):
                 found.update(values)
         return found
 
 
-def _names_node(pattern: str, full: str, short: str) -> bool:
-    if pattern in ("", "/**", "**", full, short):
-        return True
+def _kind(value: Any) -> int:
+    """Rank of a value's type; unset ones come last."""
+    return ParameterKind.from_parameter_value(value).value or len(ParameterKind)
+
+
+def _names_node(pattern: str, full: str) -> bool:
     if "*" not in pattern:
         return pattern.strip("/") == full.strip("/")
     # `**` is any number of tokens, `*` is one.
@@ -155,7 +169,10 @@ def parse_arguments(arguments: Sequence[str], *, ros_first: bool = False) -> Ros
         if not within:
             if argument == "--ros-args":
                 within = True
-            else:
+                continue
+            try:
+                found.remaps.append(parse_remap(argument))  # Deprecated, but supported by rcl.
+            except RCLInvalidROSArgsError:
                 found.others.append(argument)
         elif argument == "--":
             within = False
@@ -193,6 +210,8 @@ def _take(found: RosArguments, argument: str, rest: list[str]) -> None:
         found.parameters.append(_parse_parameter(value_text))
     elif argument == "--params-file":
         found.parameters.extend(read_parameter_file(Path(value_text)))
+    elif argument in ("-e", "--enclave"):
+        found.enclave = value_text
     elif argument == "--log-config-file":
         found.log_config_file = Path(value_text)
     elif argument == "--log-level":
@@ -206,33 +225,19 @@ def _take(found: RosArguments, argument: str, rest: list[str]) -> None:
 
 def parse_remap(text: str) -> Remap:
     """Parse a rule ``[node:]from:=to``. Raises RCLInvalidROSArgsError."""
-    left, separator, new = text.partition(":=")
-    if not separator or not left or not new:
+    left, _, new = text.partition(":=")
+    found = _REMAPPED.fullmatch(left)
+    if found is None:
         raise RCLInvalidROSArgsError(
             f"Failed to parse ROS arguments: the remap rule '{text}' should be [NODE:]FROM:=TO"
         )
-    node, kind = "", "name"
-    for scheme, named in (("rostopic://", "topic"), ("rosservice://", "service")):
-        if left.startswith(scheme):
-            kind, left = named, left.removeprefix(scheme)
-    if ":" in left:
-        node, _, left = left.partition(":")
-    if left in ("__node", "__name", "__ns"):
-        kind = "ns" if left == "__ns" else "node"
-        try:
-            (validate_namespace if kind == "ns" else validate_node_name)(new)
-        except NameValidationException as error:
-            raise RCLInvalidROSArgsError(
-                f"Failed to parse ROS arguments: the remap rule '{text}': {error}"
-            ) from None
-        return Remap(node, kind, "", new)
-    for each in (left, new):
-        wrong = ("substitutions are not allowed",) if "{" in each else wrong_in_topic_name(each)
-        if wrong is not None:
-            raise RCLInvalidROSArgsError(
-                f"Failed to parse ROS arguments: the remap rule '{text}': {each}: {wrong[0]}"
-            )
-    return Remap(node, kind, left, new)
+    node, scheme, old = found.groups()
+    kind, pattern = _SPECIAL.get(old, (_KINDS[scheme], _NAME))
+    if not pattern.fullmatch(new):
+        raise RCLInvalidROSArgsError(
+            f"Failed to parse ROS arguments: the remap rule '{text}': '{new}' is invalid as a {kind}"
+        )
+    return Remap(node or "", kind, "" if old in _SPECIAL else old, new)
 
 
 def _parse_parameter(text: str) -> tuple[str, str, Any]:

@@ -29,6 +29,7 @@ _NODE_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_]")
 _FULL_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/]")
 _TOPIC_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/~{}]")
 _SUBSTITUTION: Final = re.compile(r"\{([^{}]*)\}")
+_BAD_SUBSTITUTION: Final = re.compile(r"\{(?:[0-9]|[^}]*/)")
 _SUBSTITUTIONS: Final = ("node", "ns", "namespace")
 
 _Wrong = tuple[str, int] | None
@@ -123,11 +124,14 @@ def wrong_in_topic_name(name: str) -> _Wrong:
         return wrong
     if "~" in name[1:]:
         return "tilde (~) may only be the first character", name.index("~", 1)
+    if name.startswith("~") and len(name) > 2 and name[1] != "/":  # rcl does not look at the last character.
+        return "tilde (~) must be followed by a forward slash", 1
     rest = _SUBSTITUTION.sub(lambda found: "_" * len(found.group()), name)
     for brace in "{}":
         if brace in rest:
             return "substitutions must have balanced braces", rest.index(brace)
-    return None
+    found = _BAD_SUBSTITUTION.search(name)
+    return None if found is None else ("substitutions must be names without '/', not numbers", found.start())
 
 
 def validate_node_name(node_name: str) -> bool:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import array
-from enum import Enum
+from enum import Enum, IntEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
 from rwt_rclpy.messages.loaded import message_class
 from rwt_rclpy.names import bounded_yaml
+from rwt_rclpy.release import RELEASE
 
 PARAMETER_SEPARATOR_STRING: Final = "."
 
@@ -20,7 +21,13 @@ _FIELDS: Final = (
 )  # fmt: skip
 
 
-class ParameterKind(Enum):
+if TYPE_CHECKING:
+    _Kind = Enum
+else:
+    _Kind = IntEnum if RELEASE.parameter_types_are_numbers else Enum
+
+
+class ParameterKind(_Kind):
     """`Parameter.Type`, with the numbers of `rcl_interfaces/ParameterType`."""
 
     NOT_SET = 0
