@@ -155,7 +155,8 @@ def test_models_that_cannot_be_used(tmp_path: Path) -> None:
 async def test_an_actuator_without_a_joint_position_has_a_topic(tmp_path: Path) -> None:
     (tmp_path / "motor.xml").write_text(
         "<mujoco><worldbody><body><joint name='wheel' axis='0 1 0'/><geom size='.1'/></body></worldbody>"
-        "<actuator><motor name='drive' joint='wheel' ctrlrange='-1 1' ctrllimited='true'/></actuator></mujoco>"
+        "<actuator><motor name='drive' joint='wheel' ctrlrange='-1 1' ctrllimited='true'/>"
+        "</actuator></mujoco>"
     )
     clock = SimulatedClock()
     async with MemoryGraph(clock=clock) as graph:
@@ -174,12 +175,12 @@ async def test_cameras_and_the_page_with_sliders() -> None:
     async with Server("ws://127.0.0.1:0", extra_nodes=[robot]) as server, connect(server.urls[0]) as user:
         for camera in ("front", "wrist_camera"):
             image = await user.once(
-                f"/{camera}/image_raw/compressed", "sensor_msgs/CompressedImage", timeout=60
+                f"/{camera}/image_raw/compressed", "sensor_msgs/CompressedImage", timeout=20
             )
             pixels = image_to_numpy(image)
             assert pixels.shape == (120, 160, 3)
             assert pixels.std() > 10  # It shows something.
-            info = await user.once(f"/{camera}/camera_info", "sensor_msgs/CameraInfo", timeout=60)
+            info = await user.once(f"/{camera}/camera_info", "sensor_msgs/CameraInfo", timeout=20)
             assert (info.width, info.height, info.k[2]) == (160, 120, 80)
         url = server.urls[0].replace("ws", "http", 1) + "/arm"
         page = await anyio.to_thread.run_sync(lambda: urlopen(url).read().decode())

@@ -79,13 +79,17 @@ def _error(device: Any, action: dict[str, Any] | None = None) -> DeviceError:
     [
         (
             Robot,
-            "observation_features action_features is_connected connect is_calibrated calibrate configure"
-            " get_observation send_action disconnect",
+            (
+                "observation_features action_features is_connected connect is_calibrated calibrate configure"
+                " get_observation send_action disconnect"
+            ),
         ),
         (
             Teleoperator,
-            "action_features feedback_features is_connected connect is_calibrated calibrate configure"
-            " get_action send_feedback disconnect",
+            (
+                "action_features feedback_features is_connected connect is_calibrated calibrate configure"
+                " get_action send_feedback disconnect"
+            ),
         ),
         (Camera, "is_connected find_cameras connect read async_read disconnect"),
     ],
@@ -194,7 +198,7 @@ def test_a_state_that_does_not_follow_raises(bench: Bench) -> None:
     bench.arm.is_stuck = True
     device = bench.device(follow_seconds=0.3)
     device.connect()
-    with pytest.raises(DoesNotFollow, match="pan is at 0.175 rad, was commanded to 0.698 rad"):
+    with pytest.raises(DoesNotFollow, match=r"pan is at 0.175 rad, was commanded to 0.698 rad"):
         raise _error(device, {"pan.pos": 40.0, "lift.pos": 0.0, "gripper.pos": 50.0})
     device.disconnect()
 
@@ -203,7 +207,7 @@ def test_states_that_stop_raise(bench: Bench) -> None:
     device = bench.device(max_age=0.3)
     device.connect()
     bench.node.close()
-    with pytest.raises(StaleData, match="the last message on /joint_states is 0.3"):
+    with pytest.raises(StaleData, match=r"the last message on /joint_states is 0.3"):
         raise _error(device)
     device.disconnect()
 
@@ -220,7 +224,7 @@ def test_a_camera_that_stalls_raises(bench: Bench) -> None:
     assert camera.read().shape == camera.async_read(2000).shape == (24, 32, 3)
     bench.node.close()
     time.sleep(0.3)
-    with pytest.raises(TimeoutError, match="old; the limit is 0.2 s"):
+    with pytest.raises(TimeoutError, match=r"old; the limit is 0.2 s"):
         camera.read_latest(200)
     with pytest.raises(TimeoutError, match="no new image"):
         camera.async_read(50)
@@ -297,5 +301,5 @@ def test_progress_towards_the_command_is_no_error() -> None:
 
 def test_a_server_that_is_not_there(tmp_path: Path) -> None:
     config = RobotConfig.get_choice_class("rosbridge")(url="ws://127.0.0.1:1", calibration_dir=tmp_path)
-    with pytest.raises(DeviceError, match="cannot connect to ws://127.0.0.1:1"):
+    with pytest.raises(DeviceError, match=r"cannot connect to ws://127.0.0.1:1"):
         make_robot_from_config(config).connect()

@@ -64,7 +64,8 @@ def test_joints_of_a_calibrated_arm(arm: object) -> None:
 
 def test_a_urdf_has_precedence_over_the_calibration(arm: object) -> None:
     limits = urdf_limits(
-        '<robot name="r"><joint name="lift" type="revolute"><limit lower="-1" upper="3" velocity="0.5"/></joint>'
+        '<robot name="r"><joint name="lift" type="revolute">'
+        '<limit lower="-1" upper="3" velocity="0.5"/></joint>'
         '<joint name="base" type="fixed"/></robot>'
     )
     _, lift, _ = motor_joints(arm, limits, step=0.3)

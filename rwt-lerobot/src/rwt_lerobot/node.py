@@ -254,7 +254,7 @@ class LeRobotNode:
         if action is not None:
             self._robot.send_action(action)
         observation = self._robot.get_observation()
-        images = {
+        images: dict[str, MessageLike] = {
             name: compressed_image(observation[name], frame_id=f"{name}_optical_frame")
             for name in self._images
         }

@@ -75,7 +75,8 @@ def _run(arguments: Arguments) -> int:
     if len(paths) > 1:
         raise CommandError(f"expected one model, got {len(paths)}", exit_code=2)
     settings = settings_of(arguments, {"listen": urls or None}).settings
-    lens = Lens(*arguments.camera, shadows=arguments.shadows)
+    width, height, rate = arguments.camera
+    lens = Lens(width, height, rate, arguments.shadows)
     robot = partial(MujocoRobot, path=paths[0] if paths else ARM, lens=lens, speed=arguments.speed)
 
     def on_up(server: Server) -> str:

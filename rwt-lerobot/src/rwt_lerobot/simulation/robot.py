@@ -137,7 +137,7 @@ class MujocoRobot:
     @property
     def time_ns(self) -> int:
         """Simulated time, nanoseconds since the epoch."""
-        return self._began_ns + round(self.data.time * 1e9)
+        return self._began_ns + round(float(self.data.time) * 1e9)
 
     def step(self) -> None:
         """Advance by one interval of control, and publish."""
@@ -214,9 +214,9 @@ class MujocoRobot:
             yield _transform(stamp, self.model.body_name(parent), self.model.body_name(body), position, turn)
         for name in self.model.cameras:
             camera = model.camera(name)
-            body = self.model.body_name(int(model.cam_bodyid[camera.id]))
+            parent_name = self.model.body_name(int(model.cam_bodyid[camera.id]))
             turn = self._product(camera.quat, _OPTICAL)
-            yield _transform(stamp, body, optical_frame(name), camera.pos, turn)
+            yield _transform(stamp, parent_name, optical_frame(name), camera.pos, turn)
 
     def _relative(self, parent: int, body: int) -> tuple[list[float], list[float]]:
         import numpy as np
