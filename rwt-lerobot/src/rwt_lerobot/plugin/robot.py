@@ -198,8 +198,10 @@ class RosbridgeRobot(Robot):
         connection, self._connection = self._connection, None
         if connection is None:
             raise DeviceError("the robot is not connected")
-        report = logger.warning if self.frames.late else logger.info
-        report("%s: at %d fps, their timestamps are too early", self.frames, self.config.fps)
+        if self.frames.late:
+            logger.warning("%s: recorded time is shorter than real time", self.frames)
+        else:
+            logger.info("%s", self.frames)
         for camera in self.cameras.values():
             if camera.is_connected:
                 camera.disconnect()
