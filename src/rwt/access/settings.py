@@ -182,6 +182,11 @@ class FieldLimit(Table):
         description="largest change per second away from the value of the stop message, on topics; towards"
         " that value there is no limit",
     )
+    rate_from: Literal["stop", "last"] = Field(
+        "stop",
+        description="`last`: `rate` limits changes of the last value in both directions, as for positions;"
+        " the first value after a stop is not limited",
+    )
     one_of: tuple[str, ...] = Field((), description="accepted strings, such as frame ids")
     beyond: Literal["refuse", "clamp"] = Field(
         "refuse", description="reject a value out of range, or clamp it"
