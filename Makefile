@@ -17,15 +17,16 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-ros1 test-ros2 bench-ros2 test-rclpy-real bench-rclpy
+client-grades size clean test-lerobot test-ros1 test-ros2 bench-ros2 test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 
 # Everything a user needs to run the server.
-$(STAMP): pyproject.toml conformance/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy
+$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy \
+		--editable ./rwt-lerobot --editable ./rwt-lerobot/plugin
 	touch $@
 
 # Requirements of `make test`: wheels only.
@@ -96,6 +97,18 @@ test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
 	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
 		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 		$(ROS2)/bin/python -m pytest tests/ros2 tests/contract/graph $(ARGS)
+
+# Tests of rwt-lerobot with the real LeRobot and MuJoCo, in an environment of their own (6 GB); they need CPython 3.11 and
+# OpenGL: Debian's package libegl1 with libgl1-mesa-dri.
+LEROBOT := build/lerobot
+$(LEROBOT)/.installed:
+	python3.11 -m venv $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet lerobot==0.4.4 pytest pytest-timeout trio --editable . \
+		--editable './rwt-lerobot[mujoco]' --editable ./rwt-lerobot/plugin
+	touch $@
+
+test-lerobot: $(LEROBOT)/.installed
+	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -W ignore rwt-lerobot/tests $(ARGS)
 
 # CPU time per delivered message beside rosbridge_suite; SUITE is your workspace of it, built for the Python of ROS2.
 bench-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
@@ -172,7 +185,7 @@ lowest: $(STAMP)
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
 		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy \
-		--group lowest
+		--editable ./rwt-lerobot --group lowest
 	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/rwt/access tests/rwt/gateways/rosbridge tests/client tests/interfaces \
 		tests/rwt/gateways/mcp tests/rwt/nodes tests/protocol tests/transports tests/rwt/media/webrtc tests/graph/zenoh
 

@@ -31,6 +31,7 @@ from packaging.requirements import Requirement
 
 TESTS: Final = Path(__file__).parent
 ROOT: Final = TESTS.parent
+LEROBOT_TESTS: Final = ROOT / "rwt-lerobot" / "tests"
 RCLPY_TESTS: Final = ROOT / "rwt-rclpy" / "tests"
 
 EXTENDED: Final = {
@@ -356,7 +357,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, lambda *_: None)
-    files = test_files(options.paths or (TESTS, RCLPY_TESTS))
+    files = test_files(options.paths or (TESTS, LEROBOT_TESTS, RCLPY_TESTS))
     reduced = not options.paths and not options.all
     if reduced:
         files = [file for file in files if not is_extended(file)]

@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[1]
 THROUGH_OTHERS = {"annotated-types", "pydantic-core", "mcp-types"}
 """Packages that a dependency uses in its own interface: of pydantic, and of the SDK for agents."""
 
-NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest", "rclpy"}
-"""Packages of type checkers, the suite, pytest for the plugin, and packages of ROS 2."""
+NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest", "rclpy", "draccus"}
+"""Packages of type checkers, the suite, pytest for the plugin, of ROS 2, and one that LeRobot brings."""
 
 PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},
@@ -75,7 +75,11 @@ def _imported(file: Path) -> set[str]:
     return {name.partition(".")[0] for name in found}
 
 
-@pytest.mark.parametrize("folder", [ROOT, ROOT / "rwt-rclpy"], ids=["robot-web-tools", "rwt-rclpy"])
+@pytest.mark.parametrize(
+    "folder",
+    [ROOT, ROOT / "rwt-rclpy", ROOT / "rwt-lerobot"],
+    ids=["robot-web-tools", "rwt-rclpy", "rwt-lerobot"],
+)
 def test_what_is_imported_is_declared(folder: Path) -> None:
     """A name that only a development dependency brings along breaks everybody else's installation."""
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -86,7 +90,7 @@ def test_what_is_imported_is_declared(folder: Path) -> None:
     declared = {
         re.split(r"[\[<>=;~! ]", each)[0].lower().replace("_", "-") for each in wanted
     } | THROUGH_OTHERS
-    # rwt-rclpy requires robot-web-tools, which has the same version.
+    # The others require robot-web-tools, which has the same version.
     own = {package.name for each in (folder, ROOT) for package in (each / "src").iterdir()}
     distributions = packages_distributions()
     undeclared = {

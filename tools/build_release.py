@@ -2,7 +2,8 @@
 
     python -m tools.build_release [--out dist]
 
-Wheels and source distributions of `robot-web-tools`, `rwt-rclpy` and `rosbridge-conformance`, and the npm
+Wheels and source distributions of `robot-web-tools`, `rwt-rclpy`, `rwt-lerobot`,
+`lerobot_robot_rosbridge` and `rosbridge-conformance`, and the npm
 package of the elements, are built twice, from two copies of what is committed, in folders with other names
 and at other times; the two must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look
 at them, and `SHA256SUMS` is written beside them. Nothing is published.
@@ -27,11 +28,13 @@ ROOT = Path(__file__).parents[1]
 DISTRIBUTIONS: Mapping[str, Path] = {
     "robot-web-tools": Path(),
     "rwt-rclpy": Path("rwt-rclpy"),
+    "rwt-lerobot": Path("rwt-lerobot"),
+    "lerobot_robot_rosbridge": Path("rwt-lerobot/plugin"),
     "rosbridge-conformance": Path("conformance"),
 }
 """Each distribution with its folder, relative to the top of the repository."""
 
-OURS = ("rwt", "rosbridge_conformance")
+OURS = ("rwt", "rosbridge_conformance", "lerobot_robot_rosbridge")
 """Prefixes of the names that may be at the top level of site-packages."""
 
 

@@ -52,6 +52,7 @@ PACKAGES = (
     "rwt_client",
     "rwt_graph",
     "rwt_interfaces",
+    "rwt_lerobot",
     "rwt_protocol",
     "rwt_rclpy",
     "rwt_tf2",
@@ -59,7 +60,7 @@ PACKAGES = (
 )
 """Packages with a public API, each of which has a page."""
 
-SOURCES = (ROOT / "src", ROOT / "rwt-rclpy" / "src")
+SOURCES = (ROOT / "src", ROOT / "rwt-lerobot" / "src", ROOT / "rwt-rclpy" / "src")
 
 
 def pages() -> Mapping[str, str]:

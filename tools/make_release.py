@@ -22,7 +22,9 @@ from tools.build_release import ReleaseError, build_release
 
 ROOT = Path(__file__).parents[1]
 CHANGELOG = ROOT / "CHANGELOG.md"
-PROJECTS = (ROOT / "pyproject.toml", ROOT / "rwt-rclpy" / "pyproject.toml")
+PROJECTS = tuple(
+    ROOT / folder / "pyproject.toml" for folder in (".", "rwt-rclpy", "rwt-lerobot", "rwt-lerobot/plugin")
+)
 BRANCH = "main"
 
 _VERSION = re.compile(r"\d+\.\d+\.\d+(?:(?:a|b|rc)\d+)?")

@@ -86,6 +86,10 @@ def test_release_is_complete(built: Path) -> None:
         "robot_web_tools.tar.gz",
         "rwt_rclpy-py3-none-any.whl",
         "rwt_rclpy.tar.gz",
+        "rwt_lerobot-py3-none-any.whl",
+        "rwt_lerobot.tar.gz",
+        "lerobot_robot_rosbridge-py3-none-any.whl",
+        "lerobot_robot_rosbridge.tar.gz",
         "rosbridge_conformance-py3-none-any.whl",
         "rosbridge_conformance.tar.gz",
         "robot-web-tools-widgets.tgz",
@@ -96,7 +100,7 @@ def test_release_is_complete(built: Path) -> None:
 def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
     program = (
         "from importlib.metadata import metadata\n"
-        "for name in ('robot-web-tools', 'rwt-rclpy', 'rosbridge-conformance'):\n"
+        "for name in ('robot-web-tools', 'rwt-rclpy', 'rwt-lerobot', 'rosbridge-conformance'):\n"
         "    found = metadata(name)\n"
         "    print(name, found['License-Expression'], *sorted(found.get_all('License-File')))\n"
     )
@@ -104,6 +108,7 @@ def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
     assert lines == [
         "robot-web-tools BSD-3-Clause LICENSE NOTICE",
         "rwt-rclpy BSD-3-Clause LICENSE",
+        "rwt-lerobot BSD-3-Clause LICENSE",
         "rosbridge-conformance BSD-3-Clause LICENSE",
     ]
 

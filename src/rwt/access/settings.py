@@ -122,7 +122,7 @@ class Table(BaseModel):
         return value
 
 
-_PART: Final = r"[A-Za-z][A-Za-z0-9_]*(?:\[\])?"
+_PART: Final = r"[A-Za-z][A-Za-z0-9_]*(?:\[[0-9]{0,4}\])?"
 _PATH: Final = re.compile(rf"{_PART}(?:\.{_PART})*")
 
 
@@ -135,7 +135,7 @@ def _field_path(path: str) -> str:
 
 
 FieldPath = Annotated[str, AfterValidator(_field_path)]
-"""The way from a message to one of its fields; `[]` stands for every item of a list."""
+"""The way from a message to one of its fields; `[]` stands for every item of a list, `[2]` for the third."""
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 LeaseSeconds = Annotated[float, Field(ge=0.05, le=60.0)]
@@ -181,6 +181,11 @@ class FieldLimit(Table):
         None,
         description="largest change per second away from the value of the stop message, on topics; towards"
         " that value there is no limit",
+    )
+    rate_from: Literal["stop", "last"] = Field(
+        "stop",
+        description="`last`: `rate` limits changes of the last value in both directions, as for positions;"
+        " the first value after a stop is not limited",
     )
     one_of: tuple[str, ...] = Field((), description="accepted strings, such as frame ids")
     beyond: Literal["refuse", "clamp"] = Field(

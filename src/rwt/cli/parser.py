@@ -23,9 +23,11 @@ class Parser(argparse.ArgumentParser):
 
     Attributes:
         unavailable: reason why the command is not available; empty if it is.
+        passes: prefix of options that the command passes on to another program, as ``arguments.passed``.
     """
 
     unavailable = ""
+    passes = ""
 
     def __init__(self, **keywords: Any) -> None:
         keywords.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
@@ -44,6 +46,9 @@ class Parser(argparse.ArgumentParser):
         if self.unavailable:
             raise CommandError(f"`{self.prog}` is not available: {self.unavailable}", CALLED_WRONGLY)
         found, left = super().parse_known_args(args, namespace)
+        if self.passes:
+            found.passed = [word for word in left if word.startswith(self.passes)]
+            left = [word for word in left if not word.startswith(self.passes)]
         if left:
             self.error(self._unknown(left[0]))
         return found, left

@@ -75,7 +75,8 @@ class Oracle:
             return "refused", f"{error} (gate.rules.it.fields)"
         self.passed_at = now
         self.last = seen or self.last
-        return text, "; ".join(changes)
+        named, more = changes[:8], len(changes) - 8
+        return text, "; ".join([*named, f"{more} more"] if more > 0 else named)
 
     def _limit(
         self,

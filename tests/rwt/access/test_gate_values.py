@@ -267,3 +267,57 @@ def test_every_rule_that_fits_holds() -> None:
     assert "gate.rules.slow" in drive(client, 0.8)
     assert drive(client, 0.5) == ""
     assert robot.take() == [(0.5, CLIENT)]
+
+
+def _trajectory(robot_rule: Mapping[str, Any]) -> tuple[GatedRobot, Client]:
+    rule = {"topics": ["/arm"], "stop": {}, "type": "trajectory_msgs/JointTrajectory", **robot_rule}
+    robot = GatedRobot({"arm": rule})
+    return robot, robot.client()
+
+
+def _move(client: Client, *positions: float, names: tuple[str, ...] = ("pan", "lift")) -> str:
+    message = {"joint_names": names, "points": [{"positions": positions}]}
+    return _say(client, "/arm", message, "trajectory_msgs/JointTrajectory")
+
+
+def test_items_of_a_list_have_limits_of_their_own() -> None:
+    _, client = _trajectory(
+        {
+            "fields": {
+                "joint_names[0]": {"one_of": ["pan"]},
+                "joint_names[1]": {"one_of": ["lift"]},
+                "points[].positions[0]": {"min": -1, "max": 1},
+                "points[].positions[1]": {"max": 2, "beyond": "clamp"},
+            }
+        }
+    )
+    assert _move(client, 0.5, 1.5) == ""
+    assert _move(client, 0.5, 9.0) == ""
+    assert _move(client, 0.5) == ""
+    assert "points[0].positions[0]: expected -1 to 1, got 1.5 (gate.rules.arm.fields)" in _move(client, 1.5)
+    assert "joint_names[0]: expected 'pan', got 'lift'" in _move(client, 1.5, 0.5, names=("lift", "pan"))
+
+
+def test_a_clamped_item_leaves_the_others_of_the_list() -> None:
+    rule = Rule(
+        "arm",
+        GateRule.model_validate(
+            {"topics": ["/arm"], "fields": {"points[].positions[1]": {"max": 2, "beyond": "clamp"}}}
+        ),
+    )
+    type = GatedRobot({}).graph.registry.message("trajectory_msgs/JointTrajectory")
+    given = Payload.from_value(type, {"points": [{"positions": [7, 8, 9]}, {"positions": [1]}]})
+    passed, clamped = FieldChecks(rule, type).check(given, 0.0)
+    assert str(clamped) == "points[0].positions[1]: 2 in place of 8"
+    assert [list(point.positions) for point in passed.value().points] == [[7, 2, 9], [1]]
+
+
+def test_a_rate_from_the_last_value_holds_in_both_directions() -> None:
+    rate = {"rate": 1.0, "rate_from": "last"}
+    robot, client = _trajectory({"fields": {"points[0].positions[]": rate}})
+    assert _move(client, 1.5) == ""  # The first one: where the arm is now is not known.
+    robot.clock.advance(0.1)
+    assert "points[0].positions[0]: expected 1.4 to 1.6, got 0" in _move(client, 0.0)
+    robot.clock.advance(5.0)
+    assert "expected 1.4 to 1.6, got 0" in _move(client, 0.0)
+    assert _move(client, 1.4) == ""

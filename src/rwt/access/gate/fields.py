@@ -31,6 +31,9 @@ _STANDSTILL_SECONDS: Final = 0.5
 #: A JSON text that is passed on as received has no NaN and no infinity, but it may have `null`, which is NaN.
 _find_null: Final = re.compile(rb"null").search
 
+#: Brackets of a path: every item of a list, or one.
+_BRACKETS: Final = re.compile(r"\[([0-9]*)\]")
+
 #: String in a JSON text.
 _STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 
@@ -118,12 +121,16 @@ class Motion:
         self._values: dict[str, float] = {}
         self._next: dict[str, float] = {}
 
-    def bounds(self, where: str, neutral: float, rate: float, now: float) -> tuple[float, float]:
+    def bounds(self, where: str, neutral: float | None, rate: float, now: float) -> tuple[float, float]:
         """Return the smallest and the largest value that a field may have now.
 
-        A field may jump towards its neutral value, so that braking is never limited.
+        A field may jump towards its neutral value, so that braking is never limited. Without one, the value
+        stays during silence, and the first one is not limited.
         """
         silence = now - self.at
+        if neutral is None:
+            before, step = self._values.get(where), rate * min(silence, _MAX_STEP_SECONDS)
+            return (-math.inf, math.inf) if before is None else (before - step, before + step)
         last = neutral if silence > _STANDSTILL_SECONDS else self._values.get(where, neutral)
         step = rate * min(silence, _MAX_STEP_SECONDS)
         return min(last, neutral) - step, max(last, neutral) + step
@@ -191,7 +198,8 @@ class FieldChecks:
             if limit.one_of:
                 leaf = _one_of(limit, key)
             else:
-                neutrals = {} if limit.rate is None or neutral is None else dict(_values_at(parts, neutral))
+                is_from_stop = limit.rate is not None and limit.rate_from == "stop"
+                neutrals = dict(_values_at(parts, neutral)) if is_from_stop and neutral is not None else {}
                 leaf = _Range(limit, key, motion, neutrals)
             checks.append(_at(parts, leaf))
         self._checks = tuple(checks)
@@ -296,12 +304,29 @@ def _described(value: object) -> str:
     return json.dumps(value[:100]) if isinstance(value, str) else str(value)[:100]
 
 
-def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[tuple[str, str]]:
-    """Return the parts of a path between the `[]`, as ROS and as Python spells them. Raises NoSuchField."""
+class _Part(NamedTuple):
+    """Part of a path between brackets.
+
+    Attributes:
+        text: the part as ROS spells it.
+        attributes: the part as Python spells it.
+        item: brackets that follow: the index of an item, empty for every item, None at the end of the path.
+    """
+
+    text: str
+    attributes: str
+    item: str | None
+
+
+_END: Final = _Part("", "", None)
+
+
+def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[_Part]:
+    """Return the parts of a path between the brackets. Raises NoSuchField."""
     attributes: list[str] = []
     kind: field_types.FieldType = field_types.Message(type)
     for part in path.split("."):
-        name, brackets, _ = part.partition("[]")
+        name, bracket, item = part.partition("[")
         if not isinstance(kind, field_types.Message):
             raise NoSuchField(f'`{key}."{path}"`: {name} is looked for in {kind}, which has no fields')
         slot = next((slot for slot in kind.type.slots if slot.name == name), None)
@@ -309,31 +334,36 @@ def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[
             known = ", ".join(slot.name for slot in kind.type.slots) or "none"
             raise NoSuchField(f'`{key}."{path}"`: {kind} has no field {name}; it has {known}')
         kind = slot.type
-        attributes.append(slot.attribute + brackets)
-        if brackets:
+        attributes.append(slot.attribute + bracket + item)
+        if bracket:
             if not isinstance(kind, field_types.Array):
-                raise NoSuchField(f'`{key}."{path}"`: {name} is {kind} and no list: expected it without `[]`')
+                raise NoSuchField(
+                    f'`{key}."{path}"`: {name} is {kind} and no list: expected it without `[{item}`'
+                )
             kind = kind.element
     wanted = field_types.String if limit.one_of else (field_types.Int, field_types.Float)
     if not isinstance(kind, wanted):
         raise NoSuchField(
             f'`{key}."{path}"`: expected a {"text" if limit.one_of else "number"}, and it is {kind}'
         )
-    return list(zip(path.split("[]"), ".".join(attributes).split("[]"), strict=True))
+    texts, names = _BRACKETS.split(path), _BRACKETS.split(".".join(attributes))
+    return list(map(_Part, texts[::2], names[::2], [*texts[1::2], None]))
 
 
-def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
+def _at(parts: Sequence[_Part], leaf: _Check) -> _Check:
     """Compile a check of the fields at a path of a message.
 
     Args:
         parts: parts of the path, from :func:`_resolve`.
     """
-    (text, attributes), *rest = parts
+    (text, attributes, item), *rest = parts
     inner = leaf
-    if rest:
-        is_leaf = rest == [("", "")]
+    if item:
+        inner = _item(int(item), _at(rest, leaf))
+    elif rest:
+        is_leaf = rest == [_END]
         inner = leaf.of_list() if is_leaf and isinstance(leaf, _Range) else _each(_at(rest, leaf))
-    if not attributes:  # The path ends with `[]`.
+    if not attributes:  # The path ends with brackets.
         return inner
     attributes = attributes.removeprefix(".")
     get = attrgetter(attributes)
@@ -351,6 +381,19 @@ def _each(inner: _Check) -> _Check:
     def check(items: Any, where: str, now: float, changes: list[Change]) -> object:
         taken = [inner(item, f"{where}[{index}]", now, changes) for index, item in enumerate(items)]
         return items if all(map(is_, taken, items)) else taken
+
+    return check
+
+
+def _item(index: int, inner: _Check) -> _Check:
+    """Compile a check of one item of a list; a shorter list passes."""
+
+    def check(items: Any, where: str, now: float, changes: list[Change]) -> object:
+        if index >= len(items):
+            return items
+        found = items[index]
+        taken = inner(found, f"{where}[{index}]", now, changes)
+        return items if taken is found else [*items[:index], taken, *items[index + 1 :]]
 
     return check
 
@@ -384,7 +427,7 @@ class _Range:
         neutrals: numbers of the stop message, for limits on rates.
     """
 
-    __slots__ = ("_clamps", "_highest", "_key", "_lowest", "_motion", "_neutrals", "_rate")
+    __slots__ = ("_clamps", "_highest", "_key", "_lowest", "_motion", "_neutrals", "_otherwise", "_rate")
 
     def __init__(
         self, limit: FieldLimit, key: str, motion: Motion | None, neutrals: Mapping[str, float]
@@ -395,13 +438,15 @@ class _Range:
         self._key = key
         self._motion = motion
         self._neutrals = neutrals
+        #: Value away from which the rate counts if the stop message has none; None: the last one.
+        self._otherwise = 0.0 if limit.rate_from == "stop" else None
         self._rate = limit.rate
 
     def __call__(self, value: Any, where: str, now: float, changes: list[Change]) -> object:
         low, high = self._lowest, self._highest
         rate, motion = self._rate, self._motion
         if rate is not None and motion is not None:
-            slowest, fastest = motion.bounds(where, self._neutrals.get(where, 0.0), rate, now)
+            slowest, fastest = motion.bounds(where, self._neutrals.get(where, self._otherwise), rate, now)
             low, high = max(low, min(slowest, high)), min(high, max(fastest, low))
         taken = value
         if not low <= value <= high:
@@ -441,15 +486,16 @@ def _range(low: float, high: float) -> str:
     return f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
 
 
-def _values_at(parts: Sequence[tuple[str, str]], value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
+def _values_at(parts: Sequence[_Part], value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the values of a message at a path, each with its path with indices."""
-    (text, attributes), *rest = parts
+    (text, attributes, wanted), *rest = parts
     found = attrgetter(attributes.removeprefix("."))(value) if attributes else value
     if not rest:
         yield where + text, found
         return
     for index, item in enumerate(found):
-        yield from _values_at(rest, item, f"{where}{text}[{index}]")
+        if not wanted or index == int(wanted):
+            yield from _values_at(rest, item, f"{where}{text}[{index}]")
 
 
 def _parts_of(type: MessageType, prefix: str = "") -> Iterator[tuple[attrgetter[Any], field_types.FieldType]]:

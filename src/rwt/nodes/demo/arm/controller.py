@@ -44,7 +44,7 @@ class ArmController:
     """Trajectory controller of the arm, like ros2_control's joint_trajectory_controller.
 
     Joints missing from a trajectory stay. A trajectory with a later start waits for it; otherwise, the newest
-    replaces the one before.
+    replaces the one before. One without points on the topic stops the arm where it is, as in ROS 1.
     """
 
     def __init__(self, node: Node, arm: Arm) -> None:
@@ -86,6 +86,9 @@ class ArmController:
         return self._run
 
     def _take(self, message: Message) -> None:
+        if not message.points:
+            self.abort("an empty trajectory stopped the arm")
+            return
         try:
             self._begin(message, None)
         except TrajectoryRefused as error:

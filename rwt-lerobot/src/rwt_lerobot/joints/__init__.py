@@ -1,0 +1,1 @@
+"""Joints: limits, units of motors, and the controller that follows trajectories."""

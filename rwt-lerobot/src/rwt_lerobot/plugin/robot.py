@@ -1,0 +1,219 @@
+"""Robot of LeRobot that is anything with joint states and trajectories on a rosbridge server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, Final
+
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots import Robot
+
+from rwt_lerobot.joints.controller import TOPIC_TYPE
+from rwt_lerobot.plugin.config import RosbridgeRobotConfig
+from rwt_lerobot.plugin.connection import Connection, DeviceError, DoesNotFollow, Latest, within
+from rwt_lerobot.plugin.joints import FeatureMap
+from rwt_lerobot.reports import logger
+from rwt_participant.blocking import BlockingPublisher
+
+FIRST_SECONDS: Final = 5.0
+"""Time for the first joint states to arrive."""
+
+#: Periods after which a frame is late, and seconds after which the loop has paused between episodes.
+_LATE_PERIODS: Final = 1.5
+_PAUSE_SECONDS: Final = 1.0
+#: Movement that counts as progress towards a command, radians.
+_PROGRESS: Final = 0.02
+
+
+class FrameCount:
+    """Frames of a control loop, and those that came late.
+
+    LeRobot's datasets state `frame_index / fps` as the time of a frame. A late frame makes recorded time
+    shorter than real time.
+
+    Attributes:
+        frames: number of frames.
+        late: number of those that came later than 1.5 periods after the one before.
+    """
+
+    def __init__(self, fps: float) -> None:
+        self._period = 1.0 / fps
+        self._last: float | None = None
+        self.frames = 0
+        self.late = 0
+
+    def note(self, now: float) -> None:
+        """Count a frame at a time in seconds; after a pause of more than a second counting begins anew."""
+        before, self._last = self._last, now
+        self.frames += 1
+        if before is not None and self._period * _LATE_PERIODS < now - before < _PAUSE_SECONDS:
+            self.late += 1
+
+    def __str__(self) -> str:
+        share = 100 * self.late / max(1, self.frames)
+        return f"{self.late} of {self.frames} frames were late ({share:.1f} %)"
+
+
+class Following:
+    """Check that the state of a robot follows its commands.
+
+    Args:
+        tolerance: distance, in radians, that is no error.
+        seconds: time without progress that is an error.
+    """
+
+    def __init__(self, tolerance: float, seconds: float) -> None:
+        self._tolerance = tolerance
+        self._seconds = seconds
+        self._behind: dict[str, tuple[float, float]] = {}
+
+    def check(self, wanted: Mapping[str, float], actual: Mapping[str, float], now: float) -> None:
+        """Compare command and state.
+
+        Raises:
+            DoesNotFollow: a joint is away from its command, and has not moved for too long.
+        """
+        for name, there in wanted.items():
+            here = actual[name]
+            since, start = self._behind.get(name, (now, here))
+            if abs(there - here) <= self._tolerance:
+                self._behind.pop(name, None)
+            elif abs(here - start) > _PROGRESS:
+                self._behind[name] = now, here
+            elif now - since <= self._seconds:
+                self._behind[name] = since, start
+            else:
+                raise DoesNotFollow(
+                    f"{name} is at {here:.3g} rad, was commanded to {there:.3g} rad,"
+                    f" and has not moved for {now - since:.1f} s"
+                )
+
+
+class RosbridgeRobot(Robot):
+    """Robot on a rosbridge server.
+
+    Every method that LeRobot's loops call raises :exc:`DeviceError` with the cause if a command was rejected,
+    the robot does not follow, its state is too old, or the connection was lost.
+    """
+
+    config_class = RosbridgeRobotConfig
+    name = "rosbridge"
+
+    def __init__(self, config: RosbridgeRobotConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self.cameras = make_cameras_from_configs(config.cameras)
+        self.frames = FrameCount(config.fps)
+        self._map = FeatureMap(config.joints, config.units, config.ranges)
+        self._connection: Connection | None = None
+        self._states: Latest | None = None
+        self._publisher: BlockingPublisher | None = None
+        self._wanted: Mapping[str, float] = {}
+        self._following = Following(config.follow_tolerance, config.follow_seconds)
+
+    @cached_property
+    def observation_features(self) -> dict[str, Any]:
+        """Features of the joints and of the cameras."""
+        shapes = {name: (camera.height, camera.width, 3) for name, camera in self.config.cameras.items()}
+        return {**self._map.features, **shapes}
+
+    @cached_property
+    def action_features(self) -> dict[str, Any]:
+        """Features of the joints."""
+        return dict(self._map.features)
+
+    @property
+    def is_connected(self) -> bool:
+        """True between :meth:`connect` and :meth:`disconnect`, also after an error."""
+        return self._connection is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """True: the robot behind the server is calibrated there."""
+        return True
+
+    def calibrate(self) -> None:
+        """No-op: the robot behind the server is calibrated there."""
+
+    def configure(self) -> None:
+        """No-op: the robot behind the server is configured there."""
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Connect to the server, and wait for the first joint states.
+
+        Raises:
+            DeviceError: the server cannot be reached, or no joint states arrive.
+        """
+        if self._connection is not None:
+            raise DeviceError("the robot is connected already")
+        config = self.config
+        connection = Connection(config.url, config.token, config.commands)
+        try:
+            states = connection.latest(config.states, "sensor_msgs/JointState")
+            publisher = connection.robot.advertise(config.commands, TOPIC_TYPE)
+            if not within(FIRST_SECONDS, lambda: not states.is_empty, connection.check):
+                raise DeviceError(f"no joint states on {config.states} of {config.url}")
+            for camera in self.cameras.values():
+                camera.connect()
+        except BaseException:
+            connection.close()
+            raise
+        self._connection, self._states, self._publisher = connection, states, publisher
+        self._wanted = {}
+        self._following = Following(config.follow_tolerance, config.follow_seconds)
+
+    def get_observation(self) -> dict[str, Any]:
+        """Return the joints' positions and the images."""
+        connection, states, _ = self._parts()
+        connection.check()
+        now = time.monotonic()
+        self.frames.note(now)
+        message = states.get(self.config.max_age)
+        observation: dict[str, Any] = dict(self._read(message))
+        actual = dict(zip(message.name, message.position, strict=False))
+        self._following.check(self._wanted, actual, now)
+        for name, camera in self.cameras.items():
+            observation[name] = camera.read_latest(int(getattr(camera, "max_age_ms", 500)))
+        return observation
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+        """Publish a trajectory with one point; returns the action."""
+        connection, states, publisher = self._parts()
+        connection.check()
+        states.get(self.config.max_age)
+        wanted = self._map.radians(action)
+        seconds, rest = divmod(round(self.config.seconds * 1e9), 10**9)
+        point = {
+            "positions": list(wanted.values()),
+            "time_from_start": {"sec": seconds, "nanosec": rest},
+        }
+        publisher.publish({"joint_names": list(wanted), "points": [point]})
+        self._wanted = wanted
+        return action
+
+    def disconnect(self) -> None:
+        """Close the connection, and report late frames. The robot holds its last position."""
+        connection, self._connection = self._connection, None
+        if connection is None:
+            raise DeviceError("the robot is not connected")
+        if self.frames.late:
+            logger.warning("%s: recorded time is shorter than real time", self.frames)
+        else:
+            logger.info("%s", self.frames)
+        for camera in self.cameras.values():
+            if camera.is_connected:
+                camera.disconnect()
+        connection.close()
+
+    def _parts(self) -> tuple[Connection, Latest, BlockingPublisher]:
+        if self._connection is None or self._states is None or self._publisher is None:
+            raise DeviceError("the robot is not connected")
+        return self._connection, self._states, self._publisher
+
+    def _read(self, message: Any) -> dict[str, float]:
+        try:
+            return self._map.read(message.name, message.position)
+        except ValueError as error:
+            raise DeviceError(f"{self.config.states}: {error}") from error

@@ -1,0 +1,1 @@
+"""MuJoCo models as robots: physics, cameras, sensors, and the six-joint arm of this project."""

@@ -1,0 +1,114 @@
+"""A robot of LeRobot as a node: states, images, commands, and a bus that is unplugged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import AsyncIterator
+from typing import Any
+
+import anyio
+import pytest
+
+from rwt import connect
+from rwt_graph import MemoryGraph, Node
+from rwt_lerobot import LeRobotNode
+from rwt_participant.images import image_to_numpy
+
+TRAJECTORY = "trajectory_msgs/JointTrajectory"
+TOPIC = "/arm_controller/joint_trajectory"
+
+
+@pytest.fixture
+async def user(arm: Any) -> AsyncIterator[Node]:
+    async with MemoryGraph() as graph:
+        node = LeRobotNode(Node(graph, "arm"), arm, rate=100.0, description="<robot/>")
+        yield Node(graph, "user")
+        node.close()
+
+
+async def _until(condition: Any) -> None:
+    with anyio.fail_after(20):
+        while not condition():  # noqa: ASYNC110  # what is awaited is in the fake
+            await anyio.sleep(0.01)
+
+
+@pytest.mark.anyio
+async def test_states_images_and_description(user: Node) -> None:
+    state = await user.once("/joint_states", timeout=20)
+    assert list(state.name) == ["pan", "lift", "gripper"]
+    assert state.position[0] == pytest.approx(math.radians(10))
+    assert image_to_numpy(await user.once("/front/image_raw/compressed", timeout=20)).shape == (24, 32, 3)
+    assert (await user.once("/front/camera_info", timeout=20)).width == 32
+    assert (await user.once("/robot_description", timeout=20)).data == "<robot/>"
+
+
+@pytest.mark.anyio
+async def test_nothing_is_commanded_before_the_first_trajectory(user: Node, arm: Any) -> None:
+    await user.once("/joint_states", timeout=20)
+    await user.once("/joint_states", timeout=20)
+    assert arm.actions == []
+    point = {"positions": [0.0], "time_from_start": {"nanosec": 300_000_000}}
+    user.publish(TOPIC, {"joint_names": ["pan"], "points": [point]}, TRAJECTORY)
+    await _until(lambda: arm.positions["pan.pos"] == pytest.approx(0.0, abs=0.01))
+    assert arm.positions["lift.pos"] == pytest.approx(0.0)
+    assert arm.positions["gripper.pos"] == pytest.approx(50.0)
+
+
+@pytest.mark.anyio
+async def test_rejections_are_on_rosout(user: Node) -> None:
+    await user.once("/joint_states", timeout=20)
+    lines: list[str] = []
+    user.subscribe("/rosout", lambda line: lines.append(line.msg), "rcl_interfaces/Log")
+    user.publish(TOPIC, {"joint_names": ["pan"], "points": [{"positions": [3.0]}]}, TRAJECTORY)
+    await _until(lambda: lines)
+    assert "pan moves from -1.57 to 1.57 rad, not to 3" in lines[0]
+
+
+@pytest.mark.anyio
+async def test_an_unplugged_bus_is_reported_and_commands_are_rejected(user: Node, arm: Any) -> None:
+    await user.once("/joint_states", timeout=20)
+    lines: list[str] = []
+    user.subscribe("/rosout", lambda line: lines.append(line.msg), "rcl_interfaces/Log")
+    arm.error = ConnectionError("no reply from motor 3")
+    await _until(lambda: lines)
+    assert lines == ["the robot does not answer: ConnectionError: no reply from motor 3"]
+    user.publish(TOPIC, {"joint_names": ["pan"], "points": [{"positions": [0.1]}]}, TRAJECTORY)
+    await _until(lambda: len(lines) > 1)
+    assert "rejected the trajectory" in lines[1] and "no reply from motor 3" in lines[1]
+    arm.error = None
+    await _until(lambda: len(lines) > 2)
+    assert "the robot answers again, and holds its position" in lines[2]
+    assert arm.actions == []
+
+
+@pytest.mark.anyio
+async def test_a_mobile_base_stops_after_half_a_second_of_silence(arm: Any) -> None:
+    arm.positions |= {"x.vel": 0.0, "y.vel": 0.0, "theta.vel": 0.0}
+    async with MemoryGraph() as graph:
+        node, user = LeRobotNode(Node(graph, "base"), arm, rate=100.0), Node(graph, "user")
+        await user.once("/joint_states", timeout=20)
+        user.publish("/cmd_vel", {"linear": {"x": 0.2}, "angular": {"z": math.pi / 2}}, "geometry_msgs/Twist")
+        await _until(lambda: arm.positions["x.vel"] == 0.2)
+        assert arm.positions["theta.vel"] == pytest.approx(90.0)
+        velocity = await user.once("/velocity", timeout=20)
+        assert velocity.twist.angular.z == pytest.approx(math.pi / 2)
+        await _until(lambda: arm.positions["x.vel"] == 0.0)
+        node.close()
+
+
+@pytest.mark.anyio
+async def test_a_robot_that_joins_a_server_over_rosbridge(arm: Any) -> None:
+    from rwt import Server
+
+    async with (
+        Server("ws://127.0.0.1:0") as server,
+        connect(server.urls[0]) as robot,
+        connect(server.urls[0]) as user,
+    ):
+        node = LeRobotNode(robot, arm, rate=50.0, namespace="left")
+        state = await user.once("/left/joint_states", "sensor_msgs/JointState", timeout=20)
+        assert state.position[0] == pytest.approx(math.radians(10))
+        goal = {"joint_names": ["pan"], "points": [{"positions": [0.0], "time_from_start": {"sec": 1}}]}
+        handle = await user.send_goal("/left/arm_controller/follow_joint_trajectory", {"trajectory": goal})
+        assert (await handle.result(20)).succeeded
+        node.close()

@@ -1,0 +1,305 @@
+"""Devices for LeRobot, on its base classes or their fakes, against a server with an arm behind a gate."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lerobot.cameras import Camera, CameraConfig
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots import Robot, RobotConfig, make_robot_from_config
+from lerobot.teleoperators import Teleoperator, TeleoperatorConfig, make_teleoperator_from_config
+
+import lerobot_robot_rosbridge
+from rwt import Server
+from rwt_lerobot import LeRobotNode
+from rwt_lerobot.plugin.connection import CommandRejected, DeviceError, DoesNotFollow, StaleData
+from rwt_lerobot.plugin.robot import Following, FrameCount
+
+JOINTS = {"joints": ["pan", "lift", "gripper"]}
+RULE: dict[str, Any] = {
+    "topics": ["/arm_controller/joint_trajectory"],
+    "emergency": True,
+    "lease": {"seconds": 0.5},
+    "stop": {},
+    "fields": {"points[].positions[]": {"max": 1.6}},
+}
+
+
+class Bench:
+    """Server with a fake arm, in a thread."""
+
+    def __init__(self, robot: Any, arm: Any, tmp_path: Path) -> None:
+        self.robot = robot
+        self.url = robot.server.urls[0]
+        self.arm = arm
+        self.node = LeRobotNode(robot.node, arm, rate=100.0)
+        self._folder = tmp_path
+
+    def device(self, **changes: Any) -> Any:
+        cameras = changes.pop("cameras", {})
+        config = RobotConfig.get_choice_class("rosbridge")
+        return make_robot_from_config(
+            config(url=self.url, calibration_dir=self._folder, cameras=cameras, **JOINTS, **changes)
+        )
+
+
+@pytest.fixture
+def bench(arm: Any, tmp_path: Path) -> Iterator[Bench]:
+    with Server("ws://127.0.0.1:0", gate={"rules": {"arm": RULE}}) as robot:
+        bench = Bench(robot, arm, tmp_path)
+        yield bench
+        bench.node.close()
+
+
+def _error(device: Any, action: dict[str, Any] | None = None) -> DeviceError:
+    """Run a loop like LeRobot's until it raises, and return the error."""
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        try:
+            observed = device.get_observation()
+            device.send_action(action or {name: observed[name] for name in device.action_features})
+        except DeviceError as error:
+            return error
+        time.sleep(0.02)
+    raise AssertionError("the loop did not raise")
+
+
+@pytest.mark.parametrize(
+    ("base", "methods"),
+    [
+        (
+            Robot,
+            (
+                "observation_features action_features is_connected connect is_calibrated calibrate configure"
+                " get_observation send_action disconnect"
+            ),
+        ),
+        (
+            Teleoperator,
+            (
+                "action_features feedback_features is_connected connect is_calibrated calibrate configure"
+                " get_action send_feedback disconnect"
+            ),
+        ),
+        (Camera, "is_connected find_cameras connect read async_read disconnect"),
+    ],
+)
+def test_the_base_classes_ask_for_these_methods(base: Any, methods: str) -> None:
+    assert base.__abstractmethods__ == {*methods.split()}
+
+
+def test_signatures_are_those_of_the_base_classes() -> None:
+    pairs = (
+        (Robot, lerobot_robot_rosbridge.RosbridgeRobot),
+        (Teleoperator, lerobot_robot_rosbridge.RosbridgeTeleoperator),
+        (Camera, lerobot_robot_rosbridge.RosbridgeCamera),
+    )
+    for base, device in pairs:
+        for name in (*base.__abstractmethods__, "read_latest"):
+            method = getattr(base, name, None)
+            if callable(method):
+                ours = inspect.signature(getattr(device, name)).parameters
+                assert [*ours] == [*inspect.signature(method).parameters]
+
+
+def test_lerobots_factories_find_the_devices(bench: Bench, tmp_path: Path) -> None:
+    assert isinstance(bench.device(), lerobot_robot_rosbridge.RosbridgeRobot)
+    config = TeleoperatorConfig.get_choice_class("rosbridge")(calibration_dir=tmp_path)
+    assert config.type == "rosbridge"
+    teleoperator = make_teleoperator_from_config(config)
+    assert isinstance(teleoperator, lerobot_robot_rosbridge.RosbridgeTeleoperator)
+    camera = CameraConfig.get_choice_class("rosbridge")(topic="/front")
+    assert isinstance(
+        make_cameras_from_configs({"front": camera})["front"], lerobot_robot_rosbridge.RosbridgeCamera
+    )
+
+
+def test_observations_and_actions(bench: Bench) -> None:
+    camera = CameraConfig.get_choice_class("rosbridge")(
+        topic="/front/image_raw/compressed", url=bench.url, width=32, height=24, fps=30
+    )
+    device = bench.device(cameras={"front": camera})
+    assert device.observation_features == {
+        **dict.fromkeys(("pan.pos", "lift.pos", "gripper.pos"), float),
+        "front": (24, 32, 3),
+    }
+    device.connect()
+    observed = device.get_observation()
+    assert observed.keys() == device.observation_features.keys()
+    assert observed["front"].shape == (24, 32, 3)
+    assert observed["front"].dtype == "uint8"
+    assert observed["pan.pos"] == pytest.approx(10.0)
+    wanted = {"pan.pos": 20.0, "lift.pos": 5.0, "gripper.pos": 40.0}
+    end = time.monotonic() + 20
+    while abs(device.get_observation()["pan.pos"] - 20.0) > 0.1 and time.monotonic() < end:
+        assert device.send_action(wanted) == wanted
+        time.sleep(0.02)
+    assert bench.arm.positions["pan.pos"] == pytest.approx(20.0, abs=0.1)
+    device.disconnect()
+    assert not device.is_connected
+
+
+def _beyond(bench: Bench) -> dict[str, float]:
+    return {"pan.pos": 92.0, "lift.pos": 0.0, "gripper.pos": 0.0}  # 1.605 rad: the gate allows 1.6.
+
+
+def _too_far(bench: Bench) -> dict[str, float]:
+    return {"pan.pos": 80.0, "lift.pos": 0.0, "gripper.pos": 0.0}  # More than 1 rad at once.
+
+
+def _stopped(bench: Bench) -> None:
+    bench.robot.call("/gate/stop", {"reason": "somebody is near"}, "rwt_gate_msgs/Stop")
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (_beyond, "points\\[0\\].positions\\[0\\]: expected at most 1.6, got 1.60"),
+        (_too_far, "pan is 1.22 rad away from 1.4 rad; a command without a time"),
+        (_stopped, "emergency stop"),
+    ],
+)
+def test_rejections_by_gate_and_robot_raise(bench: Bench, make: Callable[[Bench], Any], text: str) -> None:
+    device = bench.device()
+    device.connect()
+    with pytest.raises(CommandRejected, match=text):
+        raise _error(device, make(bench))
+    device.disconnect()
+
+
+def test_a_lease_that_another_client_holds_raises(bench: Bench) -> None:
+    first, second = bench.device(), bench.device()
+    first.connect()
+    second.connect()
+    rest = {name: first.get_observation()[name] for name in first.action_features}
+    first.send_action(rest)
+    end = time.monotonic() + 20
+    with pytest.raises(CommandRejected, match="is held by"):
+        while time.monotonic() < end:
+            first.send_action(rest)
+            second.get_observation()
+            second.send_action(rest)
+            time.sleep(0.02)
+    first.disconnect()
+    second.disconnect()
+
+
+def test_a_state_that_does_not_follow_raises(bench: Bench) -> None:
+    bench.arm.is_stuck = True
+    device = bench.device(follow_seconds=0.3)
+    device.connect()
+    with pytest.raises(DoesNotFollow, match=r"pan is at 0.175 rad, was commanded to 0.698 rad"):
+        raise _error(device, {"pan.pos": 40.0, "lift.pos": 0.0, "gripper.pos": 50.0})
+    device.disconnect()
+
+
+def test_states_that_stop_raise(bench: Bench) -> None:
+    device = bench.device(max_age=0.3)
+    device.connect()
+    bench.node.close()
+    with pytest.raises(StaleData, match=r"the last message on /joint_states is 0.3"):
+        raise _error(device)
+    device.disconnect()
+
+
+def test_a_camera_that_stalls_raises(bench: Bench) -> None:
+    camera = make_cameras_from_configs(
+        {
+            "front": CameraConfig.get_choice_class("rosbridge")(
+                topic="/front/image_raw/compressed", url=bench.url
+            )
+        }
+    )["front"]
+    camera.connect()
+    assert camera.read().shape == camera.async_read(2000).shape == (24, 32, 3)
+    bench.node.close()
+    time.sleep(0.3)
+    with pytest.raises(TimeoutError, match=r"old; the limit is 0.2 s"):
+        camera.read_latest(200)
+    with pytest.raises(TimeoutError, match="no new image"):
+        camera.async_read(50)
+    camera.disconnect()
+
+
+def test_a_teleoperator_repeats_the_last_command(bench: Bench, tmp_path: Path) -> None:
+    config = TeleoperatorConfig.get_choice_class("rosbridge")(
+        url=bench.url, calibration_dir=tmp_path, **JOINTS
+    )
+    teleoperator = make_teleoperator_from_config(config)
+    teleoperator.connect()
+    assert teleoperator.get_action()["pan.pos"] == pytest.approx(10.0)
+    bench.robot.publish(
+        "/teleop/joint_trajectory",
+        {"joint_names": ["pan"], "points": [{"positions": [math.pi / 4]}]},
+        "trajectory_msgs/JointTrajectory",
+    )
+    end = time.monotonic() + 20
+    while teleoperator.get_action()["pan.pos"] != pytest.approx(45.0) and time.monotonic() < end:
+        time.sleep(0.01)
+    action = teleoperator.get_action()
+    assert action["pan.pos"] == pytest.approx(45.0)
+    assert action.keys() == teleoperator.action_features.keys()
+    teleoperator.disconnect()
+
+
+SERVER = """
+import sys
+sys.path.insert(0, {tests!r})
+from conftest import FakeArm
+from rwt import Server
+from rwt_lerobot import LeRobotNode
+with Server("ws://127.0.0.1:0") as robot:
+    LeRobotNode(robot.node, FakeArm(), rate=100.0)
+    print(robot.server.urls[0], flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_killed_server_raises_within_half_a_second(tmp_path: Path) -> None:
+    program = [sys.executable, "-c", SERVER.format(tests=str(Path(__file__).parent))]
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        url = server.stdout.readline().strip()
+        config = RobotConfig.get_choice_class("rosbridge")(url=url, calibration_dir=tmp_path, **JOINTS)
+        device: Any = make_robot_from_config(config)
+        device.connect()
+        device.get_observation()
+        os.kill(server.pid, signal.SIGKILL)
+        killed = time.monotonic()
+        error = _error(device)
+        took = time.monotonic() - killed
+    assert type(error) in (DeviceError, StaleData)
+    assert took < 5  # 0.5 s on an idle machine.
+    device.disconnect()
+
+
+def test_late_frames_are_counted() -> None:
+    count = FrameCount(10)
+    for at in (0.0, 0.1, 0.2, 0.36, 0.46, 8.0, 8.1):  # One late frame, and a pause between episodes.
+        count.note(at)
+    assert str(count) == "1 of 7 frames were late (14.3 %)"
+
+
+def test_progress_towards_the_command_is_no_error() -> None:
+    following = Following(tolerance=0.2, seconds=1.0)
+    for number in range(40):
+        following.check({"pan": 2.0}, {"pan": number * 0.03}, number * 0.5)
+    following.check({"pan": 2.0}, {"pan": 1.17}, 20.4)
+    with pytest.raises(DoesNotFollow, match="has not moved for"):
+        following.check({"pan": 2.0}, {"pan": 1.17}, 21.0)
+
+
+def test_a_server_that_is_not_there(tmp_path: Path) -> None:
+    config = RobotConfig.get_choice_class("rosbridge")(url="ws://127.0.0.1:1", calibration_dir=tmp_path)
+    with pytest.raises(DeviceError, match=r"cannot connect to ws://127.0.0.1:1"):
+        make_robot_from_config(config).connect()
