@@ -61,6 +61,7 @@ lint: $(STAMP)-test
 
 types: $(STAMP)-test
 	$(BIN)/mypy
+	$(BIN)/mypy rwt-lerobot/tests
 	MYPYPATH=rwt-rclpy $(BIN)/mypy rwt-rclpy/differential
 
 # Style, types and tests of the page; what needs a browser is in tests/browser.

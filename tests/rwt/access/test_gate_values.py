@@ -309,7 +309,8 @@ def test_a_clamped_item_leaves_the_others_of_the_list() -> None:
     given = Payload.from_value(type, {"points": [{"positions": [7, 8, 9]}, {"positions": [1]}]})
     passed, clamped = FieldChecks(rule, type).check(given, 0.0)
     assert str(clamped) == "points[0].positions[1]: 2 in place of 8"
-    assert [list(point.positions) for point in passed.value().points] == [[7, 2, 9], [1]]
+    value: Any = passed.value()
+    assert [list(point.positions) for point in value.points] == [[7, 2, 9], [1]]
 
 
 def test_a_rate_from_the_last_value_holds_in_both_directions() -> None:

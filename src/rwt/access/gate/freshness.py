@@ -59,7 +59,7 @@ class _Delay:
         return difference - self._least
 
 
-class _Stream:
+class _CommandStream:
     """Commands of one client.
 
     Attributes:
@@ -113,7 +113,7 @@ class Freshness:
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self._streams: dict[Actor, _Stream] = {}
+        self._streams: dict[Actor, _CommandStream] = {}
 
     def check(
         self, client: Actor, command: msgspec.Struct | None, now: float, clock: Clock, *, is_stop: bool
@@ -154,7 +154,9 @@ class Freshness:
             " send the stop message, or pause for as long, and begin again"
         )
 
-    def _next(self, stream: _Stream, gap: float, late: float, *, streamed: bool, was_stop: bool) -> _State:
+    def _next(
+        self, stream: _CommandStream, gap: float, late: float, *, streamed: bool, was_stop: bool
+    ) -> _State:
         """Return the state after a command that moves the robot."""
         if late > self.seconds:
             return _State.STALLED
@@ -175,10 +177,10 @@ class Freshness:
             return _State.DRIVING if stream.count >= _PROBES else state
         return _State.PROBING if gap > self.seconds else _State.STALLED
 
-    def _add(self, client: Actor, now: float) -> _Stream:
+    def _add(self, client: Actor, now: float) -> _CommandStream:
         if len(self._streams) >= _MAX_CLIENTS:
             del self._streams[min(self._streams, key=lambda each: self._streams[each].at)]
-        stream = self._streams[client] = _Stream(now)
+        stream = self._streams[client] = _CommandStream(now)
         return stream
 
 

@@ -20,7 +20,7 @@ from rwt.gateways.mcp.content.answer import Part, Picture, as_text
 from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
 from rwt.gateways.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
 from rwt.gateways.mcp.person import Person, asked
-from rwt.gateways.mcp.subscriptions import Subscriptions, running_subscriptions
+from rwt.gateways.mcp.subscriptions import ResourceSubscriptions, running_subscriptions
 from rwt.gateways.mcp.tools import TOOLS
 from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 def make_server(host: Host, version: str, *, keeps_sessions: bool = True) -> Server[TaskGroup]:
     """Server of one gateway, or of one program connected over standard input and output."""
-    handlers, subscriptions = _Handlers(host), Subscriptions(host)
+    handlers, subscriptions = _Handlers(host), ResourceSubscriptions(host)
     return Server(
         "robot-web-tools",
         version=version,

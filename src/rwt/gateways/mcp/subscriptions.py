@@ -50,7 +50,7 @@ async def running_subscriptions(server: Server[TaskGroup]) -> AsyncIterator[Task
             tasks.cancel_scope.cancel()
 
 
-class Subscriptions:
+class ResourceSubscriptions:
     """Handlers of the requests for subscriptions, of sessions and of streams (since 2026-07-28)."""
 
     def __init__(self, host: Host) -> None:

@@ -87,7 +87,7 @@ class ArmController:
 
     def _take(self, message: Message) -> None:
         if not message.points:
-            self.abort("an empty trajectory stopped the arm")
+            self.end("an empty trajectory stopped the arm")
             return
         try:
             self._begin(message, None)
