@@ -210,12 +210,16 @@ class Batches:
             call()
         finally:
             self._is_open = False
-            calls, self._calls = self._calls, []
-            for each in calls:
-                if self._following:
+            calls, self._calls = iter(self._calls), []
+            try:
+                for each in calls:
+                    if self._following:
+                        self._loop.call_soon(each)
+                    else:
+                        each()
+            finally:
+                for each in calls:  # Those behind a call that raised.
                     self._loop.call_soon(each)
-                else:
-                    each()
 
     def call_soon(self, call: Callable[[], None]) -> None:
         """Call a function at the end of the batch, or in the next turn."""

@@ -225,3 +225,18 @@ class TestBatches:
 
     def test_work_waits_for_the_callbacks_that_follow(self) -> None:
         assert asyncio.run(self.run_in_loop(2)) == ["delivered", "returned", "other", "other", "written"]
+
+    def test_work_behind_a_fault_is_done(self) -> None:
+        async def run() -> list[str]:
+            batches, events = loop_batches(), ["begun"]
+
+            def deliver() -> None:
+                batches.call_soon(lambda: [][0])
+                batches.call_soon(lambda: events.append("done"))
+
+            with pytest.raises(IndexError):
+                batches.run(deliver)
+            await asyncio.sleep(0)
+            return events
+
+        assert asyncio.run(run()) == ["begun", "done"]
