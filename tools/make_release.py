@@ -110,9 +110,9 @@ def dated(changelog: str, version: str, day: datetime.date) -> str:
 
 
 def with_version(project: str, version: str) -> str:
-    """Return the text of a pyproject.toml with this version, also in its dependency on the server."""
+    """Return the text of a pyproject.toml with this version, also in its dependency on ours."""
     project = re.sub(r'^version = "[^"]*"$', f'version = "{version}"', project, count=1, flags=re.MULTILINE)
-    return re.sub(r'"robot-web-tools==[^"]*"', f'"robot-web-tools=={version}"', project)
+    return re.sub(r'"(robot-web-tools|rwt-lerobot)==[^"]*"', rf'"\1=={version}"', project)
 
 
 def git(*arguments: str) -> str:

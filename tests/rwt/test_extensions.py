@@ -91,9 +91,9 @@ CLASH = replace(CODECS["cbor"], name="clash")
 """,
     "netstring": """
 from rwt_transports.schemes import Scheme
-from tests.transports.test_new_scheme import netstrings
+from tests.transports.test_new_scheme import NetstringWire
 
-SCHEME = Scheme("netstring://127.0.0.1:9099", netstrings, netstrings)
+SCHEME = Scheme("netstring://127.0.0.1:9099", NetstringWire, NetstringWire)
 """,
 }
 

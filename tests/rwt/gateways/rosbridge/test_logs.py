@@ -32,7 +32,7 @@ def full_disk() -> Iterator[None]:
     logger.removeHandler(handler)
 
 
-def test_every_line_of_a_clients_life_has_its_number(
+def test_every_line_of_a_clients_life_has_its_name(
     client: Client, bridge: Bridge, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "rwt.bridge")
@@ -42,7 +42,8 @@ def test_every_line_of_a_clients_life_has_its_number(
     second.say_raw("no JSON")
     second.leave()
     fields = [(record.__dict__["client"], record.__dict__["op_id"]) for record in caplog.records]
-    assert fields == [(2, None), (2, "u:1"), (2, 7), (2, None), (2, None)]
+    name = "rosbridge:2"
+    assert fields == [(name, None), (name, "u:1"), (name, 7), (name, None), (name, None)]
     assert all(record.funcName != "write" for record in caplog.records)
 
 
