@@ -62,7 +62,12 @@ class Connections:
     def open(self) -> Value:
         ros = roslibpy.Ros(self.url)
         self._opened.append(ros)
-        ros.run(timeout=LIMIT)
+        try:
+            ros.run(timeout=LIMIT)
+        except roslibpy.core.RosTimeoutError:
+            # roslibpy misses the event if it arrives between its check and its registration.
+            if not ros.is_connected:
+                raise
         return ros
 
     def close_all(self) -> None:

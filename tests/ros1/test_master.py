@@ -39,8 +39,8 @@ def core(tmp_path: Path) -> Iterator[tuple[Ros, str]]:
 async def test_the_tools_of_topics_nodes_and_recordings(core: tuple[Ros, str], tmp_path: Path) -> None:
     ros, _ = core
     ros.start("rostopic", "pub", "-r", "20", "/chatter", "std_msgs/String", "data: tick")
-    assert "/chatter" in ros.tool("rostopic", "list")
     assert ros.tool("rostopic", "echo", "-n", "2", "/chatter").count('data: "tick"') == 2
+    assert "/chatter" in ros.tool("rostopic", "list")
     assert "std_msgs/String" in ros.tool("rostopic", "info", "/chatter")
     assert "average rate: 20" in ros.tool(
         "timeout", "-s", "INT", "--preserve-status", "6", "rostopic", "hz", "/chatter"

@@ -58,7 +58,7 @@ LEFT_OBJECTS_TOGETHER: Final = 300
 CYCLES: Final = 300
 """Objects that an attack may leave in cycles, which the server never frees once it has frozen them."""
 
-CYCLES_OF_LIBRARIES: Final = {"mcp_sessions": 2_000}
+CYCLES_OF_LIBRARIES: Final = {"mcp_sessions": 10_000}
 """The same for attacks that cancel tasks of MCP's libraries, each of which leaves its frames in a cycle."""
 
 CYCLES_TOGETHER: Final = 3_000
