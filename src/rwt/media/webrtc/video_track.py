@@ -45,7 +45,9 @@ START_BITS: Final = 600_000
 """First bit rate, if that is enough for the best encoding: a probe raises it within a second."""
 LEAST_BITS: Final = 60_000
 MEDIA: Final = 0.92
-"""Part of the rate that is left for images: headers and retransmissions take the rest."""
+"""Part of the rate that is left for images and repetitions: headers take the rest."""
+LEAST_MEDIA: Final = 0.5
+"""Part of the rate that images have, however much is repeated."""
 
 
 class TopicTrack(MediaStreamTrack):
@@ -75,13 +77,15 @@ class TopicTrack(MediaStreamTrack):
         self._ladder = BitrateLadder(best)
         start = max(START_BITS, best * RUNGS[1] / MEDIA)
         self._controller = CongestionController(start, LEAST_BITS, best / MEDIA, monotonic())
+        self._sender: PacedSender | None = None
         self._rung = 0
         self._viewer: Viewer | None = None
         self._resendable = 0
 
     def follow(self, transceiver: RTCRtpTransceiver, peer: Peer) -> None:
         """Send at the rate of the peer's link. Call before the peer is described."""
-        PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
+        sender = PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
+        self._sender = sender
         if negotiate_transport_feedback(peer.connection, transceiver):
             peer.on_feedback = lambda feedback: self._controller.acknowledged(feedback, monotonic())
 
@@ -116,10 +120,15 @@ class TopicTrack(MediaStreamTrack):
             if encoded is None:
                 self._end(str(viewer.failure or "the topic's pictures have ended"))
 
+    def _media_rate(self) -> float:
+        target = self._controller.target
+        repeated = self._sender.repeated_rate if self._sender is not None else 0.0
+        return max(MEDIA * target - repeated, LEAST_MEDIA * target)
+
     def _join(self) -> Viewer:
         if self.readyState != "live":
             raise MediaStreamError
-        rate, viewer = MEDIA * self._controller.target, self._viewer
+        rate, viewer = self._media_rate(), self._viewer
         self._ladder.choose(rate, monotonic())
         wanted = self._ladder.rung
         if viewer is not None and wanted == self._rung:

@@ -7,6 +7,7 @@ so this module uses its private names, which `tests/rwt/media/webrtc/test_privat
 from __future__ import annotations
 
 import asyncio
+import math
 import secrets
 from collections import deque
 from collections.abc import Callable
@@ -46,7 +47,9 @@ LEAST_SLEEP_SECONDS: Final = 0.002
 FRAME_WAIT_SECONDS: Final = 0.03
 """Longest wait for room for a frame before the rate is looked at again."""
 REPEAT_WAIT_SECONDS: Final = 0.05
-"""Wait for the next frame above which no packet is sent again."""
+"""Wait for the next frame above which repetitions wait, too."""
+REPEAT_SECONDS: Final = 0.03
+"""Time within which a packet is repeated once, however often it is asked for: a repetition travels."""
 PROBE_HISTORY: Final = 8
 """Most recent packets that a probe repeats."""
 PACKET_OVERHEAD_BYTES: Final = 70
@@ -89,6 +92,21 @@ class Pacer:
         return max(0.0, self._debt_bits / rate - AHEAD_SECONDS)
 
 
+class RateMeter:
+    """Rate over about the last second; times in seconds of a steady clock."""
+
+    def __init__(self) -> None:
+        self._bits = 0.0
+        self._at = 0.0
+
+    def add(self, bits: float, now: float) -> None:
+        self._bits, self._at = self.rate(now) + bits, now
+
+    def rate(self, now: float) -> float:
+        """Return the bits per second."""
+        return self._bits * math.exp(self._at - now)
+
+
 class PacedSender(RTCRtpSender):
     """Sender of a video track that keeps to the rate of a congestion controller.
 
@@ -118,6 +136,9 @@ class PacedSender(RTCRtpSender):
         paced._on_keyframe = on_keyframe
         paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
         paced._recent = deque(maxlen=PROBE_HISTORY)
+        paced._wanted = {}
+        paced._repeated_at = {}
+        paced._repeated = RateMeter()
         return paced
 
     _controller: CongestionController
@@ -126,6 +147,14 @@ class PacedSender(RTCRtpSender):
     _on_keyframe: Callable[[], None]
     _again: TokenBucket
     _recent: deque[RtpPacket]
+    _wanted: dict[int, None]  # Numbers of the packets to repeat, in the order of the requests.
+    _repeated_at: dict[int, float]
+    _repeated: RateMeter
+
+    @property
+    def repeated_rate(self) -> float:
+        """Bits per second of repeated packets."""
+        return self._repeated.rate(monotonic())
 
     def release(self) -> None:
         """Forget the track, which refers to its peer."""
@@ -156,6 +185,7 @@ class PacedSender(RTCRtpSender):
                 self.replaceTrack(None)
             private._RTCRtpSender__encoder = None
             self._recent.clear()
+            self._wanted.clear()
             private._RTCRtpSender__rtp_exited.set()
 
     async def _send_frames(self, codec: RTCRtpCodecParameters) -> None:
@@ -184,13 +214,17 @@ class PacedSender(RTCRtpSender):
                 number = (number + 1) % 65536
 
     async def _frame_room(self) -> None:
-        """Wait until the frames before are paid for."""
+        """Repeat what was asked for, and wait until the frames before are paid for."""
         while True:
-            now = monotonic()
-            delay = self._pacer.frame_delay(self._controller.rate(now), now)
+            await self._repeat_wanted()
+            delay = self._frame_delay()
             if delay <= 0:
                 return
             await asyncio.sleep(min(delay, FRAME_WAIT_SECONDS))
+
+    def _frame_delay(self) -> float:
+        now = monotonic()
+        return self._pacer.frame_delay(self._controller.rate(now), now)
 
     async def _paced(self) -> None:
         delay = self._pacer.packet_delay(monotonic())
@@ -217,15 +251,30 @@ class PacedSender(RTCRtpSender):
         self._recent.append(packet)
 
     async def _retransmit(self, sequence_number: int) -> None:
-        history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
-        packet = history.get(sequence_number % RTP_HISTORY_SIZE)
-        now = monotonic()
-        if self._pacer.frame_delay(self._controller.rate(now), now) > REPEAT_WAIT_SECONDS:
-            return  # Repetition would fill the link further. The receiver asks again, or for a key frame.
-        if packet is not None and packet.sequence_number == sequence_number:
-            await self._send_packet(self._repeated(packet) or packet)
+        self._wanted[sequence_number] = None
+        if len(self._wanted) > RTP_HISTORY_SIZE:
+            del self._wanted[next(iter(self._wanted))]
+        await self._repeat_wanted()
 
-    def _repeated(self, packet: RtpPacket) -> RtpPacket | None:
+    async def _repeat_wanted(self) -> None:
+        """Repeat packets while the link has room: before the next frame, which a receiver may not decode
+        without them. Some receivers ask only once, and wait for seconds.
+        """
+        history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
+        while self._wanted and self._frame_delay() <= REPEAT_WAIT_SECONDS:
+            number = next(iter(self._wanted))
+            del self._wanted[number]
+            packet, now = history.get(number % RTP_HISTORY_SIZE), monotonic()
+            if packet is None or packet.sequence_number != number:
+                continue
+            if now - self._repeated_at.get(number, -math.inf) >= REPEAT_SECONDS:
+                await self._send_packet(self._repetition(packet) or packet)
+                self._repeated.add(8 * (len(packet.payload) + PACKET_OVERHEAD_BYTES), now)
+                self._repeated_at[number] = now
+                if len(self._repeated_at) > RTP_HISTORY_SIZE:
+                    del self._repeated_at[next(iter(self._repeated_at))]
+
+    def _repetition(self, packet: RtpPacket) -> RtpPacket | None:
         """Return a packet as a retransmission (RFC 4588); None if the receiver does not support them."""
         private = cast("Any", self)
         if private._RTCRtpSender__rtx_payload_type is None:
@@ -241,7 +290,7 @@ class PacedSender(RTCRtpSender):
         largest = max(self._recent, key=lambda packet: len(packet.payload))
         size = 0
         while size < probe.size or probe.count < PROBE_PACKETS:
-            packet = self._repeated(largest)
+            packet = self._repetition(largest)
             if packet is None:
                 break
             await self._paced()

@@ -1,0 +1,78 @@
+"""Repetition of packets by the paced sender."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from aiortc import RTCRtpSender
+from aiortc.rtp import RtpPacket
+
+from rwt_transports.background import ignore
+from rwt_transports.webrtc.congestion import paced_sender
+from rwt_transports.webrtc.congestion.controller import CongestionController
+from rwt_transports.webrtc.congestion.paced_sender import PacedSender, RateMeter
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"  # aiortc needs it.
+
+
+class Link:
+    """Sender of packets of 1,000 bytes, and the numbers of those that it sent."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 10.0
+        self.sent: list[int] = []
+        monkeypatch.setattr(paced_sender, "monotonic", lambda: self.now)
+        transport = SimpleNamespace(state="new", _stats_id="transport")
+        sender = RTCRtpSender("video", cast("Any", transport))
+        controller = CongestionController(100_000, 100_000, 100_000, self.now)
+        self.sender = PacedSender.adopt(sender, controller, ignore, ignore)
+        monkeypatch.setattr(self.sender, "_send_packet", self._send)
+        for number in range(3):
+            self.sender._count(RtpPacket(sequence_number=number, payload=bytes(1000)))
+
+    async def _send(self, packet: RtpPacket) -> None:
+        self.sent.append(packet.sequence_number)
+
+    def owe(self, seconds: float) -> None:
+        """Make the next frame wait for so long."""
+        self.sender._pacer.sent(
+            round((paced_sender.AHEAD_SECONDS + seconds) * 100_000 / 8), 100_000, self.now
+        )
+
+
+@pytest.mark.anyio
+async def test_a_repetition_waits_for_the_link_and_precedes_the_next_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    link = Link(monkeypatch)
+    link.owe(0.2)
+    await link.sender._retransmit(1)
+    assert link.sent == []
+    link.now += 0.25
+    await link.sender._frame_room()
+    assert link.sent == [1]
+
+
+@pytest.mark.anyio
+async def test_a_packet_is_repeated_once_within_its_travel_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    link = Link(monkeypatch)
+    for _ in range(3):
+        await link.sender._retransmit(2)
+    assert link.sent == [2]
+    link.now += paced_sender.REPEAT_SECONDS
+    await link.sender._retransmit(2)
+    assert link.sent == [2, 2]
+    await link.sender._retransmit(77)
+    assert link.sent == [2, 2], "an unknown packet"
+
+
+def test_the_rate_of_repetitions_decays() -> None:
+    meter = RateMeter()
+    meter.add(1000, 5.0)
+    assert meter.rate(5.0) == 1000
+    assert 300 < meter.rate(6.0) < 400
