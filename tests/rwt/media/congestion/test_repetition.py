@@ -64,7 +64,7 @@ async def test_a_packet_is_repeated_once_within_its_travel_time(monkeypatch: pyt
     for _ in range(3):
         await link.sender._retransmit(2)
     assert link.sent == [2]
-    link.now += paced_sender.REPEAT_SECONDS
+    link.now += 2 * paced_sender.REPEAT_SECONDS
     await link.sender._retransmit(2)
     assert link.sent == [2, 2]
     await link.sender._retransmit(77)
