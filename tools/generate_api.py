@@ -69,8 +69,53 @@ def pages() -> Mapping[str, str]:
     for name in PACKAGES:
         first = _plain(inspect.getdoc(importlib.import_module(name)) or "").split("\n\n")[0]
         index.append(f"| [`{name}`]({name}.md) | {' '.join(first.split())} |")
-    made = {f"{name}.md": _joined(_page(importlib.import_module(name))) for name in PACKAGES}
+    made = {f"{name}.md": _joined(_linked(_page(importlib.import_module(name)), name)) for name in PACKAGES}
     return {"README.md": _joined(index), **made}
+
+
+@cache
+def _homes() -> Mapping[str, tuple[str, ...]]:
+    """The packages with a section for a class or alias, by its name; the one that defines it comes first."""
+    found: dict[str, list[str]] = {}
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        for name in module.__all__:
+            # Constants and functions are left out: their names are words, and occur as such.
+            if re.fullmatch(r"[A-Z]\w*[a-z]\w*", name):
+                home = str(getattr(getattr(module, name), "__module__", ""))
+                found.setdefault(name, []).append(package)
+                if f"{home}.".startswith(f"{package}."):
+                    found[name].sort(key=lambda each: (each != package, each))
+    return {name: tuple(packages) for name, packages in found.items()}
+
+
+def _link(name: str, package: str) -> str:
+    """The name as a link to its section, on the page of the package if it is there; without one, as code."""
+    homes = _homes().get(name, ())
+    if not homes:
+        return f"`{name}`"
+    page = "" if package in homes else f"{homes[0]}.md"
+    return f"[`{name}`]({page}#{name.lower()})"
+
+
+def _linked(lines: Iterable[str], package: str) -> Iterator[str]:
+    """Lines of a page with types as links; after a signature, a line with links to its types."""
+    code, heading = False, ""
+    for line in itertools.chain.from_iterable(each.split("\n") for each in lines):
+        if line.startswith("```"):
+            code = not code
+        if code or line.startswith(("```", "#", ">", "    ")):
+            heading = line if line.startswith("#") else heading
+            yield line
+        elif signature := re.fullmatch(r"`((?:(?:class|exception) )?\w+\(.*)`", line):
+            own = set(re.findall(r"\w+", heading))
+            names = dict.fromkeys(name for name in re.findall(r"\w+", signature[1]) if name in _homes())
+            links = [_link(name, package) for name in names if name not in own]
+            yield line
+            if links:
+                yield f"\nTypes: {', '.join(links)}"
+        else:
+            yield re.sub(r"(?<!\[)`(\w+)`", lambda found: _link(found[1], package), line)
 
 
 def _joined(lines: Iterable[str]) -> str:

@@ -123,3 +123,9 @@ def test_words_that_choose_nothing_are_refused(robot: BlockingRobot, url: str) -
         robot.once("/scan", arrays=cast(Any, "nump"))
     with pytest.raises(ValueError, match="compression: expected one of auto, none, png, cbor, got 'zip'"):
         robot.topic("/odom", compression=cast(Any, "zip"))
+
+
+def test_arguments_in_the_wrong_order_are_named(robot: BlockingRobot) -> None:
+    for words in [("/odom", "nav_msgs/Odometry"), ("/odom", print, print)]:
+        with pytest.raises(TypeError, match=r"subscribe.*expected (a function|the name of a type)"):
+            robot.subscribe(*cast("Any", words))

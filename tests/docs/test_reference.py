@@ -97,3 +97,11 @@ def test_every_encoding_is_listed_by_precedence() -> None:
 
 def test_the_page_of_tools_is_made_from_the_tools() -> None:
     assert generate_tools.page() == generate_tools.TARGET.read_text(encoding="utf-8")
+
+
+def test_costs_in_the_readme_are_those_of_the_linked_pages() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    costs = re.findall(r"\[([\d.,]+) (?:µs|s)\]\((docs/[\w/.-]+)", readme)
+    assert len(costs) == 6
+    for figure, page in costs:
+        assert f"| {figure} |" in (ROOT / page).read_text(encoding="utf-8"), (figure, page)

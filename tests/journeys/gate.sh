@@ -17,7 +17,7 @@ rwt gate check gate.toml publish /cmd_vel '{linear: {x: 1.0}}'
 server rwt serve --config gate.toml
 rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 1.0}}'
 rwt stop
-rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.1}}'
+fails rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.1}}'
 logged 'the emergency stop is on'
 rwt stop --release
 rwt audit verify audit.jsonl

@@ -58,6 +58,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         sent: number of messages published.
         dropped: number of those that were dropped because the network was too slow, or the topic's type was
             unknown for too long.
+        error: reason that :meth:`publish` rejects every message; None while messages are accepted.
     """
 
     _message_type: MessageType
@@ -70,7 +71,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self._options = AdvertiseOptions(**{**options, "qos": wire_qos(options.get("qos"))})
         self._prefix = publish_prefix(name)
         self._flow: Flow | None = None
-        self._error: RobotError | None = None
+        self.error: RobotError | None = None
         self._pending: deque[MessageLike] = deque()
         self._invalid: InvalidMessage | None = None
 
@@ -84,8 +85,8 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
             HandleClosed: this publisher was closed.
             ConnectionClosed: the connection was closed.
         """
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
         if self._flow is not None:
             self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
             self.sent += 1
@@ -113,7 +114,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         await self._connection.drained()
 
     def release(self) -> None:
-        self._error = HandleClosed(f"the publisher on {self.name} was closed")
+        self.error = HandleClosed(f"the publisher on {self.name} was closed")
 
     def withdrawal(self) -> Unadvertise:
         return Unadvertise(topic=self.name, id=self.id)
@@ -150,7 +151,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        self._error = error
+        self.error = error
 
     def _on_drop(self, reason: DropReason) -> None:
         self.dropped += 1

@@ -23,6 +23,7 @@ topics = ["/cmd_vel"]
 emergency = true
 lease = {{}}
 stop = {{}}
+fields."linear.x" = {{ max = 0.5 }}
 
 [gate.rules.asked]
 services = ["/enable_motors"]
@@ -86,6 +87,20 @@ def test_stop_and_release(run_as: RunAs) -> None:
     assert "role 'operator' may not release the robot (gate.emergency.release_roles)" in refused.err
     released = run_as("admin", "stop", "--release", "--json")
     assert released.json == {"stopped": False, "message": "released"}
+
+
+def test_a_rejected_message_fails_the_command(run_as: RunAs) -> None:
+    fast = ("/cmd_vel", "geometry_msgs/msg/Twist", "{linear: {x: 1.0}}")
+    published = run_as("operator", "topic", "pub", "--once", *fast)
+    assert published.code == 1
+    assert "message for /cmd_vel: publish: linear.x: expected at most 0.5, got 1" in published.err
+    assert run_as("operator", "topic", "pub", "--once", *TWIST).code == 0
+
+
+def test_a_rejected_advertisement_fails_the_command(run_as: RunAs) -> None:
+    published = run_as("operator", "topic", "pub", "--once", "/odom", "std_msgs/msg/String", "{data: x}")
+    assert published.code == 1
+    assert "it is already established with type nav_msgs/msg/Odometry" in published.err
 
 
 def test_approve(run_as: RunAs, gated: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 import anyio
@@ -16,14 +17,17 @@ from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
+from rwt_participant.errors import HandleClosed, RobotError
 from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
-    from rwt_client import RemotePublisher, Robot
+    from rwt_client import ConnectionEvent, RemotePublisher, Robot
 
 _USUAL_RATE: Final = 1.0
 _POLL_SECONDS: Final = 0.1
 """Seconds between two polls for subscriptions."""
+_MAX_ANSWER_SECONDS: Final = 2.0
+"""Maximum seconds until the server has processed all messages; the rejections of later ones are missed."""
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,10 +71,15 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
     ) as publisher:
         given = with_stamps(publisher.type, message)
         to_payload(publisher.type, given)  # Reject invalid messages before the wait.
-        await _wait_for_subscribers(robot, name, arguments)
+        await _wait_for_subscribers(robot, publisher, arguments)
         if not output.json:
             output.line("publisher: beginning loop")
         progress = ApprovalProgress(robot)
+        rejections: list[str] = []
+
+        def note_rejection(event: ConnectionEvent) -> None:
+            if event.kind == "status" and event.level == "error":
+                rejections.append(event.text)
 
         async def publish() -> None:
             number = 0
@@ -78,15 +87,31 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
                 _publish(publisher, given, number, arguments, output)
                 await publisher.drain()
             await anyio.sleep(arguments.keep_alive)
+            await _all_processed(robot)
             await progress.decided()
             if progress.state == "approved":  # The approved message is sent again: the gate keeps none.
                 _publish(publisher, given, number, arguments, output)
                 await publisher.drain()
                 await anyio.sleep(arguments.keep_alive)
 
-        await progress.run(publish)
+        end = robot.on_event(note_rejection)
+        try:
+            await progress.run(publish)
+        finally:
+            end()
     if progress.state in ("waiting", "denied"):
         raise CommandError(progress.why or "the message was not approved in time", FAILED)
+    if rejections and progress.state != "approved":
+        raise CommandError(f"the robot rejected a message for {name}: {rejections[0]}", FAILED)
+    if publisher.error is not None and not isinstance(publisher.error, HandleClosed):
+        raise publisher.error
+
+
+async def _all_processed(robot: Robot) -> None:
+    """Wait until the server has processed what was sent before: a rejected message gets no other answer."""
+    # Requests are processed in order, and any answer will do: a server without rosapi answers with an error.
+    with suppress(RobotError), anyio.move_on_after(_MAX_ANSWER_SECONDS):
+        await robot.api.time_ns()
 
 
 def _publish(
@@ -116,11 +141,14 @@ async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
         await anyio.sleep_until(due)
 
 
-async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -> None:
+async def _wait_for_subscribers(robot: Robot, publisher: RemotePublisher, arguments: Arguments) -> None:
+    name = publisher.name
     wanted = arguments.wait if arguments.wait is not None else int(arguments.times is not None)
     noted = False
     with anyio.move_on_after(arguments.timeout):
         while wanted and len(await ask_rosapi(lambda: robot.api.subscribers(name))) < wanted:
+            if publisher.error is not None:
+                raise publisher.error
             if not noted:
                 note(f"Waiting for at least {wanted} matching subscription(s)... (-w 0 does not wait)")
                 noted = True
