@@ -18,11 +18,11 @@ from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 from rwt_interfaces.validation.numbers import (
     LIST,
+    are_float32,
     float32,
     float32_list,
     float_annotation,
     int_annotation,
-    loaded_doubles,
 )
 
 if TYPE_CHECKING:
@@ -172,10 +172,16 @@ def _nearest(numbers: list[float | None]) -> tuple[list[float], bool]:
 
 def _has_inexact(items: list[float | None]) -> bool:
     """Return True if not all numbers are float32, in one pass of compiled code."""
-    doubles = loaded_doubles(items)
-    if doubles is not None:
-        return bool(((doubles.astype("f4") != doubles) & (doubles == doubles)).any())
-    numbers = [item for item in items if item is not None] if None in items else items
-    # Piece by piece, since each list of all the numbers takes as much memory as the message.
-    pieces = range(0, len(numbers), _PIECE)
-    return any(float32_list(piece) != piece for piece in (numbers[at : at + _PIECE] for at in pieces))
+    # Piece by piece, since each copy of all the numbers takes as much memory as the message.
+    pieces = (
+        (items,) if len(items) <= _PIECE else (items[at : at + _PIECE] for at in range(0, len(items), _PIECE))
+    )
+    return any(map(_piece_has_inexact, pieces))
+
+
+def _piece_has_inexact(items: list[float | None]) -> bool:
+    exact = are_float32(items)
+    if exact is not None:
+        return not exact
+    numbers = [item for item in items if item is not None]
+    return not are_float32(numbers) and float32_list(numbers) != numbers
