@@ -88,9 +88,12 @@ def are_float32(numbers: list[Any]) -> bool | None:
         return None
     zeros = bytes(len(numbers))
     last = begin + _FLOAT_RECORD - 1
-    if any(data[at::_FLOAT_RECORD] != zeros for at in (last, last - 1, last - 2)):
-        return False
-    if data[last - 3 :: _FLOAT_RECORD].translate(None, _SHORT_MANTISSA):
+    if (
+        data[last::_FLOAT_RECORD] != zeros
+        or data[last - 1 :: _FLOAT_RECORD] != zeros
+        or data[last - 2 :: _FLOAT_RECORD] != zeros
+        or data[last - 3 :: _FLOAT_RECORD].translate(None, _SHORT_MANTISSA)
+    ):
         return False
     unusual = data[begin + 1 :: _FLOAT_RECORD].translate(None, _USUAL_EXPONENT)
     return True if not unusual or len(unusual) == sum(map(data.count, _ZEROS)) else None
