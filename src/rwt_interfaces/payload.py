@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -55,6 +56,11 @@ SLOW_BYTES: Final = 64 * 1024
 LONG_FORMS_BYTES: Final = 128 * 1024
 """Minimum size of a JSON text with arrays whose other forms are made in steps."""
 
+_NULL: Final = re.compile(b"null")
+_CHECKED_BYTES: Final = 32 * 1024
+"""Maximum size of a JSON text whose checked Struct is kept for other forms: numbers take up to 16 times as
+much memory."""
+
 _SEQUENCE_PATH = ("header", "seq")
 Form = Literal["json", "cbor", "serialised", "plain"]
 """Payload representation of frames; :meth:`Payload.prepare` makes nothing for `plain`."""
@@ -73,6 +79,8 @@ class Payload(msgspec.Struct, eq=False):
 
     Attributes:
         is_long: True if other forms should be made in steps, by :meth:`prepare`.
+        checked: small text with arrays as :meth:`MessageJson.check` returned it, so that other forms need not
+            read it again. A retained message has none.
     """
 
     type: MessageType
@@ -83,6 +91,7 @@ class Payload(msgspec.Struct, eq=False):
     _json_parts: Parts | None = None
     _forms: dict[BinaryForm, Parts] | None = None
     is_long: bool = False
+    checked: msgspec.Struct | None = None
 
     def __repr__(self) -> str:
         return f"<Payload {self.type.name}>"
@@ -103,12 +112,13 @@ class Payload(msgspec.Struct, eq=False):
             InvalidMessage: the message does not fit. No other exception is raised, whatever the bytes.
         """
         if len(raw) < LONG_STRING_BYTES:
+            codec = message_type.json
             try:
-                message_type.json.check(raw)
+                checked = codec.check(raw)
             except REJECTIONS:
                 message = finished(_completed(message_type, raw, now or time.time_ns))
                 return cls(message_type, None, message)
-            return cls(message_type, raw)
+            return cls(message_type, raw, checked=checked) if codec.has_arrays else cls(message_type, raw)
         return finished(cls.from_json_in_steps(message_type, raw, now, is_trusted=is_trusted))
 
     @classmethod
@@ -152,12 +162,13 @@ class Payload(msgspec.Struct, eq=False):
         is_long = codec.has_arrays and len(raw) >= LONG_FORMS_BYTES
         if len(raw) <= WHOLE_BYTES:
             try:
-                codec.check(raw)
+                checked = codec.check(raw)
             except REJECTIONS:
                 if is_dense:
                     raise NotExact from None
             else:
-                return cls(message_type, raw, is_long=is_long)
+                kept = checked if codec.has_arrays and len(raw) <= _CHECKED_BYTES else None
+                return cls(message_type, raw, is_long=is_long, checked=kept)
         if len(raw) > SLOW_BYTES and codec.has_lists:
             large = yield from message_type.large_json.split(raw)
             if large is not None:
@@ -417,7 +428,8 @@ class Payload(msgspec.Struct, eq=False):
             if raw is None or self._string is not None:
                 message = self._decoded()
             else:
-                message = self.type.json.decode(raw)
+                checked = None if self.checked is None else self._without_nulls()
+                message = self.type.json.decode(raw) if checked is None else self._own_struct(checked)
             self._message = message
         elif message.__class__ is not self.type.struct:
             message = self._message = self._own_struct(message)
@@ -442,6 +454,7 @@ class Payload(msgspec.Struct, eq=False):
             raw = bytes(self._json)
             string = None if self._string is None else self._string.moved(raw)
             return Payload(self.type, raw, self._message, string, is_long=self.is_long)
+        self.checked = None
         if self._json_parts is not None:
             return Payload(self.type, bytes(self.json()), self._message, is_long=self.is_long)
         if self._spliced is not None:
@@ -489,9 +502,13 @@ class Payload(msgspec.Struct, eq=False):
 
     def _encodable(self) -> msgspec.Struct:
         message = self._message
-        if message is not None and message.__class__ is self.type.json.sendable:
-            return message
-        return self.value()
+        if message is None:
+            return self._without_nulls() or self.value()
+        return message if message.__class__ is self.type.json.sendable else self.value()
+
+    def _without_nulls(self) -> msgspec.Struct | None:
+        """Return the checked Struct if no float can be None in it, as encoders require."""
+        return None if self.checked is None or _NULL.search(self._json or b"") else self.checked
 
     def _decoded(self) -> msgspec.Struct:
         spliced = self._spliced or (self._apart() if self._string is not None else None)

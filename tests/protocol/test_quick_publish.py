@@ -48,6 +48,7 @@ def test_the_spellings_of_the_libraries_are_known(text: bytes) -> None:
         b'{"op":"call_service","topic":"/t","msg":{"data":1}}',
         '{"op":"publish","topic":"/t","msg":{"data":"é"}}'.encode(),
         b'{"op":"publish","topic":"/t","msg":{"data":"' + b"x" * QUICK + b'"}}',
+        b'{"op":"publish","topic":"/t","msg":{"data":[' + b"1e300," * 1_001 + b"0]}}",
         USUAL + b"\n",
         USUAL[:-1],
         b"",

@@ -34,6 +34,7 @@ _FEW_OCTETS = 512
 REJECTIONS = (msgspec.MsgspecError, UnicodeError, RecursionError)
 #: Numbers of an array that are encoded at a time.
 _MANY_NUMBERS = 1 << 16
+_Check = Callable[[RawText], msgspec.Struct]
 _parse = msgspec.json.Decoder().decode
 _skip = msgspec.json.Decoder(msgspec.Raw).decode
 #: Maximum bytes of a rejected text that is searched for a better error text.
@@ -47,7 +48,8 @@ class MessageJson:
         strict: the Struct that accepts only what may be passed on; immutable.
         has_arrays: True if a field of the message is an array.
         has_lists: True if a field may be written as a list: an array, or octets.
-        check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
+        check: returns a text that may be passed on untouched as a :attr:`strict` Struct, or raises one of
+            :data:`REJECTIONS`.
     """
 
     def __init__(self, message: MessageType) -> None:
@@ -58,7 +60,9 @@ class MessageJson:
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
         self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.decode_leniently
         self._pack = _packer(message)
-        self.check = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
+        self.check = _bounded(
+            cast("_Check", msgspec.json.Decoder(self.strict).decode), flaw_in(message, inexact)
+        )
         # Where a length is checked a short string cannot stand for a long one.
         sized = self._kinds & {"fixed octets", "bounded string"}
         self._message = message
@@ -160,14 +164,16 @@ def require_quick_numbers(raw: RawText) -> Steps[None]:
             )
 
 
-def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Callable[[RawText], object]:
+def _bounded(decode: _Check, inexact: Flaw | None) -> _Check:
     """Return the check of a small text: to decode it, and to look at numbers that msgspec cannot judge."""
     if inexact is None:
         return decode
 
-    def check(raw: RawText) -> None:
-        if inexact(decode(raw)):
+    def check(raw: RawText) -> msgspec.Struct:
+        message = decode(raw)
+        if inexact(message):
             raise msgspec.ValidationError
+        return message
 
     return check
 

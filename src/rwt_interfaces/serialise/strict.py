@@ -7,8 +7,10 @@ as the distribution does. Flaws that annotations cannot express are checked sepa
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from functools import lru_cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
@@ -18,11 +20,11 @@ from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 from rwt_interfaces.validation.numbers import (
     LIST,
+    are_float32,
     float32,
     float32_list,
     float_annotation,
     int_annotation,
-    loaded_doubles,
 )
 
 if TYPE_CHECKING:
@@ -104,8 +106,12 @@ def inexact(type: FieldType) -> Flaw | None:
     if isinstance(type, field_types.Int) and type.high == _UINT64_MAX:
         return lambda value: bool(value > _UINT64_MAX)
     if isinstance(type, field_types.Float) and type.code == "f":
-        return lambda value: value is not None and float32(value) != value
+        return _is_inexact
     return None
+
+
+def _is_inexact(number: float | None) -> bool:
+    return number is not None and float32(number) != number
 
 
 def unsendable(type: FieldType) -> Flaw | None:
@@ -118,9 +124,35 @@ def unsendable(type: FieldType) -> Flaw | None:
 def flaw_in(message: MessageType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw | None:
     """Return a test for flaws anywhere in a message; None if it can have none."""
     flaws = [(slot.attribute, flaw) for slot in message.slots if (flaw := _flaw_of(slot.type, leaf))]
-    if not flaws:
+    floats = [name for name, flaw in flaws if flaw is _is_inexact]
+    if len(floats) > 1:
+        flaws = [each for each in flaws if each[0] not in floats]
+    if not flaws and not floats:
         return None
-    return lambda value: any(flaw(getattr(value, attribute)) for attribute, flaw in flaws)
+    float_flaw = _inexact_among(floats) if len(floats) > 1 else None
+
+    def has_flaw(value: Any) -> bool:
+        if float_flaw is not None and float_flaw(value):
+            return True
+        for attribute, flaw in flaws:  # noqa: SIM110 - a generator costs a call per field.
+            if flaw(getattr(value, attribute)):
+                return True
+        return False
+
+    return has_flaw
+
+
+def _inexact_among(attributes: list[str]) -> Flaw:
+    """Return a test of several float32 fields of a message at once."""
+    fetch, packed = attrgetter(*attributes), struct.Struct(f"{len(attributes)}f")
+
+    def test(value: Any) -> bool:
+        numbers = fetch(value)
+        if None in numbers:
+            return any(map(_is_inexact, numbers))
+        return packed.unpack(packed.pack(*numbers)) != numbers
+
+    return test
 
 
 def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw | None:
@@ -172,10 +204,16 @@ def _nearest(numbers: list[float | None]) -> tuple[list[float], bool]:
 
 def _has_inexact(items: list[float | None]) -> bool:
     """Return True if not all numbers are float32, in one pass of compiled code."""
-    doubles = loaded_doubles(items)
-    if doubles is not None:
-        return bool(((doubles.astype("f4") != doubles) & (doubles == doubles)).any())
-    numbers = [item for item in items if item is not None] if None in items else items
-    # Piece by piece, since each list of all the numbers takes as much memory as the message.
-    pieces = range(0, len(numbers), _PIECE)
-    return any(float32_list(piece) != piece for piece in (numbers[at : at + _PIECE] for at in pieces))
+    # Piece by piece, since each copy of all the numbers takes as much memory as the message.
+    pieces = (
+        (items,) if len(items) <= _PIECE else (items[at : at + _PIECE] for at in range(0, len(items), _PIECE))
+    )
+    return any(map(_piece_has_inexact, pieces))
+
+
+def _piece_has_inexact(items: list[float | None]) -> bool:
+    exact = are_float32(items)
+    if exact is not None:
+        return not exact
+    numbers = [item for item in items if item is not None]
+    return not are_float32(numbers) and float32_list(numbers) != numbers

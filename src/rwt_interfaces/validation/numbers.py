@@ -28,6 +28,11 @@ _MANY = 512
 _to_msgpack: Final = msgspec.msgpack.Encoder().encode
 #: A float in MessagePack, its first byte, and how long the beginning of a list may be there.
 _FLOAT_RECORD, _FLOAT_MARK, _LIST_HEADS = 9, 0xCB, (1, 3, 5)
+#: The two zeros there.
+_ZEROS: Final = (b"\xcb" + bytes(8), b"\xcb\x80" + bytes(7))
+#: First bytes of doubles with the exponent of a float32 (but for the smallest), and bytes that end in zeros.
+_USUAL_EXPONENT: Final = bytes(byte for byte in range(256) if byte & 0x7F > 0x38)
+_SHORT_MANTISSA: Final = bytes(range(0, 256, 1 << 5))
 
 
 def as_int(value: object, type: field_types.Int) -> int:
@@ -69,6 +74,29 @@ def float32_list(numbers: list[Any]) -> list[float]:
     """Return the float32s nearest to numbers in its range, infinities and NaN among them."""
     nearest: list[Any] = memoryview(struct.pack(f"{len(numbers)}f", *numbers)).cast("f").tolist()
     return nearest
+
+
+def are_float32(numbers: list[Any]) -> bool | None:
+    """Return True if all numbers, within float32's range, are float32; None if that takes a closer look.
+
+    The bits of doubles in MessagePack show it: the last 29 of a float32 are zero. Taking every ninth byte is
+    ten times as fast as converting the numbers.
+    """
+    data = _to_msgpack(numbers)
+    begin = len(data) - _FLOAT_RECORD * len(numbers)
+    if begin not in _LIST_HEADS:  # Not all are floats.
+        return None
+    zeros = bytes(len(numbers))
+    last = begin + _FLOAT_RECORD - 1
+    if (
+        data[last::_FLOAT_RECORD] != zeros
+        or data[last - 1 :: _FLOAT_RECORD] != zeros
+        or data[last - 2 :: _FLOAT_RECORD] != zeros
+        or data[last - 3 :: _FLOAT_RECORD].translate(None, _SHORT_MANTISSA)
+    ):
+        return False
+    unusual = data[begin + 1 :: _FLOAT_RECORD].translate(None, _USUAL_EXPONENT)
+    return True if not unusual or len(unusual) == sum(map(data.count, _ZEROS)) else None
 
 
 def loaded_doubles(numbers: list[Any]) -> np.ndarray | None:

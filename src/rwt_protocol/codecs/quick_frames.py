@@ -22,8 +22,14 @@ from typing import Final
 
 import msgspec
 
-QUICK: Final = 4096
+QUICK: Final = 16 * 1024
 """Maximum bytes of a frame for the fast path; larger frames are dominated by their payload."""
+
+_ANY_NUMBERS: Final = 4096
+"""Bytes of a frame that may hold any numbers."""
+
+_MAX_EXPONENTS: Final = 1000
+"""Maximum number of exponents in larger frames, as for slow numbers in :mod:`rwt_interfaces`."""
 
 _TEXT: Final = rb'"[ !#-\[\]-~]*+"'
 """ASCII string without escapes."""
@@ -46,9 +52,11 @@ def split_publish(data: bytes) -> tuple[bytes, bytes] | None:
 
     The frame is ASCII, but the payload is unvalidated: the result holds only if it is one JSON value.
     """
-    if len(data) > QUICK or not data.isascii():
+    if len(data) > _ANY_NUMBERS and (
+        len(data) > QUICK or data.count(b"e") + data.count(b"E") > _MAX_EXPONENTS
+    ):
         return None
-    head = _match(data)
+    head = _match(data) if data.isascii() else None
     if head is None:
         return None
     if data.endswith(b"}}"):
@@ -89,7 +97,7 @@ def split_call(data: bytes) -> UsualCall | UsualResponse | None:
 
     Only the brackets of the payload are checked; its strings are validated when it is decoded as a type.
     """
-    if not data.startswith(_CALL_STARTS) or len(data) > QUICK or not data.isascii():
+    if not data.startswith(_CALL_STARTS) or len(data) > _ANY_NUMBERS or not data.isascii():
         return None
     try:
         found = _decode_call(data)

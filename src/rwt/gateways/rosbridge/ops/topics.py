@@ -92,15 +92,17 @@ class PeerTopics:
         publisher = self._exact.get(topic)
         if publisher is None:
             return False
+        type = publisher.type
+        codec = type.json
         try:
-            publisher.type.json.check(raw)
+            checked = codec.check(raw)
         except REJECTIONS:
             del self._exact[topic]
             return False
         counts = publisher.counts
         counts.received += 1
         counts.received_bytes += len(raw)
-        publisher.publish(Payload(publisher.type, raw))
+        publisher.publish(Payload(type, raw, checked=checked) if codec.has_arrays else Payload(type, raw))
         return True
 
     def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
