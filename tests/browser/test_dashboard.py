@@ -16,6 +16,7 @@ import pytest
 from rwt import Server
 from rwt.composition.web import serve_page
 from tests.browser.driver import REFUSED, Browser, Page, Size
+from tests.browser.grip import Grip
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import release
 from tests.waiting import until
@@ -88,16 +89,10 @@ async def test_a_stick_and_buttons_drive_only_while_they_are_held(browser: Brows
         served.node.subscribe("/cmd_vel", lambda twist: sent.append((twist.linear.x, twist.angular.z)))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
         await page.calm()
-        box = await page.evaluate(
-            "(({x, y, width}) => [x, y, width])(document.querySelector('.stick').getBoundingClientRect())"
-        )
-        x, y, size = box
         assert sent == []
-        await page.mouse("move", x + size / 2, y + size / 2)
-        await page.mouse("down")
-        await page.mouse("move", x + size / 2, y + 2)
-        await until(lambda: any(sent_one == pytest.approx((0.4, 0), abs=0.03) for sent_one in sent))
-        await page.mouse("up")
+        grip = Grip(page, "stick")
+        await grip.drive_until(lambda: any(one == pytest.approx((0.4, 0), abs=0.03) for one in sent))
+        await grip.release()
         await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
         await page.evaluate("document.querySelector('.drive-left').focus()")
         await page.keyboard("down", " ")

@@ -75,13 +75,16 @@ async def test_goals_end_when_their_server_leaves(ros: Ros, graph: Ros1Graph) ->
 
 
 async def test_an_actionlib_client_of_this_process(ros: Ros, graph: Ros1Graph) -> None:
+    sent = anyio.Event()
+
     async def execute(goal: ReceivedGoal) -> dict[str, object]:
-        await anyio.sleep(0.5)  # Clients in Python lose what comes before `send_goal` has returned.
+        await sent.wait()  # Clients in Python lose what comes before `send_goal` has returned.
         goal.publish_feedback({"feedback": 7})
         return {"result": 2 * goal.request.goal}
 
     graph.node("server").advertise_action("/double", "actionlib/Test", execute)
     program = ros.program()
     assert await anyio.to_thread.run_sync(program.run, CLIENT.format(goal=21)) is True
+    sent.set()
     await anyio.to_thread.run_sync(program.run, "client.wait_for_result(rospy.Duration(20))")
     assert program.run("result = [client.get_state(), client.get_result().result, heard]") == [3, 42, [7]]

@@ -7,6 +7,7 @@ ran during one wait.
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 import time
@@ -22,6 +23,9 @@ def main() -> None:
     """Runs until nothing more can be read."""
     with BlockingClient(int(sys.argv[1])) as client:
         client.socket.settimeout(60.0)
+        if os.geteuid() == 0:
+            # An answer counts when it comes, not when other processes let it be read.
+            os.setpriority(os.PRIO_PROCESS, 0, -15)
         schedule = Path(f"/proc/{sys.argv[2]}/task/{sys.argv[2]}/schedstat")
 
         def ran() -> float:

@@ -76,7 +76,7 @@ SOON: Final = 2.0
 PATIENCE: Final = 10.0
 """Seconds in which an ordinary client is answered, whatever else the machine does."""
 
-TRIES: Final = 3
+TRIES: Final = 6
 """Runs of which the best counts, where one held the loop too long: chance only adds to what an attack
 costs."""
 
