@@ -194,6 +194,35 @@ def test_a_lease_that_another_client_holds_raises(bench: Bench) -> None:
     second.disconnect()
 
 
+def test_an_unplugged_bus_raises_its_cause(bench: Bench) -> None:
+    device = bench.device(max_age=10.0)
+    device.connect()
+    device.send_action({name: device.get_observation()[name] for name in device.action_features})
+    bench.arm.error = ConnectionError("no status packet")
+    with pytest.raises(CommandRejected, match="the robot does not answer: ConnectionError: no status packet"):
+        raise _error(device)
+    device.disconnect()
+
+
+def test_a_holder_that_fell_silent_raises_after_another_took_the_lease(bench: Bench) -> None:
+    first, second = bench.device(), bench.device()
+    first.connect()
+    second.connect()
+    rest = {name: first.get_observation()[name] for name in first.action_features}
+    first.send_action(rest)
+    time.sleep(0.8)  # The lease ends after 0.5 s of silence.
+    end = time.monotonic() + 20
+    with pytest.raises(CommandRejected, match="is held by"):
+        while time.monotonic() < end:
+            second.send_action(rest)
+            time.sleep(0.02)
+            first.get_observation()
+            first.send_action(rest)
+    second.get_observation()
+    first.disconnect()
+    second.disconnect()
+
+
 def test_a_state_that_does_not_follow_raises(bench: Bench) -> None:
     bench.arm.is_stuck = True
     device = bench.device(follow_seconds=0.3)

@@ -10,6 +10,7 @@ from typing import Any, Final, Protocol
 
 import anyio.to_thread
 
+from rwt_lerobot.calibration import CalibrationError
 from rwt_lerobot.joints.controller import TrajectoryController
 from rwt_lerobot.joints.limits import JointLimit
 from rwt_lerobot.joints.scales import UNITS, Scale, calibrated_range
@@ -138,6 +139,10 @@ class LeRobotNode:
         rate: times a second.
         description: URDF to publish on `robot_description`.
         namespace: prefix of all names.
+        calibrations: `sensor_msgs/CameraInfo` by camera, of :func:`rwt_lerobot.calibration.camera_info`.
+
+    Raises:
+        CalibrationError: a calibration is for another camera, or another size of images.
 
     Attributes:
         controller: controller of the joints.
@@ -153,7 +158,9 @@ class LeRobotNode:
         rate: float = 30.0,
         description: str = "",
         namespace: str = "",
+        calibrations: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
+        self._calibrations = _checked(calibrations or {}, robot.observation_features)
         self._api = api
         self._robot = robot
         self._joints = motor_joints(robot) if joints is None else tuple(joints)
@@ -272,8 +279,24 @@ class LeRobotNode:
             picture.publish(image)
             height, width = observation[name].shape[:2]
             frame = {"frame_id": f"{name}_optical_frame"}
-            info.publish({"header": frame, "height": height, "width": width})
+            size = {"height": height, "width": width}
+            info.publish({**self._calibrations.get(name, size), "header": frame})
         if self._has_base:
             x, y, theta = (float(observation[name]) for name in _BASE)
             twist = {"linear": {"x": x, "y": y}, "angular": {"z": math.radians(theta)}}
             self._velocity.publish({"header": {"frame_id": "base_link"}, "twist": twist})
+
+
+def _checked(
+    calibrations: Mapping[str, Mapping[str, Any]], features: Mapping[str, Any]
+) -> Mapping[str, Mapping[str, Any]]:
+    for name, info in calibrations.items():
+        shape = features.get(name)
+        if not isinstance(shape, tuple):
+            raise CalibrationError(f"the robot has no camera {name!r}")
+        if (info["height"], info["width"]) != shape[:2]:
+            raise CalibrationError(
+                f"{name}: the calibration is for {info['width']}x{info['height']},"
+                f" the images are {shape[1]}x{shape[0]}"
+            )
+    return calibrations

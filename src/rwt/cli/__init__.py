@@ -76,7 +76,7 @@ COMMANDS: Final = (
     Command("master", "ROS 1 master without ROS", "serve.master"),
     Command("run", "run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
     Command("launch", "start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
-    Command("lerobot", "LeRobot and MuJoCo arms: mujoco, serve", distribution="rwt-lerobot"),
+    Command("lerobot", "LeRobot and MuJoCo arms: mujoco, serve, convert", distribution="rwt-lerobot"),
     Command("topic", "topics: list, echo, pub, hz and more"),
     Command("service", "services: list, info, type, call, echo, find"),
     Command("action", "actions: list, info, type, find, send_goal"),

@@ -38,6 +38,8 @@ def add_serve_verb(verbs: Commands) -> None:
                         help="maximum speed of every joint (default: the URDF's, or 2)")  # fmt: skip
     parser.add_argument("--max-step", type=number_within("a step", 0.001, 10), metavar="RAD",
                         help="maximum distance of a command without a time (default 1)")  # fmt: skip
+    parser.add_argument("--camera-info", action="append", default=[], metavar="CAMERA=FILE",
+                        help="calibration of a camera, as ROS's camera_calibration writes it")  # fmt: skip
     parser.add_argument("--namespace", default="", metavar="NAME", help="prefix of all names")
     add_robot_options(parser, json=False)
     assert isinstance(parser, Parser)  # Parsers of commands have the class of the outermost.
@@ -83,6 +85,7 @@ def make_robot(words: Sequence[str]) -> Any:
 
 
 def _run(arguments: Arguments) -> int:
+    from rwt_lerobot.calibration import CalibrationError, camera_info
     from rwt_lerobot.joints.limits import DescriptionError, urdf_limits
     from rwt_lerobot.node import LeRobotNode, UnknownUnit, motor_joints
 
@@ -91,6 +94,13 @@ def _run(arguments: Arguments) -> int:
         description = arguments.urdf.read_text(encoding="utf-8") if arguments.urdf else ""
     except OSError as error:
         raise CommandError(f"the URDF cannot be read: {error}") from error
+    files = dict(text.partition("=")[::2] for text in arguments.camera_info)
+    try:
+        calibrations = {
+            name: camera_info(Path(file).read_text(encoding="utf-8")) for name, file in files.items()
+        }
+    except (OSError, CalibrationError) as error:
+        raise CommandError(f"the calibration cannot be read: {error}") from error
     units = dict(text.partition("=")[::2] for text in arguments.unit)
     robot = make_robot(arguments.passed)
     # Calibration asks questions on the terminal: `lerobot-calibrate` does that.
@@ -105,7 +115,7 @@ def _run(arguments: Arguments) -> int:
                 api.on_event(lambda event: stopped.set() if event.kind == "closed" else None)
                 node = LeRobotNode(
                     api, robot, joints, rate=arguments.rate, description=description,
-                    namespace=arguments.namespace,
+                    namespace=arguments.namespace, calibrations=calibrations,
                 )  # fmt: skip
                 note(f"{arguments.passed[0]}: {', '.join(joint.limit.name for joint in joints)}")
                 try:
@@ -115,7 +125,7 @@ def _run(arguments: Arguments) -> int:
                     node.close()
 
         run_async(serve)
-    except (UnknownUnit, DescriptionError) as error:
+    except (UnknownUnit, DescriptionError, CalibrationError) as error:
         raise CommandError(str(error)) from error
     finally:
         # LeRobot switches the torque off here by default: a raised arm falls.

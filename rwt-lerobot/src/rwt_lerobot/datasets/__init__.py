@@ -1,0 +1,1 @@
+"""Conversion between recordings and LeRobot's datasets."""
