@@ -95,8 +95,8 @@ def interface_folders(data: bytes) -> None:
     except InterfaceError as error:
         assert 0 < len(str(error)) < 4000
         return
-    for name in ("my_msgs/Thing", "my_msgs/Other"):
+    for known in ("my_msgs/Thing", "my_msgs/Other"):
         try:
-            registry.message(name)
+            registry.message(known)
         except InterfaceError as error:
             assert 0 < len(str(error)) < 4000
