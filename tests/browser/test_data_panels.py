@@ -61,10 +61,7 @@ async def test_plots_share_cursor_and_zoom(browser: Browser) -> None:
         position = {"lines": [{"topic": "/odom", "path": "pose.pose.position.x"}], "marks": [0.5]}
         speed = {"lines": [{"topic": "/odom", "path": "twist.twist.linear.x"}]}
         await page.evaluate("localStorage.setItem('rwt-side', 'false')")
-        await open_panels(page, address(server), [("plot", position)])
-        await page.wait("document.querySelector('.plot-chart canvas')")
-        key = f"rwt-last-layout{server.urls[0]}"
-        await page.wait(f"JSON.parse(localStorage.getItem({json.dumps(key)})).dock")
+        key = f"rwt-last-layout{server.urls[0]}/"
         panels = [
             {"id": f"plot {at}", "kind": "plot", "config": each} for at, each in enumerate([position, speed])
         ]
@@ -87,7 +84,6 @@ async def test_plots_share_cursor_and_zoom(browser: Browser) -> None:
             "activeGroup": "0",
         }
         layout = json.dumps({"version": 1, "panels": panels, "dock": dock})
-        await page.goto(f"{address(server)}healthz")
         await page.evaluate(f"localStorage.setItem({json.dumps(key)}, {json.dumps(layout)})")
         await page.goto(address(server))
         await page.wait("document.querySelectorAll('.plot-chart canvas').length === 2")
