@@ -115,3 +115,25 @@ async def test_a_layout_with_an_unknown_panel_opens_and_keeps_it(browser: Browse
         saved = f"localStorage.getItem({json.dumps('rwt-last-layout' + server.urls[0] + '/')})"
         layout = json.loads(await page.evaluate(saved))
         assert layout["panels"][0] == {"id": "of the future", "kind": "of the future", "config": {"a": 1}}
+
+
+async def test_the_node_graph_marks_dead_ends_and_zooms(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        browser.page(f"{address(server)}healthz", 900, 700) as page,
+    ):
+        server.node("quiet").advertise("/unheard", "std_msgs/String")
+        await open_panels(page, address(server), [("nodes", {})])
+        await page.wait(f"{text('.nodes-picture svg')}.includes('/tf')")
+        assert "/unheard" not in await page.evaluate(text(".nodes-picture svg"))
+        await page.click("text=Show dead ends")
+        dead = (
+            "[...document.querySelectorAll('.nodes-picture .dead')]"
+            ".find((it) => it.textContent.includes('/unheard'))"
+        )
+        await page.wait(f"{dead}?.textContent.startsWith('no subscriber')")
+        width = "document.querySelector('.nodes-picture svg').getBoundingClientRect().width"
+        before = await page.evaluate(width)
+        await page.click(".nodes >> text=Zoom in")
+        await page.wait(f"{width} > 1.3 * {before}")
+        assert await violations(page) == []

@@ -24,6 +24,9 @@ const MOST_NODES = 100;
 const MOST_ROWS = 40;
 const ROW = 26;
 const WIDTH = 900;
+/** Where the topics stand, and half of the room that a name takes beside it, about. */
+const MIDDLE = 460;
+const half = (topic: string) => Math.min(130, 18 + topic.length * 3.7);
 /** Factors by which the picture can be drawn; the style has a width for each. */
 const ZOOMS = [0.5, 0.75, 1, 1.5, 2, 3];
 
@@ -191,14 +194,14 @@ function Picture(props: {
                 x1={230}
                 y1={y(left.indexOf(node), left.length)}
                 marker-end={`url(#${arrow})`}
-                x2={330}
+                x2={MIDDLE - half(topic)}
                 y2={y(at, shown.length)}
               />
             )),
             ...to.map((node) => (
               <line
                 key={`${topic} ${node}`}
-                x1={590}
+                x1={MIDDLE + half(topic)}
                 y1={y(at, shown.length)}
                 marker-end={`url(#${arrow})`}
                 x2={680}
@@ -223,12 +226,13 @@ function Picture(props: {
             return (
               <text
                 key={topic}
-                x={460}
+                x={MIDDLE}
                 y={y(at, shown.length) + 5}
                 text-anchor="middle"
                 class={isDead ? "topic dead" : "topic"}
               >
-                {isDead ? `⊘ ${topic} (${t(end)})` : topic}
+                {isDead && <title>{t(end)}</title>}
+                {isDead ? `⊘ ${topic}` : topic}
               </text>
             );
           })}
