@@ -126,6 +126,8 @@ def _cloned(folder: Path) -> str:
     clone, environment = folder / "robot-web-tools", folder / "venv"
     for command in (
         ["git", "clone", "--quiet", str(ROOT), str(clone)],
+        ["npm", "ci", "--silent", "--prefix", str(clone / "web")],
+        ["npm", "run", "--silent", "--prefix", str(clone / "web"), "build"],
         [sys.executable, "-m", "venv", str(environment)],
         [
             str(environment / "bin/pip"),
