@@ -22,7 +22,7 @@ from aiortc.rtp import RTP_HISTORY_SIZE, HeaderExtensions, RtcpRtpfbPacket, RtpP
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
-from rwt_transports.webrtc.congestion.controller import LONG_QUEUE_SECONDS, PROBE_PACKETS
+from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
 from rwt_transports.webrtc.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ REPEAT_WAIT_SECONDS: Final = 0.05
 REPEAT_SECONDS: Final = 0.03
 """Time within which a packet is repeated once, however often it is asked for: a repetition travels."""
 STALE_SECONDS: Final = 0.15
-"""Wait of a repetition above which a key frame replaces it, for receivers that continue at one. With a long
-queue in the link, a repetition is not waited for: what was lost did not fit into the queue."""
+"""Wait of a repetition above which a key frame replaces it, for receivers that continue at one."""
 PROBE_HISTORY: Final = 8
 """Most recent packets that a probe repeats."""
 PACKET_OVERHEAD_BYTES: Final = 70
@@ -291,8 +290,7 @@ class PacedSender(RTCRtpSender):
         """
         if not self._wanted or not self._recent or not self._controller.has_feedback:
             return
-        waited = monotonic() - next(iter(self._wanted.values()))
-        if waited > STALE_SECONDS or self._controller.queue_seconds > LONG_QUEUE_SECONDS:
+        if monotonic() - next(iter(self._wanted.values())) > STALE_SECONDS:
             self._wanted.clear()
             self._given_up = self._recent[-1].sequence_number
             self._on_keyframe()
