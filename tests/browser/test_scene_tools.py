@@ -184,7 +184,9 @@ async def test_a_point_is_published_and_views_are_kept(browser: Browser) -> None
         x, y = robot["x"] + 0.5, robot["y"] + 0.5
         await page.mouse("click", *await at(page, x, y))
         await until(lambda: len(points) == 1)
-        assert points[0] == ("map", pytest.approx(x, abs=0.05), pytest.approx(y, abs=0.05))
+        frame, *place = points[0]
+        assert frame == "map"
+        assert place == pytest.approx([x, y], abs=0.05)
         await page.click('.scene-tools summary:has-text("Views")')
         await page.click('text="Save this view"')
         saved = await page.evaluate(f"{SCENE}.view.viewpoint")
