@@ -37,7 +37,7 @@ async def test_clients_exchange_topics_and_calls_with_ros_1(ros: Ros) -> None:
     program.run("from std_srvs.srv import Trigger\nrospy.Service('/do', Trigger, lambda _: (True, 'done'))")
     with server(ros) as url:
         async with connect(url) as robot:
-            await until(lambda: "rosapi" in ros.tool("rosservice", "list"))
+            await ros.shows({"rosapi"}, "rosservice", "list")
             values: list[Any] = []
             robot.subscribe("/strange", values.append, "never_seen/Outer")
             await until(lambda: values)
@@ -97,7 +97,7 @@ async def test_two_masters_are_bridged(ros: Ros, tmp_path: Path) -> None:
                 "rospy.Subscriber('/strange', Outer, lambda message: got.append(plain(message.inner[1])))"
             )
             await until(lambda: second.run("result = got") == [{"text": "b", "pair": [0.0, -1.0]}])
-            await until(lambda: "/do" in ros.tool("rosservice", "list"))
+            await ros.shows({"/do"}, "rosservice", "list")
             call = "plain(rospy.ServiceProxy('/do', Trigger)())"
             assert first.run(f"result = {call}") == {"success": True, "message": "done"}
             async with connect(url) as robot:
