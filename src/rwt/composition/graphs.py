@@ -33,7 +33,7 @@ def make_registry(settings: Settings) -> Registry:
         try:
             registry.add_directory(folder)
         except (InterfaceError, OSError) as error:
-            raise SettingsError(f"`interfaces`: {folder}: {error}") from error
+            raise SettingsError(f"`interfaces`: {error}") from error
     try:
         registry.verify()
     except InterfaceError as error:

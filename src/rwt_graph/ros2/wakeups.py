@@ -148,7 +148,8 @@ class Wakeups:
         """Call `drain` on the graph's thread whenever something has arrived at an endpoint."""
         wakeup = Wakeup(kind, endpoint, drain)
         self._wakeups[wakeup.descriptor] = wakeup
-        self._epoll.register(wakeup.descriptor, select.EPOLLIN)
+        # By edges, so that nothing has to be read from the descriptor: its counter never ends.
+        self._epoll.register(wakeup.descriptor, select.EPOLLIN | select.EPOLLET)
         if not (self._use_callbacks and wakeup.set_callback(self._rcl)):
             self._polled[wakeup.descriptor] = wakeup
             self._arm(wakeup)
@@ -182,10 +183,7 @@ class Wakeups:
             if wakeup is None:
                 continue  # Removed by an earlier one of this turn.
             try:
-                os.eventfd_read(descriptor)
                 more = wakeup.drain()
-            except BlockingIOError:
-                continue  # The number of one that was removed in this turn, used again.
             except Exception:
                 logger.exception("an endpoint of ROS 2 failed")
                 more = False
