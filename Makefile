@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-lerobot test-ros1 test-ros2 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
+client-grades size clean test-lerobot test-ros1 test-ros2 bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -125,13 +125,22 @@ ros2-scene: $(STAMP)-dev $(ROS2)/.installed
 	$(WITH_ROS2) bench.ros2_scene $(ARGS)
 
 # Tests of the ROS 1 graph against real ROS 1 programs, which Debian 12 packages for its own Python; apt needs root.
-ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconfigure geometry-msgs nav-msgs rosbag \
-	roslaunch rosmaster rosnode rosparam rospy rosservice rostopic roswtf sensor-msgs std-msgs std-srvs tf2-ros)
+ROS1_MESSAGES := actionlib diagnostic-msgs geometry-msgs map-msgs move-base-msgs nav-msgs pcl-msgs sensor-msgs shape-msgs \
+	std-msgs stereo-msgs tf2-msgs trajectory-msgs visualization-msgs
+ROS1_PACKAGES := libroscpp-dev g++ ros-geometry-msgs ros-std-msgs $(ROS1_MESSAGES:%=lib%-dev) $(addprefix python3-,$(ROS1_MESSAGES) \
+	dynamic-reconfigure gencpp rosbag roslaunch rosmaster rosnode rosparam rospy rosservice rostopic roswtf std-srvs tf2-ros)
+# What rosbridge_suite for ROS 1 needs besides.
+ROSBRIDGE1_PACKAGES := $(addprefix python3-,autobahn bson pil tornado twisted)
 /usr/bin/rosmaster:
 	apt-get update && apt-get install --yes --no-install-recommends $(ROS1_PACKAGES)
 
 test-ros1: $(STAMP)-dev /usr/bin/rosmaster
 	$(BIN)/python -m pytest tests/ros1 $(ARGS)
+
+# CPU time per message beside rospy, and beside rosbridge_suite of ROS 1 where SUITE is a checkout of its branch `ros1`.
+bench-ros1: $(STAMP)-dev /usr/bin/rosmaster
+	$(if $(SUITE),/usr/bin/python3 -c 'import autobahn, bson, PIL, tornado, twisted' || apt-get install --yes --no-install-recommends $(ROSBRIDGE1_PACKAGES))
+	$(BIN)/python -m bench.ros1 $(if $(SUITE),--rosbridge $(SUITE)) $(ARGS)
 
 # Cost of messages, services and timers on rwt-rclpy and on the real rclpy.
 bench-rclpy: $(STAMP) build/rclpy-jazzy/.installed build/rclpy-kilted/.installed

@@ -11,13 +11,15 @@ import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
-from bench.cases import CASES, METRICS, Case, Metric, Peer
+from bench.cases import CASES, METRICS, Case, Compared, Metric, Peer
 from bench.report import Results, document, rows, table
 from bench.traffic.dialects import FOXGLOVE, ROSBRIDGE, WrongAnswer
 from bench.traffic.processes import Server, ServerFailed
 from bench.turns import Turns
+from tools.size.layout import Layout
 
 HERE = Path(__file__).parent
 PROGRAMS = {
@@ -49,6 +51,12 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         default=[str(HERE / "peers" / "server.py")],
         help="Python arguments of another server, one that prints `listening on ws://HOST:PORT`",
     )
+    parser.add_argument(
+        "--against",
+        metavar="DIR",
+        type=Path,
+        help="compare with the server of this checkout of an earlier commit instead of with the peers",
+    )
     options = parser.parse_args(argv)
     rounds, seconds = QUICK if options.quick else FULL
     options.rounds = options.rounds or rounds
@@ -71,6 +79,31 @@ def present(cases: Sequence[Case]) -> list[Peer]:
     return [peer for peer in Peer if peer in named and (installed or peer is not Peer.FOXGLOVE)]
 
 
+def against_earlier(cases: Iterable[Case], metrics: Iterable[Metric]) -> tuple[list[Case], list[Metric]]:
+    """Return cases and metrics in which the only peer is an earlier commit; they have no floors."""
+    return (
+        [replace(case, peers=(Peer.EARLIER,)) for case in cases],
+        [
+            replace(metric, peer=Peer.EARLIER, peer_case="", floor=None, compared=Compared.RATIO)
+            for metric in metrics
+            if metric.peer is Peer.RELAY
+        ],
+    )
+
+
+def earlier_server(checkout: Path, server_cpus: Iterable[int] | None) -> Server:
+    """Start the benchmark's server of another checkout, on that checkout's packages.
+
+    Raises:
+        ServerFailed: the checkout has no such server, or it did not start.
+    """
+    for program in (checkout / "bench" / "peers" / "server.py", checkout / "bench" / "server.py"):
+        if program.exists():
+            environment = Layout(checkout).environment()
+            return Server(Peer.EARLIER.value, [str(program)], server_cpus, environment=environment)
+    raise ServerFailed(f"--against: {checkout} has neither bench/peers/server.py nor bench/server.py")
+
+
 def _was_measured(metric: Metric, theirs: Mapping[Peer, Results]) -> bool:
     return metric.peer in theirs and (metric.peer_case or metric.case) in theirs[metric.peer]
 
@@ -84,6 +117,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return growth.main(given)
     options = arguments(given)
     cases = [case for case in CASES if not options.only or options.only in case.name]
+    metrics: Sequence[Metric] = METRICS
+    if options.against:
+        cases, metrics = against_earlier(cases, metrics)
     server_cpus, load_cpus = cpus(options.pin)
     if load_cpus is not None:
         os.sched_setaffinity(0, load_cpus)
@@ -94,12 +130,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         stack.callback(server.stop)
         peers: dict[Peer, Server] = {}
         for peer in present(cases):
-            dialect = FOXGLOVE if peer is Peer.FOXGLOVE else ROSBRIDGE
-            peers[peer] = Server(peer.value, PROGRAMS[peer], server_cpus, dialect)
+            if peer is Peer.EARLIER:
+                peers[peer] = earlier_server(options.against.resolve(), server_cpus)
+            else:
+                dialect = FOXGLOVE if peer is Peer.FOXGLOVE else ROSBRIDGE
+                peers[peer] = Server(peer.value, PROGRAMS[peer], server_cpus, dialect)
             stack.callback(peers[peer].stop)
         turns = Turns(server, peers, cases, options.seconds)
         ours, theirs = turns.take(options.rounds)
-    asked = [metric for metric in METRICS if metric.case in ours]
+    asked = [metric for metric in metrics if metric.case in ours]
     wanted = [metric for metric in asked if _was_measured(metric, theirs)]
     found = rows(wanted, ours, theirs)
     print(table(found))

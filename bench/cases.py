@@ -26,6 +26,8 @@ class Peer(Enum):
 
     RELAY = "relay"
     FOXGLOVE = "Foxglove's SDK"
+    EARLIER = "earlier commit"
+    """This project's server from another checkout, with `--against`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ def _recording(load: Load, types: RemoteTypes, message: MessageType, payloads: l
                 writer.write(channel, stamp, stamp, raw.data)
 
             line = ReconnectingSession(None, WireLimits())
-            connection = ClientConnection(line, types, TaskStarter(), anyio.lowlevel.checkpoint, True)
+            connection = ClientConnection(line, types, TaskStarter(), anyio.lowlevel.checkpoint, None, True)
             subscription = RawSubscription(connection, load.stream.topic, receive)
             subscription.open(message, partial(types.message, message.name))
             for index in range(load.count):

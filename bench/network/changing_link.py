@@ -1,7 +1,9 @@
 """`python -m bench.network.changing_link`: a camera in Chromium over changing and lossy links.
 
 A camera of 640x480 at 30 Hz, viewed by WebRTC (WHEP), as MJPEG and as WebM. Each case runs several times;
-figures are the median and the 90th percentile of the runs. Needs Linux, root, `/dev/net/tun` and Chromium.
+figures are the median, the 90th percentile and the largest of the runs. Runs are added to the file of
+`--record`, so that they can be made in portions; with `--runs 0` the table and the plots are made of those in
+the file. Needs Linux, root, `/dev/net/tun` and Chromium, and matplotlib for `--plots`.
 """
 
 from __future__ import annotations
@@ -12,8 +14,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -36,6 +39,9 @@ TOPIC: Final = "/camera/image_raw"
 WAYS: Final = ("webrtc", "mjpeg", "webm")
 WARM_UP: Final = 8.0
 SAMPLE_SECONDS: Final = 0.1
+BIN_SECONDS: Final = 0.5
+RECORD: Final = Path(__file__).with_name("changing_link.jsonl")
+"""Recorded runs, one in each line, from which the table and the plots of the documentation are made."""
 _GOOD: Final = Line(bits=2e6, delay=0.02, queue=0.5)
 _PAGE: Final = Path(__file__).with_suffix(".html")
 
@@ -68,8 +74,25 @@ CASES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
+class Run:
+    """Result of one run.
+
+    Attributes:
+        figures: by name.
+        series: for each :data:`BIN_SECONDS`, what the robot has sent in kbit/s, the number of new images, and
+            the largest age of the image that was shown, in seconds.
+    """
+
+    case: str
+    way: str
+    seed: int
+    figures: dict[str, float]
+    series: list[tuple[float, int, float]]
+
+
+@dataclass(frozen=True, slots=True)
 class Seen:
-    """One run.
+    """What one run has shown.
 
     Attributes:
         images: seconds from the beginning of the measurement, age in seconds and width of each image.
@@ -91,6 +114,31 @@ class Seen:
         """Return the mean rate."""
         return float(np.mean(self.rates[round(begin / SAMPLE_SECONDS) : round(end / SAMPLE_SECONDS)]))
 
+    def shown_ages(self, end: float) -> list[float]:
+        """Return the largest age of the image that was shown, for each :data:`SAMPLE_SECONDS`: an image grows
+        older until the next one."""
+        found, taken, images = [], 0.0, iter([*self.images, (inf, 0.0, 0)])
+        at, age, _ = next(images)
+        for sample in range(round(end / SAMPLE_SECONDS)):
+            until, oldest = (sample + 1) * SAMPLE_SECONDS, 0.0
+            while at < until:
+                oldest = max(oldest, at - taken)
+                taken = max(taken, at - age)
+                at, age, _ = next(images)
+            found.append(max(oldest, until - taken))
+        return found
+
+    def series(self, end: float) -> list[tuple[float, int, float]]:
+        """Return the run as :attr:`Run.series`."""
+        samples, ages = round(BIN_SECONDS / SAMPLE_SECONDS), self.shown_ages(end)
+        found: list[tuple[float, int, float]] = []
+        for first in range(0, len(ages), samples):
+            begin = first * SAMPLE_SECONDS
+            count = sum(begin <= at < begin + BIN_SECONDS for at, _, _ in self.images)
+            rate = self.rate(begin, begin + BIN_SECONDS) / 1000
+            found.append((round(rate), count, round(max(ages[first : first + samples]), 2)))
+        return found
+
     def below(self, begin: float, bits: float) -> float:
         """Return the seconds from `begin` until half a second at less than `bits` on average."""
         return next(at for at in np.arange(0, 60, 0.1) if self.rate(begin + at, begin + at + 0.5) < bits)
@@ -100,7 +148,7 @@ class Seen:
         end = len(self.rates) * SAMPLE_SECONDS - 1
         return next(
             (at for at in np.arange(0, end - begin, 0.1) if self.rate(begin + at, begin + at + 1) > bits),
-            float("inf"),
+            inf,
         )
 
 
@@ -198,6 +246,7 @@ def figures(name: str, case: Case, seen: Seen) -> dict[str, float]:
         "median age": float(np.median(seen.ages(0, case.end))),
         "95 % age": float(np.percentile(seen.ages(0, case.end), 95)),
         "longest pause": seen.pause(0, case.end),
+        "% of the time older than 1 s": 100 * float(np.mean([age > 1 for age in seen.shown_ages(case.end)])),
         "kbit/s": seen.rate(0, case.end) / 1000,
     }
     if name == "cut":
@@ -212,13 +261,73 @@ def figures(name: str, case: Case, seen: Seen) -> dict[str, float]:
     return found
 
 
+def record(name: str, way: str, seed: int) -> Run:
+    """Run one case once, and reduce it to what is kept."""
+    case = CASES[name]
+    seen = measure(way, case, seed)
+    found = {figure: round(value, 3) for figure, value in figures(name, case, seen).items()}
+    return Run(name, way, seed, found, seen.series(case.end))
+
+
+def read_runs(path: Path) -> list[Run]:
+    """Read the runs of a file; none if there is no file."""
+    return [Run(**json.loads(line)) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def table(runs: Sequence[Run]) -> str:
+    """Return the figures of the runs as a table in Markdown."""
+    lines = ["| link | by | runs | figure | median | 90 % | largest |", "|---|---|---:|---|---:|---:|---:|"]
+    for name, way in dict.fromkeys((run.case, run.way) for run in runs):
+        found = [run.figures for run in runs if (run.case, run.way) == (name, way)]
+        for figure in found[0]:
+            values = [each[figure] for each in found]
+            numbers = (np.median(values), np.percentile(values, 90), max(values))
+            row = " | ".join(f"{value:.2f}" for value in numbers)
+            lines.append(f"| {name} | {way} | {len(found)} | {figure} | {row} |")
+    return "\n".join(lines)
+
+
+def draw(name: str, runs: Sequence[Run], file: Path) -> None:
+    """Draw the runs of a case over time: what was sent, and the age of the image that was shown."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams.update({"svg.hashsalt": name, "svg.fonttype": "none"})
+    from matplotlib import pyplot
+
+    ways = list(dict.fromkeys(run.way for run in runs))
+    steps = [step for step in CASES[name].steps if step[1].bits]
+    figure, axes = pyplot.subplots(
+        2, len(ways), figsize=(1 + 4 * len(ways), 4.4), layout="constrained", sharex=True, sharey="row",
+        squeeze=False,
+    )  # fmt: skip
+    for (above, below), way in zip(axes.T, ways, strict=True):
+        found = np.array([run.series for run in runs if run.way == way])
+        at = BIN_SECONDS * np.arange(found.shape[1])
+        for which, place in ((0, above), (2, below)):
+            place.plot(at, found[:, :, which].T, color="tab:blue", linewidth=0.5, alpha=0.4)
+            place.plot(at, np.median(found[:, :, which], axis=0), color="tab:blue")
+        if steps:
+            times = [*(begin for begin, _ in steps), CASES[name].end]
+            above.stairs([line.bits / 1000 for _, line in steps], times, baseline=None, color="grey")
+        above.set(title=f"{way}, {len(found)} runs", ylim=(0, None))
+        below.set(xlabel="seconds", ylim=(0, None))
+    axes[0, 0].set_ylabel("sent, kbit/s")
+    axes[1, 0].set_ylabel("age of the image, s")
+    figure.savefig(file, metadata={"Date": None})
+    pyplot.close(figure)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(prog="python -m bench.network.changing_link", description=__doc__)
-    parser.add_argument("--runs", type=int, default=10, help="runs of each case (default 10)")
+    parser.add_argument("--runs", type=int, default=10, help="further runs of each case (default 10)")
     parser.add_argument("--case", action="append", choices=CASES, help="only this case; repeatable")
     parser.add_argument("--way", action="append", choices=WAYS, help="only this way; repeatable")
-    parser.add_argument("--json", type=Path, help="file for all runs, over time")
+    parser.add_argument(
+        "--record", metavar="FILE", type=Path, help="add the runs to FILE, and use those in it"
+    )
+    parser.add_argument("--plots", metavar="FOLDER", type=Path, help="draw each case into link-CASE.svg")
     parser.add_argument("--robot", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--operator", help=argparse.SUPPRESS)
     options = parser.parse_args(argv)
@@ -232,19 +341,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _report(options: Any) -> None:
-    kept: list[dict[str, object]] = []
-    print("| case | by | figure | median | 90 % |\n|---|---|---|---:|---:|")
-    for name in options.case or CASES:
-        for way in options.way or WAYS:
-            runs = [measure(way, CASES[name], seed) for seed in range(options.runs)]
-            kept += [{"case": name, "way": way, "images": run.images, "rates": run.rates} for run in runs]
-            found = [figures(name, CASES[name], run) for run in runs]
-            for figure in found[0]:
-                values = [each[figure] for each in found]
-                row = f"{np.median(values):.2f} | {np.percentile(values, 90):.2f}"
-                print(f"| {name} | {way} | {figure} | {row} |", flush=True)
-    if options.json is not None:
-        options.json.write_text(json.dumps(kept))
+    chosen = [(name, way) for name in options.case or CASES for way in options.way or WAYS]
+    runs = read_runs(options.record) if options.record else []
+    for _ in range(options.runs):
+        for name, way in chosen:
+            run = record(name, way, sum((each.case, each.way) == (name, way) for each in runs))
+            runs.append(run)
+            print(f"{name}, {way}, run {run.seed}: {run.figures}", file=sys.stderr, flush=True)
+            if options.record:
+                with options.record.open("a") as file:
+                    file.write(json.dumps(asdict(run)) + "\n")
+    order = [pair for pair in chosen if any((run.case, run.way) == pair for run in runs)]
+    runs = [run for pair in order for run in runs if (run.case, run.way) == pair]
+    print(table(runs))
+    if options.plots:
+        options.plots.mkdir(parents=True, exist_ok=True)
+        for name in dict.fromkeys(run.case for run in runs):
+            file = options.plots / f"link-{name.replace(' %', '').replace(' ', '-').replace('/', '-')}.svg"
+            draw(name, [run for run in runs if run.case == name], file)
 
 
 if __name__ == "__main__":

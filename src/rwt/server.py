@@ -26,7 +26,7 @@ from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.composition.certificates import authority_page, renewal
 from rwt.composition.extensions import load_encodings
 from rwt.composition.gateways import make_gateway
-from rwt.composition.graphs import check_graph, make_graph
+from rwt.composition.graphs import bridged_graphs, check_graph, make_graph
 from rwt.composition.listeners import Listeners, check_dial_urls
 from rwt.composition.nodes import (
     ReadyNode,
@@ -56,6 +56,7 @@ from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_si
 from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
+from rwt_graph.bridge import GraphBridge
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
@@ -442,10 +443,16 @@ class Server:
         load_encodings(settings.encodings)
         if not graph.running:
             await stack.enter_async_context(graph)
+        others = [await stack.enter_async_context(each) for each in bridged_graphs(settings, graph)]
         # Nodes leave first: their timers go on while a graph takes leave of other processes.
         nodes = stack.enter_context(ExitStack())
+        for other in others:
+            bridge_of_graphs = GraphBridge(graph, other)
+            bridge_of_graphs.open()
+            nodes.callback(bridge_of_graphs.close)
         with suppress(RuntimeError):  # On trio.
-            graph.in_batch = loop_batches().run
+            for each in (graph, *others):
+                each.in_batch = loop_batches().run
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:
@@ -474,27 +481,27 @@ class Server:
         reload_roles = [each.reload_roles for each in (bridge, *gateways)]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
-        doors = Listeners(
+        opener = Listeners(
             settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
         )
         if settings.webrtc.enabled:
-            peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
+            peers = webrtc_peers(settings.webrtc, opener.limits, opener.addresses, opener.buffers)
             # They have ended when what they publish on leaves the graph.
             media = webrtc_media(graph, access, settings.unregister_timeout, stack)
-            doors.peers = await stack.enter_async_context(peers)
-            doors.media = media_routes(doors.peers, ready.video, media)
+            opener.peers = await stack.enter_async_context(peers)
+            opener.media = media_routes(opener.peers, ready.video, media)
             if media is not None:
                 reload_roles.append(media[0].reload_roles)
-            metrics.include(doors.peers.metrics)
-        listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
+            metrics.include(opener.peers.metrics)
+        listeners = [await stack.enter_async_context(opener.listen(url)) for url in settings.listen]
         if self._is_first:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
         if self._app is not None:
-            mounted = {it: await stack.enter_async_context(doors.asgi(loopback=it)) for it in (True, False)}
+            mounted = {it: await stack.enter_async_context(opener.asgi(loopback=it)) for it in (True, False)}
             stack.enter_context(self._app.serve(mounted))
         for url in settings.dial.urls:
-            metrics.dials.append(await stack.enter_async_context(doors.dial(url)))
+            metrics.dials.append(await stack.enter_async_context(opener.dial(url)))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(access, listeners)

@@ -19,6 +19,7 @@ from rwt_client.errors import (
     ClientError,
     ConnectionClosed,
     ConnectionLost,
+    MessageRejected,
     NotConnected,
     ServerRefused,
 )
@@ -54,4 +55,5 @@ __all__ = [
     "NotConnected",
     "ConnectionClosed",
     "ServerRefused",
+    "MessageRejected",
 ]

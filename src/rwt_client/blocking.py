@@ -129,7 +129,15 @@ class BlockingClientSubscription(BlockingSubscription):
 class BlockingClientPublisher(BlockingPublisher):
     """Publisher of one topic; see :class:`rwt_client.endpoints.publisher.RemotePublisher`."""
 
+    _inner: RemotePublisher
+
     drain = waits(RemotePublisher.drain)
+    confirm = waits(RemotePublisher.confirm)
+
+    @property
+    def rejected(self) -> int:
+        """Number of messages that the server has rejected so far."""
+        return self._inner.rejected
 
 
 class BlockingRemoteTransforms(BlockingTransforms):

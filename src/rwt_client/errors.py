@@ -31,3 +31,7 @@ class ConnectionClosed(ConnectionLost):
 
 class ServerRefused(ClientError):
     """The server rejects a subscription or advertisement; with its text."""
+
+
+class MessageRejected(ServerRefused):
+    """The server rejected a published message; with its text."""

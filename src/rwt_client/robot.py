@@ -117,7 +117,7 @@ class Robot(RobotApi):
         self.params = RosapiParameters(ask)
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
-        self._connection = ClientConnection(session, self.types, tasks, drained, binary)
+        self._connection = ClientConnection(session, self.types, tasks, drained, timeout, binary)
         self._tf = RemoteTransforms(self._connection, self.subscribe, self.advertise, self.call, timeout)
         session.events.listen(self._tf.on_event)
         self._services: Offered[ServiceServer] = Offered()

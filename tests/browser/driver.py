@@ -7,6 +7,7 @@ import json
 import os
 import queue
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -168,6 +169,18 @@ class Browser:
         if complaints:
             raise AssertionError("the page complains:\n" + "\n".join(complaints))
 
+    @contextmanager
+    def suspended(self) -> Iterator[None]:
+        """Stop all processes of the browser within the block, as a suspended computer does."""
+        stopped = _with_descendants(self._process.pid)
+        for pid in stopped:
+            os.kill(pid, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            for pid in reversed(stopped):
+                os.kill(pid, signal.SIGCONT)
+
     def close(self) -> None:
         """End the browser."""
         assert self._process.stdin is not None
@@ -180,6 +193,15 @@ class Browser:
             self._process.wait()
             self._reader.join()
             self._process.stdout.close()
+
+
+def _with_descendants(pid: int) -> list[int]:
+    """Return a process and all that it has started, parents first; Linux only."""
+    found = [pid]
+    for each in found:
+        for task in Path(f"/proc/{each}/task").iterdir():
+            found += map(int, (task / "children").read_text().split())
+    return found
 
 
 class Page:

@@ -213,7 +213,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
     lines = [{"topic": "/number", "path": "data"}]
     async with (
         stand("jazzy", browser.built, robot=False) as served,
-        browser.page(f"{served.url}healthz") as page,
+        browser.page(f"{served.url}healthz", 900, 700) as page,
     ):
         number = served.node.advertise("/number", "std_msgs/Float64", latch=True)
         number.publish({"data": 0.0})
@@ -223,7 +223,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
             lambda: any(topic.name == "/number" and topic.subscribers for topic in served.graph.topics())
         )
         values = iter(range(10**9))
-        blue = (31, 95, 168)
+        blue = (11, 91, 211)
 
         def drawn(picture: Any) -> bool:
             for _ in range(20):
@@ -232,7 +232,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
             return int(picture.count(blue, 30)) > 600
 
         await page.picture_when("plot", drawn)
-        await page.click("text=Pause")
+        await page.click(".plot-tools >> text=Pause")
         await page.evaluate(
             """(() => {
               globalThis.saved = null;
@@ -243,7 +243,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
               };
             })()"""
         )
-        await page.click("text=Export CSV")
+        await page.click(".plot-tools >> text=Export CSV")
         await page.wait("globalThis.saved")
         csv = str(await page.evaluate("globalThis.saved")).splitlines()
         assert csv[0] == 'time,"/number data"'
@@ -309,6 +309,57 @@ async def test_the_device_is_a_sensor_when_it_is_asked_to_be(browser: Browser, d
         await until(lambda: bool(pictures))
         with Image.open(io.BytesIO(bytes(pictures[0].data))) as picture:
             assert (picture.format, picture.width) == ("JPEG", 640)
+
+
+AXES = ("x", "y", "z")
+#: Axis of each angle, for rates and for the orientation (w3c/deviceorientation#43, #44).
+RATE_AXES = {"alpha": "x", "beta": "y", "gamma": "z"}
+ANGLE_AXES = {"alpha": "z", "beta": "x", "gamma": "y"}
+
+
+async def test_each_axis_of_a_moved_device_is_an_axis_of_the_message(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "device", robot=False) as (served, page):
+        heard: list[Any] = []
+        served.node.subscribe("/device/imu", heard.append, "sensor_msgs/Imu")
+        await page.click("[name=motion]:not(:disabled)")
+
+        async def message(**moved: dict[str, float]) -> Any:
+            """Return a message of a device that moves, and is turned, as given."""
+            zero = dict.fromkeys(RATE_AXES, 0)
+            motion = {
+                "accelerationIncludingGravity": dict.fromkeys(AXES, 0) | moved.get("acceleration", {}),
+                "rotationRate": zero | moved.get("rates", {}),
+            }
+            turned = zero | moved.get("angles", {})
+            # A mark, by which the message is recognised.
+            motion["accelerationIncludingGravity"]["z"] += len(heard) + 1000
+            events = (
+                f"dispatchEvent(new DeviceOrientationEvent('deviceorientation', {json.dumps(turned)}))"
+                f" && dispatchEvent(new DeviceMotionEvent('devicemotion', {json.dumps(motion)}))"
+            )
+            expected = motion["accelerationIncludingGravity"]["z"]
+            # Of events that follow each other closely, some are left out.
+            while not heard or heard[-1].linear_acceleration.z != expected:
+                await page.evaluate(events)
+                await anyio.sleep(0.05)
+            return heard[-1]
+
+        for name, axis in RATE_AXES.items():
+            for degrees in (90, -45):
+                found = (await message(rates={name: degrees})).angular_velocity
+                expected = {each: math.radians(degrees) * (each == axis) for each in AXES}
+                assert {each: getattr(found, each) for each in AXES} == pytest.approx(expected, abs=1e-6)
+        for axis in ("x", "y"):
+            for acceleration in (3, -2):
+                found = (await message(acceleration={axis: acceleration})).linear_acceleration
+                assert (found.x, found.y) == (acceleration * (axis == "x"), acceleration * (axis == "y"))
+        for name, axis in ANGLE_AXES.items():
+            for degrees in (90, -60):
+                found = (await message(angles={name: degrees})).orientation
+                half = math.radians(degrees) / 2
+                expected = {each: math.sin(half) * (each == axis) for each in AXES}
+                assert {each: getattr(found, each) for each in AXES} == pytest.approx(expected, abs=1e-6)
+                assert found.w == pytest.approx(math.cos(half), abs=1e-6)
 
 
 @DISTROS

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import sys
 import time
 from typing import Any
 
@@ -62,8 +64,14 @@ async def _drive(page: Page, url: str, grip: Grip, robot: Robot) -> None:
     await grip.drive_until(lambda: robot.moves and len(robot.moved_since(0)) > 5)
 
 
-@pytest.mark.parametrize("seconds", [1.0, 3.0, 10.0])
-@pytest.mark.parametrize("control", ["key", "stick", "gamepad"])
+CONTROLS = pytest.mark.parametrize("control", ["key", "stick", "gamepad"])
+#: Seconds without a link, and without a processor; a full run has `STALL_SECONDS='45' SUSPEND_SECONDS=20`.
+STALLS = [1.0, 3.0, 10.0, *map(float, os.environ.get("STALL_SECONDS", "").split())]
+SUSPENDED_SECONDS = float(os.environ.get("SUSPEND_SECONDS", "4"))
+
+
+@pytest.mark.parametrize("seconds", STALLS)
+@CONTROLS
 async def test_after_a_stall_the_robot_moves_only_with_a_new_grip(
     browser: Browser, control: str, seconds: float
 ) -> None:
@@ -100,6 +108,72 @@ async def test_after_a_stall_the_robot_moves_only_with_a_new_grip(
             await anyio.sleep(0.1)
             await grip.drive_until(lambda: robot.moves)
             await grip.release()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the processes of the browser in /proc")
+@CONTROLS
+async def test_after_a_suspension_the_robot_moves_only_with_a_new_grip(
+    browser: Browser, control: str
+) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server:
+        robot = Robot(server)
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 600) as page:
+            page.forgive("WebSocket", "Failed to load", "ERR_")
+            grip = Grip(page, control)
+            await _drive(page, url, grip, robot)
+            with browser.suspended():
+                stopped = time.monotonic()
+                await until(lambda: not robot.moves)
+                assert robot.moved_since(stopped + LEASE + 0.5) == []
+                await anyio.sleep(SUSPENDED_SECONDS)
+            # The clock of a computer that was suspended jumps, too.
+            await page.evaluate("Date.now = ((now) => () => now() + 3_600_000)(Date.now)")
+            for _ in range(20):
+                await grip.keep()
+                await anyio.sleep(0.1)
+            assert robot.moved_since(stopped + LEASE + 0.5) == []
+            await grip.release()
+            await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            await grip.drive_until(lambda: robot.moves)
+            await grip.release()
+            await until(lambda: not robot.moves)
+
+
+@CONTROLS
+async def test_in_the_background_a_page_does_not_drive(browser: Browser, control: str) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server:
+        robot = Robot(server)
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 600) as page:
+            grip = Grip(page, control)
+            await _drive(page, url, grip, robot)
+            hidden = time.monotonic()
+            await _set_hidden(page, hidden=True)
+            await until(lambda: not robot.moves)
+            for _ in range(10):
+                await grip.keep()
+                await anyio.sleep(0.1)
+            assert robot.moved_since(hidden + LEASE + 0.5) == []
+            await _set_hidden(page, hidden=False)
+            for _ in range(10):
+                await grip.keep()
+                await anyio.sleep(0.1)
+            assert robot.moved_since(hidden + LEASE + 0.5) == []
+            await grip.release()
+            await grip.drive_until(lambda: robot.moves)
+            await grip.release()
+
+
+async def _set_hidden(page: Page, *, hidden: bool) -> None:
+    """Put the page into the background, or back; a headless browser shows all of its pages."""
+    state = "hidden" if hidden else "visible"
+    await page.evaluate(
+        f"""(Object.defineProperties(document, {{
+          hidden: {{ value: {str(hidden).lower()}, configurable: true }},
+          visibilityState: {{ value: '{state}', configurable: true }},
+        }}), document.dispatchEvent(new Event('visibilitychange')))"""
+    )
 
 
 async def test_without_a_gate_old_commands_end_in_a_standstill(browser: Browser) -> None:
@@ -188,3 +262,19 @@ async def test_an_image_that_stays_shows_its_age(browser: Browser) -> None:
             await page.wait(f"{OLD} && /The image is [1-9][.0-9]+ s old/.test({text('.camera-state')})")
             link.resume()
             await page.wait(FRESH)
+
+
+async def test_a_video_that_stays_shows_its_age(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        stalling_proxy(int(server.urls[0].rsplit(":", 1)[1].strip("/"))) as link,
+    ):
+        stream = "topic=/camera/image_raw&type=vp8&bitrate=1000000"
+        url = f"http://127.0.0.1:{link.port}/stream_viewer?{stream}"
+        video, state = "document.querySelector('video')", text("[role=status]")
+        async with browser.page(url, 700, 600) as page:
+            page.forgive("ERR_", "404")
+            await page.wait(f"{video}.currentTime > 0 && {state} === ''")
+            link.stall()
+            await page.wait(f"{video}.style.filter && /is [1-9][.0-9]+ s old/.test({state})")
+            link.resume()

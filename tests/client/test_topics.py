@@ -11,8 +11,9 @@ import anyio.lowlevel
 import numpy as np
 import pytest
 
-from rwt_client import ServerRefused
-from rwt_participant.errors import InvalidMessage, NotFound, RobotError, UnknownType
+from rwt import Server
+from rwt_client import MessageRejected, ServerRefused, connect
+from rwt_participant.errors import CallTimeout, InvalidMessage, NotFound, RobotError, UnknownType
 from rwt_participant.qos import QoS
 from tests.client.worlds import scripted, world
 from tests.waiting import until
@@ -283,6 +284,58 @@ async def test_every_message_published_before_the_end_of_the_block_arrives() -> 
             await talker.drain()
         await it.arrives(lambda: len(heard) == 40)
         assert talker.dropped == 0
+
+
+async def test_a_rejected_message_is_logged_counted_and_raised_by_confirm(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    rule = {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.5}}}
+    async with (
+        Server("ws://127.0.0.1:0", gate={"rules": {"slow": rule}}) as server,
+        connect(server.urls[0]) as robot,
+    ):
+        events: list[str] = []
+        robot.on_event(lambda event: events.append(event.text))
+        wheels = robot.publish("/cmd_vel", {"linear": {"x": 0.5}}, "geometry_msgs/Twist")
+        other = robot.publish("/chatter", {"data": "x"}, "std_msgs/String")
+        await wheels.confirm()
+        for x in (1.0, 2.0, 0.1):
+            robot.publish("/cmd_vel", {"linear": {"x": x}})
+        with pytest.raises(MessageRejected, match=r"linear\.x: expected at most 0\.5, got 1 .*slow"):
+            await wheels.confirm()
+        await wheels.confirm()  # It was raised once.
+        await other.confirm()  # Messages of other publishers do not matter.
+        assert (wheels.rejected, other.rejected) == (2, 0)
+        assert any("got 2" in text for text in events)
+    assert "the server rejected a message for /cmd_vel: publish: linear.x: expected" in caplog.text
+
+
+async def test_equal_rejections_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+    async with scripted() as (server, robot):
+        publisher = robot.publish("/chatter", {"data": "x"}, "std_msgs/String")
+        sent = await server.hears("publish")
+        for text in ("too fast", "too fast", "too fast", "not allowed"):
+            server.say({"op": "status", "level": "error", "msg": text, "id": sent["id"]})
+        await until(lambda: publisher.rejected == 4)
+    lines = [record.getMessage() for record in caplog.records if "rejected a message" in record.message]
+    assert len(lines) < 4 and lines[-1].endswith("/chatter: not allowed (4 so far)")
+
+
+async def test_confirm_raises_what_rejects_every_message() -> None:
+    roles = {"guest": {"publish": ["/chat"], "call": []}}
+    async with (
+        Server("ws://127.0.0.1:0", auth={"default_role": "guest"}, roles=roles) as server,
+        connect(server.urls[0]) as robot,
+    ):
+        await robot.publish("/chat", {"data": "x"}, "std_msgs/String").confirm()
+        with pytest.raises(ServerRefused, match="role 'guest' may not publish on /cmd_vel"):
+            await robot.publish("/cmd_vel", {}, "geometry_msgs/Twist").confirm()
+
+
+async def test_confirm_ends_without_an_answer() -> None:
+    async with scripted() as (_, robot):
+        with pytest.raises(CallTimeout, match="get_time gave no answer"):
+            await robot.publish("/chatter", {"data": "x"}, "std_msgs/String").confirm(timeout=0.1)
 
 
 async def test_a_complaint_that_nobody_waits_for_is_an_event(caplog: pytest.LogCaptureFixture) -> None:

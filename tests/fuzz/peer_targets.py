@@ -5,22 +5,40 @@ What the validation accepts, the library parses without another error, in time a
 
 from __future__ import annotations
 
+import asyncio
 import struct
+from collections import deque
+from functools import cache
 from unittest.mock import Mock
 
+import av
 from aioice import stun
-from aiortc.rtcsctptransport import RECONFIG_PARAM_TYPES, ReconfigChunk, SackChunk, parse_packet
+from aiortc import RTCDataChannel
+from aiortc.rtcsctptransport import (
+    RECONFIG_PARAM_TYPES,
+    ReconfigChunk,
+    RTCSctpTransport,
+    SackChunk,
+    parse_packet,
+)
 from aiortc.rtp import HeaderExtensionsMap, RtcpPacket, RtcpPsfbPacket, RtpPacket, unpack_remb_fci
 from aiortc.sdp import SessionDescription
 from google_crc32c import value as crc32c
 
+from rwt.media.stream_request import MOST_AREA
 from rwt.media.webrtc.decoding import BadFrame, check_frame
+from rwt_protocol.frames import Frame
+from rwt_transports.limits import Limits
+from rwt_transports.webrtc.aiortc_internals import INCOMPLETE, Association
+from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.congestion.feedback import MAX_STATUSES, read_feedback
 from rwt_transports.webrtc.ice_agent import TURN_MESSAGES, GuardedTurnTcp
 from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtp, split_rtcp
 from rwt_transports.webrtc.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
 from rwt_transports.webrtc.sdp import CANDIDATES, BadDescription, read_description
 from rwt_transports.webrtc.stun_messages import BadStun, check_stun
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.whole_messages import WHOLE_MESSAGES
 
 PORT, TAG = 5000, 0x01020304
 
@@ -124,3 +142,113 @@ def encoded_images(data: bytes) -> None:
             check_frame(kind, data)
         except BadFrame as bad:
             assert str(bad).isprintable()
+
+
+MESSAGE_BYTES = 4096
+"""Limit of a message to the association."""
+FIRST_TSN = 1000
+"""Number of the first fragment of either side."""
+
+
+@cache
+def _loop() -> asyncio.AbstractEventLoop:
+    loop = asyncio.new_event_loop()
+    loop.slow_callback_duration = 10.0
+    return loop
+
+
+def association(data: bytes) -> None:
+    """Packets for an established association with a channel that sends and receives.
+
+    A byte before each packet is the length of its chunks; 0 lets the pending timer expire.
+    """
+    _loop().run_until_complete(_associate(data))
+
+
+async def _associate(data: bytes) -> None:
+    sent: list[bytes] = []
+
+    async def send(packet: bytes) -> None:
+        sent.append(packet)
+
+    handshake = Mock(state="connected", _role="server", _send_data=send)
+    found = Association(handshake)
+    failures: list[str] = []
+    found._local_verification_tag, found._remote_verification_tag = TAG, TAG + 1
+    found._local_tsn = found._reconfig_request_seq = FIRST_TSN
+    found._last_sacked_tsn = found._advanced_peer_ack_tsn = FIRST_TSN - 1
+    limits = Limits(message_bytes=MESSAGE_BYTES)
+    adopted = Association.adopt(found, limits, ReceiveBufferPool(), failures.append)
+    adopted._remote_port, adopted._last_received_tsn = PORT, FIRST_TSN - 1
+    adopted._remote_partial_reliability = True
+    adopted._set_state(RTCSctpTransport.State.ESTABLISHED)
+    adopted.on("datachannel", lambda channel: _serve(adopted, channel))
+    try:
+        packets = 0
+        while data and not failures:
+            size, data = data[0], data[1:]
+            chunks, data = data[:size], data[size:]
+            packets += 1
+            if not size:
+                _expire(adopted)
+            else:
+                header = struct.pack("!HHL", PORT, PORT, TAG)
+                check = crc32c(header + bytes(4) + chunks)
+                await adopted._handle_data(header + struct.pack("<L", check) + chunks)
+            await asyncio.sleep(0)
+            assert adopted.held_bytes <= 2 * MESSAGE_BYTES + (1 << 20) and adopted._incomplete <= INCOMPLETE
+        assert "could not be handled" not in "".join(failures), failures
+        # Each packet of 255 bytes has 63 chunks at most, each of which has an answer.
+        assert len(sent) <= 64 * packets + 16
+    finally:
+        await adopted.stop()
+        for _ in range(4):
+            await asyncio.sleep(0)
+    assert len(asyncio.all_tasks()) == 1, asyncio.all_tasks()
+    assert not adopted.held_bytes and not adopted.unread_bytes
+
+
+def _serve(adopted: Association, channel: RTCDataChannel) -> None:
+    link = ChannelLink(adopted, channel, deque())
+    answers = [WHOLE_MESSAGES.whole(Frame(b"hello"))] * 3
+    callbacks = Mock(take=lambda: answers.pop() if answers else None)
+    link.set_callbacks(callbacks)
+    link.wake()
+
+
+def _expire(adopted: Association) -> None:
+    """Let the timer of unacknowledged data or of a request expire."""
+    if adopted._t3_handle is not None:
+        adopted._t3_handle.cancel()
+        adopted._t3_expired()
+    elif adopted._reconfig_handle is not None:
+        adopted._reconfig_handle.cancel()
+        adopted._reconfig_timer_expired()
+
+
+_DECODERS = {"video/VP8": "vp8", "video/H264": "h264"}
+
+
+def decoded_images(data: bytes) -> None:
+    """Frames of VP8 or H.264, by the first byte, for their decoder; two bytes before each are its length."""
+    if not data:
+        return
+    kind = list(_DECODERS)[data[0] % 2]
+    decoder = av.CodecContext.create(_DECODERS[kind], "r")
+    assert isinstance(decoder, av.VideoCodecContext)
+    at = 1
+    while at < len(data):
+        size = int.from_bytes(data[at : at + 2], "big")
+        frame, at = data[at + 2 : at + 2 + size], at + 2 + size
+        try:
+            check_frame(kind, frame)
+        except BadFrame:
+            return  # The peer is ended.
+        if not frame:
+            continue
+        try:
+            for image in decoder.decode(av.Packet(frame)):
+                assert isinstance(image, av.VideoFrame)
+                assert image.width * image.height <= MOST_AREA + 64 * max(image.width, image.height)
+        except av.FFmpegError:
+            continue

@@ -7,11 +7,24 @@ from __future__ import annotations
 
 import base64
 import json
+import struct
 from collections.abc import Iterator
+from io import BytesIO
 
 import bson
+import lz4.frame
+import zstandard
 from aioice import stun
+from aiortc.rtcsctptransport import (
+    DataChunk,
+    ForwardTsnChunk,
+    ReconfigChunk,
+    SackChunk,
+    StreamResetOutgoingParam,
+)
 from aiortc.rtp import RtpPacket
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, Writer
 
 from rwt.gateways.mcp.tools import TOOLS
 from rwt_interfaces.distro import NOETIC
@@ -20,11 +33,13 @@ from rwt_protocol.frames import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.asgi_targets import requests
+from tests.fuzz.file_targets import record
 from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
+from tests.fuzz.peer_targets import FIRST_TSN
 from tests.fuzz.ros1_targets import calls, connections
 from tests.protocol.wire_examples import EXAMPLES
-from tests.rwt.media.webrtc.test_frame_size import sequence_parameters, vp8_header
+from tests.rwt.media.webrtc.test_frame_size import encoded, sequence_parameters, vp8_header
 from tests.rwt.media.webrtc.test_rtp_packets import VALID as RTCP_VALID
 from tests.rwt.media.webrtc.test_sctp_packets import INVALID as SCTP_INVALID
 from tests.rwt.media.webrtc.test_sctp_packets import VALID as SCTP_VALID
@@ -73,6 +88,10 @@ def seeds(name: str) -> Iterator[bytes]:
         "media": _media,
         "offers": _offers,
         "encoded_images": _encoded_images,
+        "association": _associations,
+        "decoded_images": _decoded_images,
+        "recordings": _recordings,
+        "interface_folders": _interface_folders,
         "definition": _definitions,
         "names": _names,
         "admission": _admissions,
@@ -169,6 +188,90 @@ def _encoded_images() -> Iterator[bytes]:
     yield vp8_header(64, 48)
     yield sequence_parameters(40, 30)
     yield sequence_parameters(1024, 1024, 16)
+
+
+def _associations() -> Iterator[bytes]:
+    opened = _data_chunk(0, 0, 50, struct.pack("!BBHLHH", 3, 0, 0, 0, 4, 0) + b"odom", 3)
+    texts = [_data_chunk(number, number, 51, b"text", 3) for number in (1, 2)]
+    sack = SackChunk()
+    sack.cumulative_tsn, sack.advertised_rwnd = FIRST_TSN, 1 << 17
+    yield _packets(opened, *texts, bytes(sack))
+    sack.gaps = [(2, 2)]
+    yield _packets(opened, b"", bytes(sack), b"", bytes(sack))
+    # A message in fragments of which one is missing, and is given up; others twice, and out of order.
+    parts = [
+        _data_chunk(number, 1, 53, bytes(40), flags) for number, flags in ((1, 2), (3, 0), (4, 1), (3, 0))
+    ]
+    forward = ForwardTsnChunk()
+    forward.cumulative_tsn, forward.streams = FIRST_TSN + 4, [(1, 1)]
+    yield _packets(opened, *parts, bytes(forward))
+    reset = ReconfigChunk()
+    request = StreamResetOutgoingParam(FIRST_TSN, FIRST_TSN, FIRST_TSN, [1])
+    reset.params = [(13, bytes(request))]
+    yield _packets(opened, bytes(reset), b"")
+    yield _packets(*(bytes(each) for each in SCTP_VALID))
+    for data in SCTP_INVALID.values():
+        if len(data) < 256:
+            yield _packets(opened, data)
+
+
+def _data_chunk(number: int, sequence: int, protocol: int, data: bytes, flags: int) -> bytes:
+    chunk = DataChunk(flags)
+    chunk.tsn, chunk.stream_id, chunk.stream_seq = FIRST_TSN + number, 1, sequence
+    chunk.protocol, chunk.user_data = protocol, data
+    return bytes(chunk)
+
+
+def _packets(*packets: bytes) -> bytes:
+    return b"".join(bytes([len(each)]) + each for each in packets if len(each) < 256)
+
+
+def _decoded_images() -> Iterator[bytes]:
+    for number, codec in enumerate(("libvpx", "libx264")):
+        frames = encoded(codec, 64, 48)
+        yield bytes([number]) + b"".join(len(each).to_bytes(2, "big") + each for each in frames)
+    for frame in (vp8_header(16383, 16383), vp8_header(64, 48)):
+        yield b"\0" + len(frame).to_bytes(2, "big") + frame
+
+
+def _recordings() -> Iterator[bytes]:
+    about = _counted(b"std_msgs/msg/String") + _counted(b"ros2msg") + _counted(b"string data\n")
+    schema = record(Opcode.SCHEMA, struct.pack("<H", 1) + about)
+    where = _counted(b"/words") + _counted(b"cdr") + bytes(4)
+    channel = record(Opcode.CHANNEL, struct.pack("<HH", 1, 1) + where)
+    message = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 1, 1, 1) + b"\0\1\0\0\2\0\0\0a\0")
+    records = schema + channel + message * 3
+    for choice in (3, 4, 5):
+        yield bytes([choice]) + records
+    size = struct.pack("<I", len(records))
+    yield b"\x82" + size + zstandard.compress(records)
+    yield b"\x81" + size + lz4.frame.compress(records)
+    yield b"\x82" + b"\0\0\0\4" + zstandard.compress(bytes(1 << 16))
+    with BytesIO() as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start("ros2")
+        kind = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        words = writer.register_channel("/words", "cdr", kind)
+        for time in (1, 2):
+            writer.add_message(words, time, b"\0\1\0\0\2\0\0\0a\0", time)
+        writer.finish()
+        yield b"\0" + file.getvalue()
+
+
+def _counted(text: bytes) -> bytes:
+    return struct.pack("<I", len(text)) + text
+
+
+def _interface_folders() -> Iterator[bytes]:
+    package = b"my_msgs/package.xml\n<package><name>my_msgs</name></package>"
+    thing = b"my_msgs/msg/Thing.msg\nint32 x 5\nOther[<=3] others\n"
+    other = b'my_msgs/msg/Other.msg\nstring<=5 s "a"\nuint8 A=1\n'
+    ask = b"my_msgs/srv/Ask.srv\nbool b\n---\nThing thing\n"
+    go = b"my_msgs/action/Go.action\nint8 a\n---\nint8 b\n---\nint8 c\n"
+    yield b"\0".join((package, thing, other, ask, go))
+    yield b"\0".join((thing, b"my_msgs/msg/Other.msg\nThing thing\n"))
+    yield b"\0".join((thing, b"nested/my_msgs/msg/Other.msg\nint8 x\n", other))
+    yield b"\0".join((package.replace(b"my_msgs</", b"&x;</"), other))
 
 
 def _fragments() -> Iterator[bytes]:

@@ -3,6 +3,9 @@
 python -m tests.journeys                  all, with the commands of this Python
 python -m tests.journeys --clone          in a fresh clone and environment (needs the network)
 python -m tests.journeys operator http
+
+Programs in the scripts are those of the docs: `block PAGE TEXT` prints the code block of a page that has a
+text. A script whose needs are not installed exits with 77 and is skipped, as with `needs mujoco`.
 """
 
 from __future__ import annotations
@@ -21,23 +24,39 @@ from typing import Final
 from tests.docs.processes import commands_folder
 from tests.processes import ROOT, free_port
 
+SKIPPED: Final = 77
+"""Exit code of a script without something that it needs."""
+
 FOLDER: Final = Path(__file__).parent
 JOURNEYS: Final = tuple(sorted(path.stem for path in FOLDER.glob("*.sh")))
 
 #: The trace of commands goes to the descriptor 9.
 _PRELUDE: Final = """set -euo pipefail
 exec 9>trace; BASH_XTRACEFD=9; PS4='+ '
+# A code block of the docs; and the end of a script without something that it needs.
+block() {
+  { set +x; } 9>/dev/null
+  PYTHONPATH="$ROOT" "$PYTHON" -m tests.journeys.block "$@" | sed "s/9090/$PORT/g"
+  set -x
+}
+needs() {
+  { set +x; } 9>/dev/null
+  for each; do
+    python -c "import $each" 2>/dev/null || command -v "$each" >/dev/null || { echo "needs $each"; exit 77; }
+  done
+  set -x
+}
 # A command in the background, until its server answers; and its end.
 server() {
   { set +x; } 9>/dev/null
   "$@" >server.log 2>&1 & echo $! > rwt.pid
-  until curl -fs http://127.0.0.1:9090/healthz >health; do kill -0 "$(cat rwt.pid)"; sleep 0.1; done
+  until curl -fs http://127.0.0.1:$PORT/healthz >health; do kill -0 "$(cat rwt.pid)"; sleep 0.1; done
   set -x
 }
 ended() { { set +x; } 9>/dev/null; while kill -0 "$(cat rwt.pid)" 2>/dev/null; do sleep 0.1; done; set -x; }
-logged() { { set +x; } 9>/dev/null; until grep -q "$1" server.log; do sleep 0.1; done; set -x; }
+logged() { { set +x; } 9>/dev/null; until grep -q "$1" "${2:-server.log}"; do sleep 0.1; done; set -x; }
 fails() { { set +x; } 9>/dev/null; if "$@"; then echo "succeeded: $*" >&2; exit 1; fi; set -x; }
-trap 'kill "$(cat rwt.pid)" || true; wait' EXIT
+trap 'kill $(cat ./*.pid 2>/dev/null) 2>/dev/null || true; wait' EXIT
 set -x
 """
 
@@ -47,7 +66,7 @@ class Journey:
     """Replay of one journey.
 
     Attributes:
-        code: exit code of the script.
+        code: exit code of the script; 77: something that it needs is not installed.
         commands: number of commands that were run.
         seconds: duration.
         output: what the commands printed.
@@ -61,14 +80,22 @@ class Journey:
 
 def replay(name: str, folder: Path, path: str) -> Journey:
     """Replay a journey in an empty folder, with the commands of a `PATH`, on a free port."""
-    script = _PRELUDE + (FOLDER / f"{name}.sh").read_text(encoding="utf-8")
     port = str(free_port())
-    environment = {**os.environ, "PATH": path, "RWT_URL": f"ws://127.0.0.1:{port}", "PYTHONPATH": ""}
+    script = _PRELUDE + (FOLDER / f"{name}.sh").read_text(encoding="utf-8").replace("9090", port)
+    environment = {
+        **os.environ,
+        "PATH": path,
+        "RWT_URL": f"ws://127.0.0.1:{port}",
+        "PYTHONPATH": "",
+        "ROOT": str(ROOT),
+        "PYTHON": sys.executable,
+        "PORT": port,
+    }
     if str(ROOT / "src") in os.environ.get("PYTHONPATH", ""):
         environment["PYTHONPATH"] = os.environ["PYTHONPATH"]
     began = time.monotonic()
     done = subprocess.run(
-        ["bash", "-c", script.replace("9090", port)],
+        ["bash", "-c", script],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -85,18 +112,30 @@ def replay(name: str, folder: Path, path: str) -> Journey:
     return Journey(done.returncode, len(commands), took, output)
 
 
+def local_path(folder: Path) -> str:
+    """Return a `PATH` with the commands of this Python, and an npm that offers the installed packages."""
+    commands = commands_folder(folder)
+    npm = commands / "npm"
+    npm.write_text(f'#!/bin/sh\nexec ln -sfn "{ROOT}/tests/clients/node/node_modules" node_modules\n')
+    npm.chmod(0o755)
+    return f"{commands}{os.pathsep}{os.environ['PATH']}"
+
+
 def _cloned(folder: Path) -> str:
     """Clone and install the project, as the docs have it; returns the `PATH` with its commands."""
     clone, environment = folder / "robot-web-tools", folder / "venv"
     for command in (
         ["git", "clone", "--quiet", str(ROOT), str(clone)],
+        ["npm", "ci", "--silent", "--prefix", str(clone / "web")],
+        ["npm", "run", "--silent", "--prefix", str(clone / "web"), "build"],
         [sys.executable, "-m", "venv", str(environment)],
         [
             str(environment / "bin/pip"),
             "install",
             "--quiet",
-            f"{clone}[mcap,mcp]",
-            str(clone / "conformance"),
+            f"{clone}[mcap,mcp,webrtc]",
+            *(str(clone / name) for name in ("conformance", "rwt-rclpy", "rwt-lerobot")),
+            *("mujoco", "pytest", "roslibpy"),
         ],
     ):
         subprocess.run(command, check=True)
@@ -113,17 +152,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         began = time.monotonic()
-        path = (
-            _cloned(folder)
-            if arguments.clone
-            else f"{commands_folder(folder / 'bin')}{os.pathsep}{os.environ['PATH']}"
-        )
+        path = _cloned(folder) if arguments.clone else local_path(folder / "bin")
         sys.stdout.write(f"{'set up':14} {time.monotonic() - began:6.1f} s\n")
         for each in arguments.names or JOURNEYS:
             place = folder / each
             place.mkdir()
             journey = replay(each, place, path)
-            failed += journey.code != 0
+            failed += journey.code not in (0, SKIPPED)
             words = f"{journey.seconds:6.1f} s  {journey.commands:3} commands  exit code {journey.code}"
             sys.stdout.write(f"{each:14} {words}\n{journey.output if journey.code else ''}")
     return 1 if failed else 0

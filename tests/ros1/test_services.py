@@ -79,7 +79,7 @@ async def test_rospy_calls_a_service_of_this_process(ros: Ros, graph: Ros1Graph)
 
     graph.node("server").advertise_service("/switch", "std_srvs/SetBool", switch)
     program = ros.program()
-    await until(lambda: "/switch" in ros.tool("rosservice", "list"))
+    await ros.shows({"/switch"}, "rosservice", "list")
 
     async def ask(statement: str) -> Any:
         return await anyio.to_thread.run_sync(program.run, f"{CALL}\nresult = {statement}")
@@ -99,7 +99,7 @@ async def test_a_living_service_of_the_same_name_is_not_replaced(ros: Ros, graph
     node = graph.node("server")
     node.advertise_service("/switch", "std_srvs/SetBool", lambda _: {"success": False, "message": "ours"})
     node.advertise_service("/mark", "std_srvs/Trigger", lambda _: {})
-    await until(lambda: "/mark" in ros.tool("rosservice", "list"))
+    await ros.shows({"/mark"}, "rosservice", "list")
     assert "/robot/program" in ros.tool("rosservice", "node", "/switch")
 
 
@@ -107,7 +107,7 @@ async def test_a_living_node_of_the_same_name_is_not_shut_down(ros: Ros, graph: 
     program = ros.program()
     node = graph.node("program", "/robot")
     node.advertise("/chatter", "std_msgs/String")
-    await until(lambda: "/chatter" in ros.tool("rostopic", "list"))
+    await ros.shows({"/chatter"}, "rostopic", "list")
     assert program.run("result = rospy.is_shutdown()") is False
 
 

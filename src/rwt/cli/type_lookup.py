@@ -50,7 +50,7 @@ def find_type(registry: Registry, name: str) -> InterfaceType:
             unknown = unknown or error
         except InterfaceError as error:
             raise CommandError(str(error), FAILED) from error
-    raise CommandError(str(unknown), FAILED)
+    raise CommandError(f"{unknown}; --live asks the robot, --interfaces DIR adds definitions", FAILED)
 
 
 def _kinds(name: str) -> tuple[Kind, ...]:

@@ -30,6 +30,7 @@ class ClientConnection:
 
     Attributes:
         drained: waits until the network has taken everything that was sent.
+        timeout: default timeout of calls, in seconds; None waits without limit.
         cbor_offered: True if the transport carries CBOR (TCP-05), and the server has not rejected it.
     """
 
@@ -37,6 +38,7 @@ class ClientConnection:
     types: RemoteTypes
     tasks: TaskStarter
     drained: Callable[[], Awaitable[None]]
+    timeout: float | None
     cbor_offered: bool
 
 

@@ -99,9 +99,10 @@ class JsonCodec:
         return encode
 
 
-def publish_prefix(topic: str) -> bytes:
+def publish_prefix(topic: str, id: str | None = None) -> bytes:
     """Return the bytes before the payload in all messages of `topic`, for the caller to keep."""
-    return b'{"op":"publish","topic":' + _encode(topic) + b',"msg":'
+    named = b"" if id is None else b',"id":' + _encode(id)
+    return b'{"op":"publish"' + named + b',"topic":' + _encode(topic) + b',"msg":'
 
 
 def publish_frame(prefix: bytes, payload: Buffer) -> Frame:

@@ -250,7 +250,7 @@ class RecoveryReport:
 
 
 class _IndexBuilder:
-    """Index of the records that it is given."""
+    """Builder of an index from the records of a file."""
 
     def __init__(self) -> None:
         self.summary = Summary()
@@ -287,7 +287,7 @@ class _IndexBuilder:
 
 
 def read_index(file: IO[bytes], most_bytes: int) -> Summary | None:
-    """Return the index at the end of a file; None if there is none that can be used."""
+    """Return the index at the end of a file; None if it is missing or unusable."""
     size = file.seek(0, SEEK_END)
     footer_begin = size - len(MAGIC) - _FOOTER_BYTES
     builder = _IndexBuilder()
@@ -349,7 +349,9 @@ def rebuild_index(file: IO[bytes], most_bytes: int) -> RecoveryReport:
                 earliest, latest, is_unchunked = min(earliest, log_time), max(latest, log_time), True
         except Exception as error:
             # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
-            logger.warning("the record before byte %d is left out: %s", whole, error)
+            logger.warning(
+                "the record before byte %d is left out: %s", whole, str(error) or type(error).__name__
+            )
             damaged += 1
     builder.summary.statistics = _statistics(builder, max(0, latest), earliest if latest >= 0 else 0)
     return RecoveryReport(builder.summary, damaged, file.seek(0, SEEK_END) - whole, is_unchunked)

@@ -147,6 +147,11 @@ class CongestionController:
         """Delay of the standing queue."""
         return self._queue.seconds
 
+    @property
+    def has_feedback(self) -> bool:
+        """True if the receiver has given transport-wide feedback."""
+        return self._heard_at is not None
+
     def rate(self, now: float) -> float:
         """Return the bits per second to send now: less than the target while a queue drains or the receiver
         is silent.

@@ -50,6 +50,8 @@ REPEAT_WAIT_SECONDS: Final = 0.05
 """Wait for the next frame above which repetitions wait, too."""
 REPEAT_SECONDS: Final = 0.03
 """Time within which a packet is repeated once, however often it is asked for: a repetition travels."""
+STALE_SECONDS: Final = 0.15
+"""Wait of a repetition above which a key frame replaces it, for receivers that continue at one."""
 PROBE_HISTORY: Final = 8
 """Most recent packets that a probe repeats."""
 PACKET_OVERHEAD_BYTES: Final = 70
@@ -137,6 +139,7 @@ class PacedSender(RTCRtpSender):
         paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
         paced._recent = deque(maxlen=PROBE_HISTORY)
         paced._wanted = {}
+        paced._given_up = None
         paced._repeated_at = {}
         paced._repeated = RateMeter()
         return paced
@@ -147,7 +150,8 @@ class PacedSender(RTCRtpSender):
     _on_keyframe: Callable[[], None]
     _again: TokenBucket
     _recent: deque[RtpPacket]
-    _wanted: dict[int, None]  # Numbers of the packets to repeat, in the order of the requests.
+    _wanted: dict[int, float]  # Time of the request for each packet to repeat, in order.
+    _given_up: int | None  # Number of the last packet before the key frame that replaces repetitions.
     _repeated_at: dict[int, float]
     _repeated: RateMeter
 
@@ -251,7 +255,10 @@ class PacedSender(RTCRtpSender):
         self._recent.append(packet)
 
     async def _retransmit(self, sequence_number: int) -> None:
-        self._wanted[sequence_number] = None
+        given_up = self._given_up
+        if given_up is not None and (given_up - sequence_number) % 65536 < RTP_HISTORY_SIZE:
+            return
+        self._wanted.setdefault(sequence_number, monotonic())
         if len(self._wanted) > RTP_HISTORY_SIZE:
             del self._wanted[next(iter(self._wanted))]
         await self._repeat_wanted()
@@ -260,6 +267,7 @@ class PacedSender(RTCRtpSender):
         """Repeat packets while the link has room: before the next frame, which a receiver may not decode
         without them. Some receivers ask only once, and wait for seconds.
         """
+        self._replace_stale()
         history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
         while self._wanted and self._frame_delay() <= REPEAT_WAIT_SECONDS:
             number = next(iter(self._wanted))
@@ -273,6 +281,19 @@ class PacedSender(RTCRtpSender):
                 self._repeated_at[number] = now
                 if len(self._repeated_at) > RTP_HISTORY_SIZE:
                     del self._repeated_at[next(iter(self._repeated_at))]
+
+    def _replace_stale(self) -> None:
+        """Request a key frame in place of repetitions that have waited too long: they would arrive behind it,
+        with images that are old.
+
+        Browsers, which give transport-wide feedback, continue at a key frame. aiortc waits for the packets.
+        """
+        if not self._wanted or not self._recent or not self._controller.has_feedback:
+            return
+        if monotonic() - next(iter(self._wanted.values())) > STALE_SECONDS:
+            self._wanted.clear()
+            self._given_up = self._recent[-1].sequence_number
+            self._on_keyframe()
 
     def _repetition(self, packet: RtpPacket) -> RtpPacket | None:
         """Return a packet as a retransmission (RFC 4588); None if the receiver does not support them."""

@@ -10,7 +10,15 @@ import pytest
 from rwt import Server
 from rwt_client import Robot, connect
 from tests.processes import LONGEST, ended, rwt_command
-from tests.rwt.gateways.mcp.agents import Era, agent_of_command, agent_of_connection, done, refused
+from tests.rwt.gateways.mcp.agents import (
+    Era,
+    agent_at,
+    agent_of_command,
+    agent_of_connection,
+    done,
+    refused,
+    url_of,
+)
 from tests.rwt.gateways.mcp.robots import small_robot
 from tests.waiting import until, until_answered
 
@@ -80,6 +88,35 @@ async def test_what_a_robot_elsewhere_refuses_counts_as_not_published() -> None:
                 agent, "publish", topic="/cmd_vel", message={"linear": {"x": 0.5}}
             )
             await until(lambda: heard[-1] == 0.5)
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("place", ["elsewhere", "its own port"])
+async def test_an_agent_hears_every_kind_of_rejection(place: str) -> None:
+    guest = {"subscribe": ["/**"], "publish": ["/cmd_vel"], "call": ["/rosapi/*", "/gate/*"]}
+    rules = {"drive": {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.5}}}}
+    async with Server(
+        "ws://127.0.0.1:0",
+        auth={"default_role": "guest"},
+        mcp={"default_role": "guest"},
+        roles={"guest": guest},
+        gate={"rules": rules},
+        gateways=["mcp"],
+    ) as server:
+        node = server.node("base")
+        heard: list[float] = []
+        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+        node.subscribe("/odom", print, "nav_msgs/Odometry")
+        elsewhere = place == "elsewhere"
+        agents = agent_of_connection(server.urls[0]) if elsewhere else agent_at(url_of(server))
+        async with agents as agent:
+            for topic, message, reason in (
+                ("/cmd_vel", {"linear": {"x": 2.0}}, "linear.x: expected at most 0.5, got 2"),
+                ("/cmd_vel", {"linar": {}}, '"linar"'),
+                ("/odom", {}, "may not publish on /odom"),
+            ):
+                assert reason in await refused(agent, "publish", topic=topic, message=message)
+        assert heard == []
 
 
 def test_its_end_is_that_of_standard_input(url: str) -> None:

@@ -12,6 +12,7 @@ from aiortc.rtp import RtpPacket
 from rwt_transports.background import ignore
 from rwt_transports.webrtc.congestion import paced_sender
 from rwt_transports.webrtc.congestion.controller import CongestionController
+from rwt_transports.webrtc.congestion.feedback import Feedback
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender, RateMeter
 
 
@@ -30,13 +31,18 @@ class Link:
         transport = SimpleNamespace(state="new", _stats_id="transport")
         sender = RTCRtpSender("video", cast("Any", transport))
         controller = CongestionController(100_000, 100_000, 100_000, self.now)
-        self.sender = PacedSender.adopt(sender, controller, ignore, ignore)
+        self.controller = controller
+        self.keys_asked = 0
+        self.sender = PacedSender.adopt(sender, controller, ignore, self._ask)
         monkeypatch.setattr(self.sender, "_send_packet", self._send)
         for number in range(3):
             self.sender._count(RtpPacket(sequence_number=number, payload=bytes(1000)))
 
     async def _send(self, packet: RtpPacket) -> None:
         self.sent.append(packet.sequence_number)
+
+    def _ask(self) -> None:
+        self.keys_asked += 1
 
     def owe(self, seconds: float) -> None:
         """Make the next frame wait for so long."""
@@ -56,6 +62,25 @@ async def test_a_repetition_waits_for_the_link_and_precedes_the_next_frame(
     link.now += 0.25
     await link.sender._frame_room()
     assert link.sent == [1]
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("is_browser", [True, False])
+async def test_a_key_frame_replaces_repetitions_that_have_waited_too_long(
+    monkeypatch: pytest.MonkeyPatch, is_browser: bool
+) -> None:
+    link = Link(monkeypatch)
+    if is_browser:
+        link.controller.acknowledged(Feedback(0, 0, (0.0,)), link.now)
+    link.owe(0.4)
+    await link.sender._retransmit(1)
+    link.now += 2 * paced_sender.STALE_SECONDS
+    await link.sender._retransmit(1)
+    await link.sender._retransmit(2)
+    link.now += 1
+    await link.sender._frame_room()
+    assert link.keys_asked == is_browser
+    assert link.sent == ([] if is_browser else [1, 2])
 
 
 @pytest.mark.anyio

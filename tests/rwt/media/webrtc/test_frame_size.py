@@ -19,7 +19,7 @@ def vp8_header(width: int, height: int) -> bytes:
     return b"\x10\0\0\x9d\x01\x2a" + sizes + bytes(40)
 
 
-def _encoded(codec: str, width: int, height: int, **options: str) -> list[bytes]:
+def encoded(codec: str, width: int, height: int, **options: str) -> list[bytes]:
     encoder = av.CodecContext.create(codec, "w")
     assert isinstance(encoder, av.VideoCodecContext)
     encoder.width, encoder.height, encoder.pix_fmt = width, height, "yuv420p"
@@ -34,12 +34,12 @@ def _encoded(codec: str, width: int, height: int, **options: str) -> list[bytes]
 
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (130, 98), (1920, 1080)])
 def test_images_of_encoders(width: int, height: int) -> None:
-    key, *others = _encoded("libvpx", width, height)
+    key, *others = encoded("libvpx", width, height)
     assert vp8_area(key) == width * height
     assert not any(map(vp8_area, others))
     blocks = 256 * -(-width // 16) * -(-height // 16)
     for preset in ("ultrafast", "medium"):
-        key, *others = _encoded("libx264", width, height, preset=preset)
+        key, *others = encoded("libx264", width, height, preset=preset)
         assert h264_area(key) == blocks
         assert not any(map(h264_area, others))
 

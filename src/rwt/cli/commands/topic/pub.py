@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import AsyncIterator
-from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 import anyio
@@ -17,17 +16,17 @@ from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
-from rwt_participant.errors import HandleClosed, RobotError
+from rwt_participant.errors import CallTimeout, RobotError
 from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
-    from rwt_client import ConnectionEvent, RemotePublisher, Robot
+    from rwt_client import RemotePublisher, Robot
 
 _USUAL_RATE: Final = 1.0
 _POLL_SECONDS: Final = 0.1
 """Seconds between two polls for subscriptions."""
 _MAX_ANSWER_SECONDS: Final = 2.0
-"""Maximum seconds until the server has processed all messages; the rejections of later ones are missed."""
+"""Maximum seconds until the server has processed all messages."""
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +63,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt_client import MessageRejected
+
     name = absolute_name(arguments.topic)
     kind, message = type_and_message(arguments.message, "message")
     with await robot.advertise(
@@ -75,43 +76,34 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         if not output.json:
             output.line("publisher: beginning loop")
         progress = ApprovalProgress(robot)
-        rejections: list[str] = []
-
-        def note_rejection(event: ConnectionEvent) -> None:
-            if event.kind == "status" and event.level == "error":
-                rejections.append(event.text)
+        rejection: RobotError | None = None
 
         async def publish() -> None:
+            nonlocal rejection
             number = 0
             async for number in _ticks(arguments.rate, arguments.times):
                 _publish(publisher, given, number, arguments, output)
                 await publisher.drain()
             await anyio.sleep(arguments.keep_alive)
-            await _all_processed(robot)
+            try:
+                await publisher.confirm(timeout=_MAX_ANSWER_SECONDS)
+            except CallTimeout:
+                note(f"the robot did not confirm the messages within {_MAX_ANSWER_SECONDS:g} s")
+            except RobotError as error:
+                rejection = error
             await progress.decided()
             if progress.state == "approved":  # The approved message is sent again: the gate keeps none.
                 _publish(publisher, given, number, arguments, output)
                 await publisher.drain()
                 await anyio.sleep(arguments.keep_alive)
 
-        end = robot.on_event(note_rejection)
-        try:
-            await progress.run(publish)
-        finally:
-            end()
+        await progress.run(publish)
     if progress.state in ("waiting", "denied"):
         raise CommandError(progress.why or "the message was not approved in time", FAILED)
-    if rejections and progress.state != "approved":
-        raise CommandError(f"the robot rejected a message for {name}: {rejections[0]}", FAILED)
-    if publisher.error is not None and not isinstance(publisher.error, HandleClosed):
-        raise publisher.error
-
-
-async def _all_processed(robot: Robot) -> None:
-    """Wait until the server has processed what was sent before: a rejected message gets no other answer."""
-    # Requests are processed in order, and any answer will do: a server without rosapi answers with an error.
-    with suppress(RobotError), anyio.move_on_after(_MAX_ANSWER_SECONDS):
-        await robot.api.time_ns()
+    if isinstance(rejection, MessageRejected) and progress.state != "approved":
+        raise CommandError(f"the robot rejected a message for {name}: {rejection}", FAILED)
+    if rejection is not None and progress.state != "approved":
+        raise rejection
 
 
 def _publish(
