@@ -56,8 +56,9 @@ def serve(topic: str, type_name: str) -> None:
     node = rclpy.create_node("floor", start_parameter_services=False)
     subscription = _rclpy.Subscription(node.handle, message_class(type), topic, to_ros(QoS(depth=10)))
     waiting = select.epoll()
-    wakeup = Wakeup("subscription", subscription, lambda: False)
-    waiting.register(wakeup.descriptor, select.EPOLLIN | select.EPOLLET)
+    descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    wakeup = Wakeup("subscription", subscription, lambda: False, descriptor)
+    waiting.register(descriptor, select.EPOLLIN | select.EPOLLET)
     assert wakeup.set_callback(load_rcl())
     with socket.create_server(("127.0.0.1", 0), backlog=100) as listener:
         waiting.register(listener.fileno(), select.EPOLLIN)
