@@ -54,11 +54,9 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
 
 
 def payload_in_steps(
-    type: MessageType, raw: Encodable, where: str, now: Callable[[], int]
+    type: MessageType, raw: RawJson | Decoded, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
-    """Check a payload like :func:`payload_of`; a large one in steps of about a millisecond."""
-    if not isinstance(raw, RawJson | Decoded) or raw.size < IN_STEPS:
-        return payload_of(type, raw, where, now)
+    """Check a payload like :func:`payload_of`, in steps of about a millisecond."""
     try:
         if isinstance(raw, Decoded):
             yield
@@ -111,11 +109,10 @@ def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[]
 def arguments_in_steps(
     type: MessageType, raw: Encodable, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
-    """Check arguments like :func:`arguments_of`; a large JSON object in steps."""
+    """Check arguments like :func:`arguments_of`, in steps if they are a JSON object."""
     if isinstance(raw, RawJson) and raw.kind == "object":
         return (yield from payload_in_steps(type, raw, where, now))
-    if raw.size >= IN_STEPS:
-        yield
+    yield
     return arguments_of(type, raw, where, now)
 
 
