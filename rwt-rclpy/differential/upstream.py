@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from differential.comparison import REAL, Rclpy, our_rclpy, real_rclpy
 
 #: Seconds for one test, and for one file.
 LONGEST_S, LONGEST_FILE_S = 60, 300
+#: Tests of a checkout's style.
+LINTERS = ("test_copyright", "test_flake8", "test_mypy", "test_pep257", "test_xmllint")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,7 @@ def run_file(rclpy: Rclpy, file: Path) -> dict[str, Outcome]:
         written = Path(folder, "outcomes")
         written.touch()
         options = ["-q", "-p", "no:cacheprovider", "-p", "differential.outcomes", f"--timeout={LONGEST_S}"]
-        try:
+        with suppress(subprocess.TimeoutExpired):  # Tests without an outcome did not pass.
             subprocess.run(
                 [rclpy.python, "-m", "pytest", *options, str(copy / file.name), "--rootdir", folder],
                 env={**rclpy.environment, outcomes.FILE: str(written)},
@@ -58,8 +61,6 @@ def run_file(rclpy: Rclpy, file: Path) -> dict[str, Outcome]:
                 timeout=LONGEST_FILE_S,
                 check=False,
             )
-        except subprocess.TimeoutExpired:
-            pass  # Tests without an outcome did not pass.
         rows = [json.loads(line) for line in written.read_text("utf-8").splitlines()]
     found: dict[str, Outcome] = {}
     for name, result, why in rows:
@@ -103,16 +104,25 @@ def main() -> int:
     parser.add_argument("--distro", choices=REAL, default="jazzy")
     parser.add_argument("--real", type=Path, metavar="DIR", help="environment with the real rclpy's wheels")
     parser.add_argument(
-        "--path", type=Path, action="append", default=[], metavar="DIR", help="import from it for the real one"
+        "--path",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="import from it for the real one",
     )
     options = parser.parse_args()
     files = [
-        file for each in options.tests for file in ([each] if each.is_file() else sorted(each.glob("test_*.py")))
+        file
+        for each in options.tests
+        for file in ([each] if each.is_file() else sorted(each.rglob("test_*.py")))
+        if file.stem not in LINTERS
     ]
     ours = our_rclpy(options.distro)
-    environment = {**ours.environment, outcomes.OURS: "1"}
-    environment.pop("ROS_PYTHON_CHECK_FIELDS")
-    ours = replace(ours, environment=environment)
+    packages = next(options.real.absolute().glob("lib/python3*/site-packages")) if options.real else ""
+    ours = replace(
+        ours, environment={**ours.environment, outcomes.OURS: "1", outcomes.PACKAGES: str(packages)}
+    )
     real = with_path(real_rclpy(options.real, options.distro), options.path) if options.real else None
     total = passed = 0
     rows, failures = [], []

@@ -481,27 +481,27 @@ class Server:
         reload_roles = [each.reload_roles for each in (bridge, *gateways)]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
-        doors = Listeners(
+        opener = Listeners(
             settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
         )
         if settings.webrtc.enabled:
-            peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
+            peers = webrtc_peers(settings.webrtc, opener.limits, opener.addresses, opener.buffers)
             # They have ended when what they publish on leaves the graph.
             media = webrtc_media(graph, access, settings.unregister_timeout, stack)
-            doors.peers = await stack.enter_async_context(peers)
-            doors.media = media_routes(doors.peers, ready.video, media)
+            opener.peers = await stack.enter_async_context(peers)
+            opener.media = media_routes(opener.peers, ready.video, media)
             if media is not None:
                 reload_roles.append(media[0].reload_roles)
-            metrics.include(doors.peers.metrics)
-        listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
+            metrics.include(opener.peers.metrics)
+        listeners = [await stack.enter_async_context(opener.listen(url)) for url in settings.listen]
         if self._is_first:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
         if self._app is not None:
-            mounted = {it: await stack.enter_async_context(doors.asgi(loopback=it)) for it in (True, False)}
+            mounted = {it: await stack.enter_async_context(opener.asgi(loopback=it)) for it in (True, False)}
             stack.enter_context(self._app.serve(mounted))
         for url in settings.dial.urls:
-            metrics.dials.append(await stack.enter_async_context(doors.dial(url)))
+            metrics.dials.append(await stack.enter_async_context(opener.dial(url)))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(access, listeners)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Final
 
 import msgspec
@@ -11,6 +13,7 @@ from pydantic import ValidationError
 
 from rwt_protocol.codecs import JSON, codec_of, decode_png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SteppedCodec
+from rwt_protocol.codecs.envelope import UNDECODED
 from rwt_protocol.codecs.head_tail_split import head_members
 from rwt_protocol.codecs.quick_frames import QUICK
 from rwt_protocol.error_text import describe, explain
@@ -18,11 +21,76 @@ from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import MessageReassembly, cut
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WIRE_LIMITS, WireLimits
-from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
-from rwt_protocol.ops.base import MOST_MARK
-from rwt_protocol.payloads import Encodable
+from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, OpSpec, Png, ReplyTo, SetLevel, Status
+from rwt_protocol.ops.base import MOST_MARK, Opaque
+from rwt_protocol.payloads import Encodable, RawPayload
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
-from rwt_protocol.readers import readers
+
+_Convert = Callable[[msgspec.Raw | RawPayload], object]
+
+
+class OpReader:
+    """Converts members to one op."""
+
+    def __init__(self, spec: OpSpec, ignored: frozenset[str]) -> None:
+        self.model = spec.model
+        self.in_session = spec.in_session
+        self._ignored = tuple(ignored)
+        self._validate: Callable[[Members], Op] = spec.model.__pydantic_validator__.validate_python
+        self._payloads = _converters(spec.model)
+        self._optional = tuple(n for n, field in spec.model.model_fields.items() if not field.is_required())
+
+    def read(self, members: Members) -> Op:
+        """Return the validated op. Consumes `members`.
+
+        Raises:
+            ValidationError: a member is missing or wrong.
+            msgspec.DecodeError, UnicodeDecodeError: a text member among the payloads is not a string.
+        """
+        for name, convert in self._payloads:
+            if name in members:
+                members[name] = convert(members[name])  # type: ignore[arg-type]  # codecs leave these members as Raw or RawPayload
+        for name in self._ignored:
+            members.pop(name, None)
+        try:
+            return self._validate(members)
+        except ValidationError:
+            # Null stands for an absent member (STA-07, SUB-11): rare, so only handled on failure.
+            nulls = [name for name in self._optional if name in members and members[name] is None]
+            if not nulls:
+                raise
+            for name in nulls:
+                del members[name]
+            return self._validate(members)
+
+
+@cache
+def readers(profile: Profile, direction: Direction) -> Mapping[object, OpReader]:
+    """Return the readers of the ops that arrive in one direction, by name."""
+    return MappingProxyType(
+        {
+            name: OpReader(OPS[name], profile.without.get(name, frozenset()))
+            for name in profile.arriving(direction)
+        }
+    )
+
+
+def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
+    """Return the converters of the members that arrive undecoded."""
+    found: list[tuple[str, _Convert]] = []
+    for name, field in model.model_fields.items():
+        marks = [item for item in field.metadata if isinstance(item, Opaque)]
+        if marks:
+            found.append((name, marks[0].convert))
+        elif name in UNDECODED:
+            found.append((name, _decoded))
+    return tuple(found)
+
+
+def _decoded(raw: msgspec.Raw | RawPayload) -> object:
+    """Decode a member that is text in this op, but a payload in another."""
+    return msgspec.json.decode(raw) if isinstance(raw, msgspec.Raw) else raw.plain()
+
 
 _MOST_INSIDE: Final = 4
 

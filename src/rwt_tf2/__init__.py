@@ -20,8 +20,8 @@ from rwt_tf2.errors import (
     TransformError,
     UnknownFrame,
 )
-from rwt_tf2.feed import Feed
 from rwt_tf2.messages import (
+    Feed,
     euler_from_quaternion,
     quaternion_from_euler,
     quaternion_from_yaw,

@@ -38,7 +38,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.turns import REQUESTS_SECONDS, Turns, loop_turns, no_turns
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
-from rwt_transports.websocket.extensions import DeflateTerms
+from rwt_transports.websocket.handshake import DeflateTerms
 from rwt_transports.websocket.wire import SERVER_FRAMING
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 

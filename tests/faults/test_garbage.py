@@ -17,7 +17,7 @@ from rwt.cli.commands.serve import MAX_SCANNED, BoundedGarbageCollection
 from rwt.delivery.throttle import Throttle
 from rwt.gateways.rosbridge.ops.actions import PeerGoal
 from rwt.gateways.rosbridge.ops.offers import Provided
-from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
+from rwt.gateways.rosbridge.ops.topics import ClientSubscription
 from rwt.gateways.rosbridge.peer import Peer
 from rwt_graph.memory.actions import MemoryActionServer
 from rwt_interfaces.errors import InvalidMessage

@@ -22,8 +22,7 @@ from rwt_interfaces.registry import Registry
 from rwt_interfaces.steps import finished
 from rwt_protocol.codecs import JSON, png
 from rwt_protocol.codecs.base import TooMuchStructure
-from rwt_protocol.codecs.bson import BsonCodec
-from rwt_protocol.codecs.bson_decoder import check_structure
+from rwt_protocol.codecs.bson import BsonCodec, check_structure
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.codecs.quick_frames import UsualCall, split_call, split_publish
 from rwt_protocol.errors import Refused

@@ -16,7 +16,7 @@ from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.webrtc.reassembly import Reassembly
 from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 from rwt_transports.websocket.deflate import DeflateWire
-from rwt_transports.websocket.extensions import DeflateTerms
+from rwt_transports.websocket.handshake import DeflateTerms
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.base import DecodeFailure
-from rwt_protocol.codecs.bson import BsonCodec, encode_in_steps
-from rwt_protocol.codecs.bson_decoder import check_structure
+from rwt_protocol.codecs.bson import BsonCodec, check_structure, encode_in_steps
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish

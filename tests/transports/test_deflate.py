@@ -18,8 +18,7 @@ from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import listen
 from rwt_transports.websocket.deflate import LARGEST_BYTES, DeflateWire, shared_framing
-from rwt_transports.websocket.extensions import DeflateTerms
-from rwt_transports.websocket.handshake import answer_handshake
+from rwt_transports.websocket.handshake import DeflateTerms, answer_handshake
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.transports.test_websocket_wire import Heard, frame
 

@@ -712,7 +712,7 @@ def call_in_a_callback() -> None:
     """A blocking call in a callback: with a group of its own, and in the same group."""
     from std_srvs.srv import Empty
 
-    for own in (True, False):
+    def called(own: bool) -> None:
         with node() as made:
             told: list[str] = []
             client = made.create_client(
@@ -739,6 +739,9 @@ def call_in_a_callback() -> None:
             print(own, told)
             executor.shutdown()
             thread.join()
+
+    called(True)
+    called(False)
 
 
 def coroutine_callbacks() -> None:
@@ -827,10 +830,38 @@ def await_a_task() -> None:
             executor.spin_once(timeout_sec=0)
         print(task.done())
         future.set_result("value")
+        raised = []
         for _ in range(10):
-            tell("spin", executor.spin_once, timeout_sec=0)
-        print(task.done(), task.result() if task.done() and not task.exception() else task.exception())
+            try:
+                executor.spin_once(timeout_sec=0)
+            except ZeroDivisionError as error:
+                raised.append(str(error))
+        print(
+            raised, task.done(), task.result() if task.done() and not task.exception() else task.exception()
+        )
         executor.shutdown()
+
+
+def await_in_asyncio() -> None:
+    """A future of rclpy that a coroutine of asyncio awaits."""
+    import asyncio
+
+    with node() as made:
+        future: Any = Future()
+        made.create_timer(0.05, lambda: future.set_result("done"))
+
+        async def spin() -> None:
+            while not future.done():
+                rclpy.spin_once(made, timeout_sec=0)
+                await asyncio.sleep(0)
+
+        async def both() -> Any:
+            spinning = asyncio.ensure_future(spin())
+            result = await future
+            await spinning
+            return result
+
+        print(asyncio.run(both()))
 
 
 def node_of_two_executors() -> None:

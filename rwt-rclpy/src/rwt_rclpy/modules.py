@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from rwt_rclpy.release import RELEASE
+
 _HERE: Final = "rwt_rclpy"
 
 _RCLPY: Final = {
@@ -69,6 +71,9 @@ _RCLPY: Final = {
     "wait_for_message": "nodes.waiting",
     "waitable": "execution.waitable",
 }
+
+if not RELEASE.has_kilted_names:
+    del _RCLPY["subscription_content_filter_options"]
 
 _LAUNCH: Final = {
     "": "",

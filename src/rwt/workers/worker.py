@@ -1,23 +1,24 @@
-"""Setting `workers`: processes that serve the same ports, with one graph over Zenoh."""
+"""Setting `workers`: processes that serve the same ports, with one graph over Zenoh and common metrics."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import anyio
+from anyio.abc import SocketStream
 
 from rwt.access.settings import SettingsError
 from rwt.composition.nodes import ON_EVERY_WORKER
+from rwt.observability.prometheus import PrometheusText, merged
 from rwt.tls.tls import server_tls
-from rwt.workers.metrics import WorkerMetrics
 from rwt.workers.supervisor import Announce, Supervisor, parent_lives
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.shared_port import HeldPort, can_share, hold_port
@@ -26,6 +27,74 @@ if TYPE_CHECKING:
     from ssl import SSLContext
 
     from rwt.settings.models import Settings
+
+
+#: Timeout for one worker. A worker that is slower, or restarting, is left out.
+_TIMEOUT_SECONDS: Final = 1.0
+
+
+class WorkerMetrics:
+    """Metrics exchange of one worker.
+
+    Args:
+        folder: folder of the sockets, accessible only to this user.
+        number: number of this worker, from 1.
+        count: number of workers.
+    """
+
+    def __init__(self, folder: Path, number: int, count: int) -> None:
+        self._folder = folder
+        self._number = number
+        self._count = count
+
+    @asynccontextmanager
+    async def serve(self, own: Callable[[], bytes]) -> AsyncIterator[None]:
+        """Serve `own` to the other workers within the block."""
+        path = self._path(self._number)
+        path.unlink(missing_ok=True)  # Left over from a killed worker.
+
+        async def tell(stream: SocketStream) -> None:
+            async with stream:
+                try:
+                    await stream.send(own())
+                except anyio.BrokenResourceError:
+                    return  # The other worker's timeout has expired.
+
+        async with (
+            await anyio.create_unix_listener(path) as listener,
+            anyio.create_task_group() as tasks,
+        ):
+            tasks.start_soon(listener.serve, tell)
+            yield
+            tasks.cancel_scope.cancel()
+
+    async def gather(self, own: bytes) -> bytes:
+        """Return the merged metrics, with `rwt_worker_up` for each worker."""
+        pages: dict[int, bytes] = {self._number: own}
+        async with anyio.create_task_group() as tasks:
+            for number in range(1, self._count + 1):
+                if number != self._number:
+                    tasks.start_soon(self._ask, number, pages)
+        present = PrometheusText()
+        present.family(
+            "rwt_worker_up", "gauge", "Whether a worker of this server answers.",
+            [({"worker": str(number)}, int(number in pages)) for number in range(1, self._count + 1)],
+        )  # fmt: skip
+        return merged({str(number): pages[number] for number in sorted(pages)}, "worker") + present.text()
+
+    async def _ask(self, number: int, pages: dict[int, bytes]) -> None:
+        with anyio.move_on_after(_TIMEOUT_SECONDS):
+            try:
+                page = b""
+                async with await anyio.connect_unix(self._path(number)) as stream:
+                    async for part in stream:
+                        page += part
+            except (OSError, anyio.BrokenResourceError):
+                return
+            pages[number] = page
+
+    def _path(self, number: int) -> Path:
+        return self._folder / f"metrics-{number}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from rwt_protocol.frames import Buffer, Frame, Framing
 from rwt_transports.api import TakeSteps, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import INVALID_DATA, TOO_BIG
-from rwt_transports.websocket.extensions import DeflateTerms
+from rwt_transports.websocket.handshake import DeflateTerms
 from rwt_transports.websocket.wire import (
     BINARY,
     CONTINUATION,

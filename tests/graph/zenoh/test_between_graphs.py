@@ -11,7 +11,7 @@ import pytest
 
 from rwt.nodes.introspection import Introspection
 from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
-from rwt_graph.zenoh import ZenohGraph, receive_queue
+from rwt_graph.zenoh import ZenohGraph, sample_router
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalCanceled, ParameterRejected, ProviderGone
 from rwt_participant.goals import GoalStatus, ReceivedGoal
@@ -91,12 +91,12 @@ async def test_a_large_message_arrives_whole(pair: Pair) -> None:
 async def test_the_oldest_are_dropped_when_nobody_takes_them(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(receive_queue, "MOST_BYTES", 100 * 1024)
+    monkeypatch.setattr(sample_router, "MOST_BYTES", 100 * 1024)
     a, b = pair
     heard: list[int] = []
-    held: list[receive_queue.ReceiveQueue] = []
+    held: list[sample_router.ReceiveQueue] = []
     # The graph's thread is busy elsewhere: what is handed over waits.
-    monkeypatch.setattr(receive_queue.ReceiveQueue, "_handle", lambda self: held.append(self))
+    monkeypatch.setattr(sample_router.ReceiveQueue, "_handle", lambda self: held.append(self))
     b.participant("/ear").subscribe(
         "/t", lambda s: heard.append(s.stamp_ns), b.registry.message("std_msgs/String"), DEFAULT_QOS
     )

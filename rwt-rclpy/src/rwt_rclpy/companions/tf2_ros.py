@@ -16,8 +16,7 @@ from rwt_tf2 import Buffer as Frames
 from rwt_tf2.errors import ConnectivityError as NoChain
 from rwt_tf2.errors import ExtrapolationError as OutOfReach
 from rwt_tf2.errors import InvalidTransform, LookupFailed
-from rwt_tf2.feed import Feed
-from rwt_tf2.messages import read_transform, stamp_ns
+from rwt_tf2.messages import Feed, read_transform, stamp_ns
 from rwt_tf2.transform import StampedTransform
 
 if TYPE_CHECKING:

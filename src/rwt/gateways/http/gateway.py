@@ -14,7 +14,7 @@ import msgspec
 
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import Gateway
-from rwt.gateways.http import actions, openapi, parameters, services, topics
+from rwt.gateways.http import actions, openapi, services, topics
 from rwt.gateways.http.clients import Clients, page, presses_stop
 from rwt.gateways.http.problems import KINDS, HttpProblem, refusal
 from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
@@ -97,7 +97,7 @@ class HttpGateway(Gateway):
 
     def _routes(self, of_topics: topics.TopicPages) -> Iterable[Route[GraphView]]:
         of_services = self._services
-        of_parameters = parameters.ParameterPages(self._visitors, of_services)
+        of_parameters = services.ParameterPages(self._visitors, of_services)
         of_actions = self._actions
         rows: tuple[tuple[str, str, str, Handler], ...] = (
             ("GET", "/version", "server", self._version),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
-from rwt.gateways.http import actions, calls, parameters, topics
+from rwt.gateways.http import actions, calls, services, topics
 from rwt.gateways.http.problems import CONTENT_TYPE as PROBLEM
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON
 from rwt.gateways.http.schemas import Schema, Schemas
@@ -284,7 +284,8 @@ class _Description:
             removed = {"204": {"description": "it was removed"}, **_WAITS}
             item["delete"] = self._operation("delete_parameter", "parameters", "Remove a parameter", removed)
         listed = self._operation("list_parameters", "parameters", "The parameters that are shown", names)
-        return {parameters.PATH.rstrip("/"): {"get": listed}, parameters.PATH + "{name}": item}
+        path = services.PARAMETERS_PATH
+        return {path.rstrip("/"): {"get": listed}, path + "{name}": item}
 
 
 def _named(name: str) -> Schema:

@@ -1,18 +1,23 @@
-"""Services as resources: their types, and calls."""
+"""Services as resources: types and calls; and parameters, through rosapi's services and their rules."""
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
 
 from rwt.gateways.http.calls import PATH, HttpCall, KeptTable, notice_headers, preferred_wait
 from rwt.gateways.http.problems import CallWaits, HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
-from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
-from rwt_participant.errors import ProviderNotFound
+from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of, text_below, value_of
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import ProviderNotFound, ServiceFailed
 from rwt_participant.spelling import did_you_mean
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable
@@ -20,8 +25,8 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.gateways.http.clients import Clients
     from rwt.gateways.http.settings import HttpSettings
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.http.routes import HttpRequest, HttpResponse
+    from rwt_transports.http.routes import HttpRequest
+
 
 _CALL: Final = re.compile(r"/calls/([0-9a-f]{32})\Z")
 
@@ -107,3 +112,85 @@ class ServicePages:
             if call.outcome is None:
                 return call.state(request)
             return payload_response(request, call.response(), notice_headers(call.notices))
+
+
+PARAMETERS_PATH: Final = "/api/parameters/"
+
+ANSWER_SECONDS: Final = 10.0
+"""Timeout of a node's parameter services, in seconds."""
+
+
+class ParameterPages:
+    """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1."""
+
+    def __init__(self, clients: Clients, services: ServicePages) -> None:
+        self._clients = clients
+        self._services = services
+
+    async def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """List the names of the visible parameters."""
+        Query(request)
+        answer = await self._ask(request, reader, "get_param_names", {})
+        return value_response(request, list(answer.names))
+
+    async def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Return the value of a parameter."""
+        Query(request)
+        name = _parameter_name(request)
+        answer = await self._ask(request, reader, "get_param", {"name": name})
+        if getattr(answer, "successful", True) and answer.value != "null":
+            return value_response(request, json.loads(answer.value))
+        raise HttpProblem("not-found", getattr(answer, "reason", "") or f"parameter {name} is not set")
+
+    async def set(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Set a parameter to the body."""
+        Query(request)
+        name = _parameter_name(request)
+        value = value_of(request)
+        if value is None:
+            raise HttpProblem(
+                "parameter-rejected", "null is no value", instead="DELETE removes the parameter"
+            )
+        try:
+            text = msgspec.json.encode(value).decode()
+        except (TypeError, ValueError, RecursionError) as error:
+            raise HttpProblem("parameter-rejected", f"not a value of a parameter: {error}") from None
+        return await self._change(request, reader, "set_param", {"name": name, "value": text})
+
+    async def delete(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Delete a parameter."""
+        Query(request)
+        name = _parameter_name(request)
+        has = await self._ask(request, reader, "has_param", {"name": name})
+        if not has.exists:
+            raise HttpProblem("not-found", f"parameter {name} is not set")
+        return await self._change(request, reader, "delete_param", {"name": name})
+
+    async def _change(
+        self, request: HttpRequest, reader: GraphView, service: str, values: dict[str, str]
+    ) -> HttpResponse:
+        try:
+            answer = await self._ask(request, reader, service, values)
+        except ServiceFailed as failed:  # ROS 1's rosapi reports a missing parameter this way.
+            raise HttpProblem("parameter-rejected", str(failed)) from None
+        if not getattr(answer, "successful", True):
+            raise HttpProblem("parameter-rejected", answer.reason)
+        return HttpResponse(status=204)
+
+    async def _ask(self, request: HttpRequest, reader: GraphView, service: str, values: object) -> Any:
+        with self._clients.client_of(request, reader) as client:
+            name, graph = f"/rosapi/{service}", client.graph
+            graph.require("call", name)
+            found = graph.service(name)
+            if found is None:
+                raise HttpProblem(
+                    "not-found", "parameters are read and set through rosapi, which is not here",
+                    instead="let the node rosapi take part (the setting `nodes`)",
+                )  # fmt: skip
+            call = HttpCall(client, name)
+            call.send(Payload.from_value(found.type.request, values), ANSWER_SECONDS)
+            return (await self._services.response(request, call)).value()
+
+
+def _parameter_name(request: HttpRequest) -> str:
+    return "/" + text_below(request, PARAMETERS_PATH, "parameter")

@@ -11,7 +11,7 @@ from rwt.nodes.demo.arm.controller import ArmController
 from rwt.nodes.demo.arm.kinematics import Arm
 from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Teleop, Velocity
 from rwt.nodes.demo.messages import MAP, frame
-from rwt.nodes.demo.model.meshes import mesh_pages
+from rwt.nodes.demo.model.shapes import mesh_pages
 from rwt.nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt.nodes.demo.navigation.goal_marker import GoalMarker
 from rwt.nodes.demo.navigation.planner import Planner

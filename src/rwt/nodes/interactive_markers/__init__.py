@@ -11,18 +11,24 @@ rviz and `InteractiveMarkerClient` of ros3djs show them.
 """
 
 from rwt.nodes.interactive_markers.controls import (
+    Colour,
+    arrow,
+    box,
     button,
+    cylinder,
     interactive_marker,
     menu_control,
+    mesh,
     move_3d,
     move_axis,
     move_plane,
     rotate_axis,
     six_dof,
+    sphere,
+    text,
 )
 from rwt.nodes.interactive_markers.feedback import Event, Feedback, Menu, MenuEntry
 from rwt.nodes.interactive_markers.server import InteractiveMarkerServer, NoSuchMarker
-from rwt.nodes.interactive_markers.shapes import Colour, arrow, box, cylinder, mesh, sphere, text
 
 __all__ = [
     "InteractiveMarkerServer",

@@ -250,7 +250,7 @@ class RecoveryReport:
 
 
 class _IndexBuilder:
-    """Index of the records that it is given."""
+    """Builder of an index from the records of a file."""
 
     def __init__(self) -> None:
         self.summary = Summary()
@@ -287,7 +287,7 @@ class _IndexBuilder:
 
 
 def read_index(file: IO[bytes], most_bytes: int) -> Summary | None:
-    """Return the index at the end of a file; None if there is none that can be used."""
+    """Return the index at the end of a file; None if it is missing or unusable."""
     size = file.seek(0, SEEK_END)
     footer_begin = size - len(MAGIC) - _FOOTER_BYTES
     builder = _IndexBuilder()

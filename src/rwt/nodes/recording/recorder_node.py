@@ -1,4 +1,4 @@
-"""A node that records when it is told to, by services: into one folder, and never more than it may."""
+"""Node with services that start and stop recordings, in one folder and within size limits."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STATE_SECONDS: Final = 1.0
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _FILE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\.mcap")
 PATH: Final = "/recordings"
-"""Path of the list of recordings; each file is below it."""
+"""Path of the list of recordings, and prefix of each file."""
 _MAX_LISTED: Final = 1000
 _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
@@ -41,7 +41,7 @@ _MAX_FILES_PER_SECOND: Final = 100
 
 
 class RecorderFolderError(ValueError):
-    """A folder that recordings cannot be put into; the text says which and why."""
+    """The folder cannot be used for recordings; the text names it and the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,8 @@ class RecorderLimits:
     """Limits of recordings that clients start, in bytes.
 
     Attributes:
-        recording: content of one, before compression.
-        folder: all files of the folder; a recording ends where they would be more.
+        recording: content of one recording, before compression.
+        folder: size of all files of the folder, at which a recording ends.
     """
 
     recording: int
@@ -130,7 +130,7 @@ class RecorderNode:
         try:
             done = await act(request)
         except RecordingError as error:
-            # What it says is for the robot's log; where the files lie is nothing for clients.
+            # Clients do not learn where the folder is.
             logger.error("%s", error)
             return _refusal(str(error).replace(f"{self._folder}/", ""))
         finally:
@@ -230,7 +230,7 @@ class RecorderNode:
         self._publisher.publish(self._state)
 
     def close(self) -> None:
-        """End what is being recorded, and leave the graph."""
+        """End the current recording, and leave the graph."""
         recorder = self._forget("")
         for writer in [*self._ending, *([] if recorder is None else [recorder.writer])]:
             try:

@@ -67,7 +67,7 @@ class Recording(ABC):
         paths: files of the recording.
         topics: sorted by name; a topic of two types is there twice.
         start_ns, end_ns: log times of the first and the last message; both 0 when there is none.
-        complete: True if the file was ended properly. One that was not is read as far as it goes.
+        complete: True if the file was finished properly; an incomplete one is read up to its end.
     """
 
     paths: tuple[Path, ...]
@@ -79,7 +79,7 @@ class Recording(ABC):
 
     @property
     def damaged(self) -> int:
-        """Places that could not be read and were left out, as far as the recording was read."""
+        """Number of unreadable places that were skipped, as far as the recording was read."""
         return 0
 
     @abstractmethod
@@ -90,7 +90,7 @@ class Recording(ABC):
         file order.
 
         Raises:
-            RecordingUnreadable: what comes next is damaged.
+            RecordingUnreadable: the next part is damaged.
         """
 
     @abstractmethod
@@ -105,7 +105,7 @@ class Recording(ABC):
 
 
 def merged_topics(topics: list[RecordedTopic]) -> tuple[RecordedTopic, ...]:
-    """Topics sorted by name, those of the same name and type as one with their messages added up."""
+    """Return the topics sorted by name; those of one name and type merged, with their counts added."""
     found: dict[tuple[str, str], RecordedTopic] = {}
     for topic in topics:
         known = found.get((topic.name, topic.type))
@@ -139,13 +139,13 @@ class MergedRecording(Recording):
 
     @property
     def damaged(self) -> int:
-        """Sum of the places of all."""
+        """Sum over all parts."""
         return sum(part.damaged for part in self._parts)
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of all; see :meth:`Recording.messages`."""
+        """Yield the messages of all parts; see :meth:`Recording.messages`."""
         parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
         return merge(*parts, key=lambda message: message.log_time)
 
@@ -160,10 +160,10 @@ class TopicSelection:
     """Selection of topics.
 
     Attributes:
-        topics: patterns of the shell (``/camera/*``), of which one must fit; none stands for all.
-        exclude: patterns of which none may fit.
-        services: True if topics that tell of service calls are taken.
-        actions: True if the topics of ROS 2's actions are taken.
+        topics: shell patterns (``/camera/*``), one of which must match; empty for all topics.
+        exclude: patterns of excluded topics.
+        services: True to include the event topics of services.
+        actions: True to include the topics of ROS 2's actions.
     """
 
     topics: tuple[str, ...] = ()
@@ -172,7 +172,7 @@ class TopicSelection:
     actions: bool = False
 
     def takes(self, topic: str) -> bool:
-        """Return True if a topic is selected. One that `topics` names in full is, whatever its kind."""
+        """Return True if a topic is selected; one that `topics` names in full always is, unless excluded."""
         if any(_fits(topic, pattern) for pattern in self.exclude):
             return False
         if topic in self.topics:
@@ -185,9 +185,9 @@ class TopicSelection:
 
 
 def _fits(topic: str, pattern: str) -> bool:
-    # Every absolute name begins with a slash, which people leave away.
+    # Absolute names begin with a slash, which users often omit.
     return fnmatchcase(topic, pattern if pattern.startswith(("/", "*")) else f"/{pattern}")
 
 
-#: Everything that tells of itself as a topic.
+#: All topics, including those of services and actions.
 EVERYTHING = TopicSelection(services=True, actions=True)

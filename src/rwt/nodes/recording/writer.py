@@ -36,10 +36,10 @@ FLUSH_SECONDS: Final = 1.0
 """Maximum age of a message before it is written, in seconds."""
 
 WAITING_BYTES: Final = 256 * 1024 * 1024
-"""Messages that wait for a slow disk; what comes beyond is dropped and counted."""
+"""Maximum bytes of messages queued for a slow disk; further ones are dropped and counted."""
 
 METADATA: Final = "rwt"
-"""Name of the metadata record that says who wrote the file, and for which distribution."""
+"""Name of the metadata record with the writer and the distribution of the file."""
 
 _POLL_SECONDS: Final = 0.05
 _CHUNK_BYTES: Final = 1024 * 1024
@@ -47,10 +47,10 @@ _CHUNK_BYTES: Final = 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """When a new file is begun: at a size in bytes, or after some seconds of recorded time; 0 is never.
+    """Limits of one file, at which the next one begins: size in bytes, seconds of recorded time; 0: no limit.
 
     Attributes:
-        keep: number of files of the recording that are kept; older ones are removed. 0 keeps all.
+        keep: number of files to keep; older ones are removed. 0 keeps all.
     """
 
     size: int = 0
@@ -131,7 +131,7 @@ class RecordingWriter:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The files that were begun so far."""
+        """Files begun so far."""
         return tuple(self._files.paths)
 
     @property
@@ -141,21 +141,21 @@ class RecordingWriter:
 
     @property
     def content_bytes(self) -> int:
-        """The bytes of their content, before compression."""
+        """Bytes of their content, before compression."""
         return sum(channel.size for channel in self.channels)
 
     @property
     def waiting_bytes(self) -> int:
-        """The bytes of those that wait for the disk."""
+        """Bytes of the messages queued for the disk."""
         return self._taken - self._files.written
 
     @property
     def bytes_on_disk(self) -> int:
-        """The bytes of the files."""
+        """Size of all files in bytes."""
         return self._files.bytes_on_disk
 
     def add_channel(self, form: ChannelForm) -> RecordedChannel:
-        """Begin to record a topic; the file tells of it with its first message."""
+        """Begin to record a topic; its channel is written with the first message."""
         channel = RecordedChannel(form)
         self.channels.append(channel)
         return channel
@@ -183,7 +183,7 @@ class RecordingWriter:
         return self._thread.is_alive()
 
     def finish_soon(self) -> None:
-        """Take nothing more; what waits is written and the file ended, which :meth:`close` waits for."""
+        """Accept no more messages; the queue is written and the file finished in the thread."""
         self._closing.set()
 
     def close(self) -> None:
@@ -215,9 +215,9 @@ class RecordingWriter:
         except OSError as error:
             self._fail(_reason(error))
         except RecordingNotWritten as error:
-            self._fail(str(error))  # The next file of a recording that splits is there already.
+            self._fail(str(error))  # The next file of a split recording already exists.
         except Exception:
-            # Otherwise no caller would learn of it, and the recording would go on without being written.
+            # Without this, no caller would notice, and messages would be accepted but not written.
             logger.exception("recording failed")
             self._fail("internal error, see the log")
 
@@ -306,7 +306,7 @@ class _Files:
         # The library writes any buffer.
         content = cast("bytes", data)
         self._writer.add_message(channel_id, log_time, content, publish_time, sequence)
-        self._disk.keep()  # If it ended a chunk, that is written whole now.
+        self._disk.keep()  # A chunk that this message completed is written whole.
         self.written += len(data)
         self._dirty = True
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from rwt.testing.errors import ScriptError
 from rwt.testing.journal import OF_THE_SERVER, Kind, ObservedGraph, Received
 from rwt.testing.script.file import FaultScript, read_script
-from rwt.testing.script.program import ProgramRobot, read_program
-from rwt.testing.script.robot import SteppedTopic, TomlRobot, inject
+from rwt.testing.script.robot import ProgramRobot, SteppedTopic, TomlRobot, inject, read_program
 from rwt.testing.scripted.robot import ScriptedRobot
 from rwt.testing.wire.observed import ObservedWire
 from rwt_graph.nodes.node import Node

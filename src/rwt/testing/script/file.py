@@ -43,31 +43,27 @@ def _only_one(table: ScriptTable, keys: tuple[str, ...]) -> list[str]:
 
 
 class TopicScript(ScriptTable):
-    """Topic. Without `latched`, `messages`, `recorded` and `file`, it only has a type."""
+    """Topic. Without `latched`, `messages`, `recorded` and `file`, it is only advertised."""
 
     type: Annotated[str, Field(description="message type, for example `std_msgs/String`")]
-    latched: Annotated[
-        Fields | None, Field(description="a message that every subscriber gets, however late it comes")
-    ] = None
+    latched: Annotated[Fields | None, Field(description="message that late subscribers also receive")] = None
     messages: Annotated[
         tuple[Fields, ...],
         Field(description="messages published one after the other: by `rate`, or by `/rwt_script/next`"),
     ] = ()
-    rate: Annotated[
-        PositiveNumber | None, Field(description="of `messages`, how many are published each second")
-    ] = None
+    rate: Annotated[PositiveNumber | None, Field(description="rate of `messages`, per second")] = None
     recorded: Annotated[
         tuple[Recorded, ...], Field(description="messages at their own times: `{ at = 0.5, msg = {…} }`")
     ] = ()
     file: Annotated[
         str | None,
         Field(
-            description='file of recorded messages beside the script, a line each: `{"at": 0.5, "msg": {…}}`'
+            description='file of recorded messages beside the script, one per line: `{"at": 0.5, "msg": {…}}`'
         ),
     ] = None
     repeat: Annotated[
         bool | None,
-        Field(description="begin again at the end; by default `messages` do, and recorded ones do not"),
+        Field(description="restart at the end; default: true for `messages`, false for recorded ones"),
     ] = None
 
     @model_validator(mode="after")
@@ -86,11 +82,11 @@ class AnswerScript(ScriptTable):
 
     returns: Annotated[
         Fields | tuple[Fields, ...] | None,
-        Field(description="the response, or several, for one call after the other"),
+        Field(description="response, or several, one for each call in turn"),
     ] = None
     fails: Annotated[str | None, Field(description="fail, with this text")] = None
-    never_answers: Annotated[bool, Field(description="leave the caller waiting")] = False
-    after: Annotated[Seconds, Field(description="seconds of the robot's clock that an answer takes")] = 0.0
+    never_answers: Annotated[bool, Field(description="never respond")] = False
+    after: Annotated[Seconds, Field(description="delay of the answer, in seconds of the robot's clock")] = 0.0
 
 
 class CaseScript(AnswerScript):
@@ -129,9 +125,9 @@ class ActionScript(ScriptTable):
     after: Annotated[Seconds, Field(description="seconds before the end")] = 0.0
     succeeds: Annotated[Fields | None, Field(description="the result of a goal that succeeds")] = None
     aborts: Annotated[Fields | None, Field(description="the result of a goal that is aborted")] = None
-    rejects: Annotated[str | None, Field(description="accept no goal, and say why")] = None
+    rejects: Annotated[str | None, Field(description="reject all goals, with this reason")] = None
     never_ends: Annotated[bool, Field(description="let goals run until they are canceled")] = False
-    ignores_cancel: Annotated[bool, Field(description="go on when somebody asks to cancel")] = False
+    ignores_cancel: Annotated[bool, Field(description="ignore requests to cancel")] = False
 
     @model_validator(mode="after")
     def _one_end(self) -> Self:
@@ -143,22 +139,28 @@ class FaultScript(ScriptTable):
     """Fault: one of `drop`, `delay`, `duplicate`, `refuse` and `slow_reader`."""
 
     drop: Annotated[str | None, Field(description="glob of topics, services or actions to lose")] = None
-    delay: Annotated[str | None, Field(description="glob of what comes late, by `seconds`")] = None
-    seconds: Annotated[Seconds | None, Field(description="of a `delay`")] = None
-    duplicate: Annotated[str | None, Field(description="glob of what comes `copies` times")] = None
-    copies: Annotated[int, Field(ge=2, le=1000, description="of a `duplicate`")] = 2
+    delay: Annotated[
+        str | None, Field(description="glob of topics, services or actions to delay by `seconds`")
+    ] = None
+    seconds: Annotated[Seconds | None, Field(description="seconds of a `delay`")] = None
+    duplicate: Annotated[
+        str | None, Field(description="glob of topics, services or actions to send `copies` times")
+    ] = None
+    copies: Annotated[int, Field(ge=2, le=1000, description="number of copies of a `duplicate`")] = 2
     refuse: Annotated[
         int | None, Field(ge=400, le=599, description="HTTP status with which clients are refused")
     ] = None
     slow_reader: Annotated[
-        PositiveNumber | None, Field(description="messages a second that each client reads")
+        PositiveNumber | None, Field(description="messages per second that each client reads")
     ] = None
     op: Annotated[str, Field(description="only ops that match this glob")] = "*"
     to: Annotated[
         Literal["client", "server", "both"], Field(description="only messages to the client or the server")
     ] = "both"
-    count: Annotated[Count | None, Field(description="how many at most; not set: all")] = None
-    every: Annotated[AtLeastOne, Field(description="only each so-manieth")] = 1
+    count: Annotated[Count | None, Field(description="maximum number of affected messages; not set: all")] = (
+        None
+    )
+    every: Annotated[AtLeastOne, Field(description="affect only every n-th message")] = 1
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -179,7 +181,7 @@ class Script(ScriptTable):
     actions: Annotated[Mapping[str, ActionScript], Field(description="actions by name")] = {}
     faults: Annotated[
         tuple[FaultScript, ...],
-        Field(description="what goes wrong from the start; `/rwt_script/faults` switches it off and on"),
+        Field(description="faults, active from the start; `/rwt_script/faults` disables and enables them"),
     ] = ()
 
 

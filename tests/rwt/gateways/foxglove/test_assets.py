@@ -11,7 +11,7 @@ import pytest
 
 from rwt.composition.gateways import package_pages
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.nodes.demo.model.meshes import mesh_pages
+from rwt.nodes.demo.model.shapes import mesh_pages
 from rwt.nodes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph, SimulatedClock
 from tests.rwt.gateways.foxglove.conftest import MakeGateway

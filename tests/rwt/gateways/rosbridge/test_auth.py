@@ -17,7 +17,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from rwt import Server, Settings, SettingsError
-from rwt.access.credentials import Rosauth, mac_of, presented_token
+from rwt.access.admission import Rosauth, mac_of, presented_token
 from rwt.access.errors import NotAuthenticated
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings

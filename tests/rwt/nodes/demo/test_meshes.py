@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.nodes.demo.drive import Chassis
-from rwt.nodes.demo.model.meshes import Visual, mesh_pages
-from rwt.nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere
+from rwt.nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere, Visual, mesh_pages
 from rwt.nodes.demo.model.urdf import visuals
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.rwt.nodes.readers import SeesNothing

@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from rwt.nodes.tf.streams import CPU_FRACTION, CpuBudget
+from rwt.nodes.tf.republisher import CPU_FRACTION, CpuBudget
 from tests.rwt.nodes.tf.conftest import Asking, Lab, settle
 
 

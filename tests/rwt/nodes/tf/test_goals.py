@@ -7,8 +7,7 @@ from typing import Any
 import anyio.lowlevel
 import pytest
 
-from rwt.nodes.tf.republisher import MOST_STREAMS
-from rwt.nodes.tf.streams import FEEDBACK_TIMEOUT
+from rwt.nodes.tf.republisher import FEEDBACK_TIMEOUT, MOST_STREAMS
 from rwt_tf2 import Transform
 from tests.conftest import START_NS
 from tests.rwt.nodes.tf.conftest import Asking, Lab, places, settle

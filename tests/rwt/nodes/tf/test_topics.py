@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rwt.nodes.tf.streams import FEEDBACK_TIMEOUT
+from rwt.nodes.tf.republisher import FEEDBACK_TIMEOUT
 from tests.rwt.nodes.tf.conftest import Asking, Lab, places, settle
 
 pytestmark = pytest.mark.anyio

@@ -13,7 +13,6 @@ from rwt.gateways.rosbridge.ops.payloads import (
     failure_text,
     object_or_empty,
     payload_in_steps,
-    payload_of,
 )
 from rwt.gateways.rosbridge.ops.services import split_suffix
 from rwt_graph.api import GoalEvents
@@ -32,7 +31,6 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
-from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
@@ -40,7 +38,6 @@ if TYPE_CHECKING:
     from rwt_graph.api import ClientGoal, ServerGoal
     from rwt_interfaces.structs import ActionType
     from rwt_protocol.dispatcher import Steps
-    from rwt_protocol.payloads import Encodable
 
 #: Paths of the payloads in their ops, for errors.
 _FEEDBACK: Final = "action_feedback.values"
@@ -171,25 +168,16 @@ class PeerActions:
         """Goals of this client that wait for their result."""
         return len(self._sent)
 
-    def send_goal(self, op: SendActionGoal) -> Steps | None:
+    def send_goal(self, op: SendActionGoal) -> Steps:
         """Send a goal to an action of the graph (ACT-01 … ACT-05); a large one is checked in steps.
 
         Its type must exist (ACT-04) but may differ from the server's, because packages share actions under
         several names. The fields decide if the goal fits.
         """
-        if op.args.size >= IN_STEPS:
-            return self._send_in_steps(op)
-        self._send_goal(op)
-        return None
-
-    def _send_in_steps(self, op: SendActionGoal) -> Steps:
-        action = self.graph.action(split_suffix(op.action)[0])
-        goal: Payload | None = None
+        action = self.graph.action(split_suffix(op.action)[0]) if op.args.size >= IN_STEPS else None
+        args: Payload | None = None
         if action is not None:
-            goal = yield from arguments_in_steps(action.type.goal, op.args, "send_action_goal.args", self.now)
-        self._send_goal(op, goal)
-
-    def _send_goal(self, op: SendActionGoal, args: Payload | None = None) -> None:
+            args = yield from arguments_in_steps(action.type.goal, op.args, "send_action_goal.args", self.now)
         try:
             goal = PeerGoal(self, op, args)
         except ProviderNotFound as missing:
@@ -231,41 +219,22 @@ class PeerActions:
             raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
         self._provided.discard(resolve(op.action))
 
-    def feedback(self, op: ActionFeedback) -> Steps | None:
+    def feedback(self, op: ActionFeedback) -> Steps:
         """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
-        type, goal = self._goal(op.op, op.action, op.id)
-        values = object_or_empty(op.values)
-        if isinstance(values, RawJson) and values.size >= IN_STEPS:
-            return self._feedback_in_steps(op, type, values)
-        goal.feedback(payload_of(type.feedback, values, _FEEDBACK, self.now))
-        return None
-
-    def _feedback_in_steps(self, op: ActionFeedback, type: ActionType, values: RawJson) -> Steps:
-        feedback = yield from payload_in_steps(type.feedback, values, _FEEDBACK, self.now)
+        type, _ = self._goal(op.op, op.action, op.id)
+        feedback = yield from payload_in_steps(type.feedback, object_or_empty(op.values), _FEEDBACK, self.now)
         _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
         goal.feedback(feedback)
 
-    def result(self, op: ActionResult) -> Steps | None:
+    def result(self, op: ActionResult) -> Steps:
         """End a goal with the result of the client that offers the action (ACT-15, ACT-16); a large one is
         checked in steps."""
         type, goal = self._goal(op.op, op.action, op.id)
         if not op.result:
             abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
-            return None
-        values = object_or_empty(op.values)
-        steps = self._end_in_steps(op, type, values)
-        if isinstance(values, RawJson) and values.size >= IN_STEPS:
-            return steps
-        for _ in steps:
-            pass
-        return None
-
-    def _end_in_steps(self, op: ActionResult, type: ActionType, values: Encodable) -> Steps:
+            return
         try:
-            if isinstance(values, RawJson) and values.size >= IN_STEPS:
-                result = yield from payload_in_steps(type.result, values, _RESULT, self.now)
-            else:
-                result = payload_of(type.result, values, _RESULT, self.now)
+            result = yield from payload_in_steps(type.result, object_or_empty(op.values), _RESULT, self.now)
         except Refused as refused:
             _, goal = self._goal(op.op, op.action, op.id)
             abort(type, goal, f"the provider's result does not fit {type.name}: {refused.reason}")

@@ -30,7 +30,7 @@ class Provided(Generic[T]):
         self._count = 0
         self.name = resolve(name)
         self.address = address
-        self.role = graph.role.name  # Distribution at the time of advertising.
+        self.role = graph.role.name  # At the time of advertising.
         self.pending: dict[str, T] = {}
 
     def _add(self, kind: str, request: T) -> str:

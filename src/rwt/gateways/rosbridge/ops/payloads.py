@@ -54,9 +54,11 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
 
 
 def payload_in_steps(
-    type: MessageType, raw: RawJson | Decoded, where: str, now: Callable[[], int]
+    type: MessageType, raw: Encodable, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
-    """Check a payload like :func:`payload_of`, in steps of about a millisecond."""
+    """Check a payload like :func:`payload_of`; a large one in steps of about a millisecond."""
+    if not isinstance(raw, RawJson | Decoded) or raw.size < IN_STEPS:
+        return payload_of(type, raw, where, now)
     try:
         if isinstance(raw, Decoded):
             yield
@@ -109,10 +111,11 @@ def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[]
 def arguments_in_steps(
     type: MessageType, raw: Encodable, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
-    """Check arguments like :func:`arguments_of`, in steps if they are a JSON object."""
+    """Check arguments like :func:`arguments_of`; a large JSON object in steps."""
     if isinstance(raw, RawJson) and raw.kind == "object":
         return (yield from payload_in_steps(type, raw, where, now))
-    yield
+    if raw.size >= IN_STEPS:
+        yield
     return arguments_of(type, raw, where, now)
 
 

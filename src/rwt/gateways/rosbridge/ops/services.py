@@ -181,7 +181,7 @@ class PeerServices:
         return None
 
     def answer_usual(self, given: UsualResponse) -> None:
-        """Answer like :meth:`answer`, in steps."""
+        """Like :meth:`answer`, for a usual small response."""
         type, call = self._asked(given.service, given.id)
         self._reply(type, call, RawJson(bytes(given.values)))
 

@@ -9,8 +9,7 @@ from xml.etree import ElementTree as ET
 
 from rwt.nodes.demo.arm.kinematics import ARM, ArmJoint
 from rwt.nodes.demo.drive import Chassis
-from rwt.nodes.demo.model.meshes import Visual, mesh_url
-from rwt.nodes.demo.model.shapes import Cuboid, Cylinder, Sphere, text
+from rwt.nodes.demo.model.shapes import Cuboid, Cylinder, Sphere, Visual, mesh_url, text
 
 BASE = "base_link"
 LASER = "laser"
