@@ -139,7 +139,8 @@ test-ros1: $(STAMP)-dev /usr/bin/rosmaster
 
 # CPU time per message beside rospy, and beside rosbridge_suite of ROS 1 where SUITE is a checkout of its branch `ros1`.
 bench-ros1: $(STAMP)-dev /usr/bin/rosmaster
-	$(if $(SUITE),/usr/bin/python3 -c 'import autobahn, bson, PIL, tornado, twisted' || apt-get install --yes --no-install-recommends $(ROSBRIDGE1_PACKAGES))
+	test -z '$(SUITE)' || dpkg --status $(ROSBRIDGE1_PACKAGES) >/dev/null || \
+		apt-get install --yes --no-install-recommends $(ROSBRIDGE1_PACKAGES)
 	$(BIN)/python -m bench.ros1 $(if $(SUITE),--rosbridge $(SUITE)) $(ARGS)
 
 # Cost of messages, services and timers on rwt-rclpy and on the real rclpy.

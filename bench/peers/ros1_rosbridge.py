@@ -56,6 +56,7 @@ def main(checkout: Path, port: int) -> None:
         sources = [str(checkout / each / "src") for each in ("rosbridge_library", "rosbridge_server")]
         sys.path[:0] = [str(folder), *sources]
         sys.argv = ["rosbridge_websocket", "--port", str(port), "--address", "127.0.0.1"]
+        sys.argv.append("__name:=rosbridge_suite")  # Its default is the name of this project's node, too.
         threading.Thread(target=report, args=(port,), daemon=True).start()
         runpy.run_path(str(checkout / "rosbridge_server/scripts/rosbridge_websocket.py"), run_name="__main__")
 
