@@ -20,7 +20,7 @@ from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.logs.logger import get_logger
 from rwt_rclpy.messages.classes import Message
-from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointTypeEnum, endpoint_gid
+from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointTypeEnum, endpoint_gid
 from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ from rwt_participant.qos import QoS, incompatible_policies
 from rwt_rclpy.endpoints.qos import profile_of
 from rwt_rclpy.endpoints.type_support import service_type
 from rwt_rclpy.exceptions import NodeNameNonExistentError, RCLError
-from rwt_rclpy.names.validation import wrong_in_node_name
-from rwt_rclpy.nodes.topic_endpoint_info import (
+from rwt_rclpy.middleware.topic_endpoint_info import (
     TopicEndpointInfo,
     TopicEndpointTypeEnum,
     TypeHash,
     endpoint_gid,
 )
+from rwt_rclpy.names.validation import wrong_in_node_name
 
 if TYPE_CHECKING:
     from rwt_graph.api import EndpointInfo, NodeInfo, TopicInfo

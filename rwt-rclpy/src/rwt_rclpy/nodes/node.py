@@ -66,7 +66,7 @@ from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
-    from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo
+    from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointInfo
 
 
 T = TypeVar("T")
