@@ -92,7 +92,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What one run has shown.
+    """Result of one run.
 
     Attributes:
         images: seconds from the beginning of the measurement, age in seconds and width of each image.
