@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-lerobot test-ros1 test-ros2 bench-ros2 test-rclpy-real bench-rclpy
+client-grades size clean test-lerobot test-ros1 test-ros2 bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -84,20 +84,25 @@ test: lint types unit
 # Everything: also browsers, clients in other languages, rwt-rclpy, releases, docs, faults and fuzzing.
 test-all: $(STAMP)-dev lint types web unit-all
 
-# Tests of the ROS 2 graph against real ROS 2 programs, with ROS 2's wheels in an environment of their own (280 MB).
-# They need Linux on x86-64 and CPython 3.11.
-ROS2 := build/ros2
+# Environments with the real rclpy of a release of ROS 2: its wheels for Linux on x86-64 and CPython 3.11, 280 MB.
 ROS2_DISTRO := kilted
+ROS2 := build/rclpy-$(ROS2_DISTRO)
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp rpyutils std-srvs $(addsuffix -msgs,std geometry nav sensor test)
-$(ROS2)/.$(ROS2_DISTRO):
-	python3.11 -m venv $(ROS2)
-	$(ROS2)/bin/python -m pip install --quiet numpy $(addprefix ros-$(ROS2_DISTRO)-,$(ROS2_PACKAGES))
+build/rclpy-%/.installed:
+	python3.11 -m venv build/rclpy-$*
+	build/rclpy-$*/bin/python -m pip install --quiet numpy $(addprefix ros-$*-,$(ROS2_PACKAGES))
 	touch $@
 
-test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
-	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
-		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
-		$(ROS2)/bin/python -m pytest tests/ros2 tests/contract/graph $(ARGS)
+# The command of a program beside real ROS 2, with the project and its test requirements on that Python's path.
+WITH_ROS2 = AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib \
+	RMW_IMPLEMENTATION=rmw_fastrtps_cpp ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+	PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+	$(ROS2)/bin/python -m
+
+# Tests of the ROS 2 graph against real ROS 2 programs; `make test-ros2 ROS2_DISTRO=jazzy` for another release, and
+# `make test-ros2 FILES=tests/ros2/test_topics.py ARGS='-k latched'` for some of them.
+test-ros2: $(STAMP)-dev $(ROS2)/.installed
+	$(WITH_ROS2) tests $(or $(FILES),tests/ros2 tests/contract/graph) $(if $(ARGS),-- $(ARGS))
 
 # Tests of rwt-lerobot with the real LeRobot and MuJoCo, in an environment of their own (6 GB); they need CPython 3.11 and
 # OpenGL: Debian's package libegl1 with libgl1-mesa-dri.
@@ -112,26 +117,31 @@ test-lerobot: $(LEROBOT)/.installed
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -W ignore rwt-lerobot/tests $(ARGS)
 
 # CPU time per delivered message beside rosbridge_suite; SUITE is your workspace of it, built for the Python of ROS2.
-bench-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
-	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
-		ROS_DOMAIN_ID=91 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-		PYTHONPATH=src:rwt-rclpy/src:conformance:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
-		$(ROS2)/bin/python -m bench.ros2 $(SUITE) $(ARGS)
+bench-ros2: $(STAMP)-dev $(ROS2)/.installed
+	$(WITH_ROS2) bench.ros2 $(SUITE) $(ARGS)
+
+# A robot with a program for each sensor, and all kinds of clients; `make ros2-scene ARGS='--seconds 60'` for a minute.
+ros2-scene: $(STAMP)-dev $(ROS2)/.installed
+	$(WITH_ROS2) bench.ros2_scene $(ARGS)
 
 # Tests of the ROS 1 graph against real ROS 1 programs, which Debian 12 packages for its own Python; apt needs root.
-ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconfigure geometry-msgs nav-msgs rosbag \
-	roslaunch rosmaster rosnode rosparam rospy rosservice rostopic roswtf sensor-msgs std-msgs std-srvs tf2-ros)
+ROS1_MESSAGES := actionlib diagnostic-msgs geometry-msgs map-msgs move-base-msgs nav-msgs pcl-msgs sensor-msgs shape-msgs \
+	std-msgs stereo-msgs tf2-msgs trajectory-msgs visualization-msgs
+ROS1_PACKAGES := libroscpp-dev g++ ros-geometry-msgs ros-std-msgs $(ROS1_MESSAGES:%=lib%-dev) $(addprefix python3-,$(ROS1_MESSAGES) \
+	dynamic-reconfigure gencpp rosbag roslaunch rosmaster rosnode rosparam rospy rosservice rostopic roswtf std-srvs tf2-ros)
+# What rosbridge_suite for ROS 1 needs besides.
+ROSBRIDGE1_PACKAGES := $(addprefix python3-,autobahn bson pil tornado twisted)
 /usr/bin/rosmaster:
 	apt-get update && apt-get install --yes --no-install-recommends $(ROS1_PACKAGES)
 
 test-ros1: $(STAMP)-dev /usr/bin/rosmaster
 	$(BIN)/python -m pytest tests/ros1 $(ARGS)
 
-# Environments with the real rclpy of a release of ROS 2.
-build/rclpy-%/.installed:
-	python3.11 -m venv build/rclpy-$*
-	build/rclpy-$*/bin/python -m pip install --quiet numpy $(addprefix ros-$*-,$(ROS2_PACKAGES))
-	touch $@
+# CPU time per message beside rospy, and beside rosbridge_suite of ROS 1 where SUITE is a checkout of its branch `ros1`.
+bench-ros1: $(STAMP)-dev /usr/bin/rosmaster
+	test -z '$(SUITE)' || dpkg --status $(ROSBRIDGE1_PACKAGES) >/dev/null || \
+		apt-get install --yes --no-install-recommends $(ROSBRIDGE1_PACKAGES)
+	$(BIN)/python -m bench.ros1 $(if $(SUITE),--rosbridge $(SUITE)) $(ARGS)
 
 # Cost of messages, services and timers on rwt-rclpy and on the real rclpy.
 bench-rclpy: $(STAMP) build/rclpy-jazzy/.installed build/rclpy-kilted/.installed

@@ -3,6 +3,7 @@
     python -m bench.ros1                 # Twist at 500 Hz and Image 640x480 at 30 Hz
     python -m bench.ros1 twist --hertz 1000
     python -m bench.ros1 --against ../other/src
+    python -m bench.ros1 --rosbridge ../rosbridge_suite     # a checkout of its branch `ros1`
 
 Needs ROS 1 (`make test-ros1` installs it). One publisher in rospy sends all the time. The subscribers take
 turns, alone, and all run on the Python for which Debian packages ROS 1. A figure is the CPU time (user and
@@ -14,6 +15,7 @@ system, all threads) of the subscriber's process for each message that it delive
 | rospy with JSON | yes | yes | `json.dumps` | |
 | bare relay | yes | | | to a TCP socket, unchanged |
 | rwt, JSON and cbor-raw | yes | checks (JSON only) | yes | to a WebSocket client |
+| rosbridge_suite, JSON | yes | yes | yes | to a WebSocket client |
 
 The bare relay (`bench/peers/ros1_relay.py`) is the minimum for a server on asyncio.
 """
@@ -38,6 +40,7 @@ from typing import TYPE_CHECKING, Any, Final
 import websockets
 
 from bench.traffic.processes import Server, cpu_time
+from tests.processes import free_port
 from tests.ros1.conftest import Ros
 
 if TYPE_CHECKING:
@@ -50,7 +53,8 @@ ROOT: Final = Path(__file__).parents[1]
 SETTLE_SECONDS: Final = 0.7
 """From the subscription to the measurement, which includes the connection to the publisher."""
 
-YARDSTICKS: Final = ("rospy", "rospy with JSON", "bare relay")
+ROSBRIDGE: Final = "rosbridge_suite"
+YARDSTICKS: Final = ("rospy", "rospy with JSON", "bare relay", ROSBRIDGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,7 @@ class Kind:
     Attributes:
         fill: statements that set the fields of `message`.
         limit: maximum CPU time of `rwt`, relative to a subscriber in rospy.
+        rosbridge_limit: the same, relative to rosbridge_suite.
     """
 
     package: str
@@ -67,10 +72,11 @@ class Kind:
     hertz: int
     fill: str
     limit: float
+    rosbridge_limit: float
 
 
 KINDS: Final = {
-    "twist": Kind("geometry_msgs", "Twist", 500, "message.linear.x = 0.25", 1.3),
+    "twist": Kind("geometry_msgs", "Twist", 500, "message.linear.x = 0.25", 1.3, 1 / 3),
     "image": Kind(
         "sensor_msgs",
         "Image",
@@ -78,6 +84,7 @@ KINDS: Final = {
         "message.data = bytes(range(256)) * 3600; message.height = 480; message.width = 640;"
         " message.step = 1920; message.encoding = 'rgb8'",
         0.35,
+        1 / 20,
     ),
 }
 
@@ -189,19 +196,20 @@ def relay_arguments(ros: Ros) -> list[str]:
 
 
 @contextmanager
-def subscribers(kind: Kind, hertz: int, sources: Mapping[str, Path]) -> Iterator[dict[str, Subscriber]]:
+def subscribers(
+    kind: Kind, hertz: int, sources: Mapping[str, Path], rosbridge: Path | None
+) -> Iterator[dict[str, Subscriber]]:
     """Start a publisher and all subscribers, `rwt` from each of the source folders."""
     texts = {"package": kind.package, "name": kind.name, "hertz": hertz, "fill": kind.fill}
     with tempfile.TemporaryDirectory() as folder:
         ros = Ros(Path(folder))
         servers: list[Server] = []
 
-        def server(name: str, *arguments: str, source: Path = ROOT / "src") -> Server:
+        def server(name: str, *arguments: str, source: Path | None = ROOT / "src") -> Server:
             folders = (source, sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"])
-            environment = {"PYTHONPATH": os.pathsep.join(map(str, folders)), "ROS_IP": "127.0.0.1"}
-            servers.append(
-                Server(name, arguments, quiet=True, python=PYTHON, environment={**os.environ, **environment})
-            )
+            path = {} if source is None else {"PYTHONPATH": os.pathsep.join(map(str, folders))}
+            environment = {**os.environ, **ros.environment, **path}
+            servers.append(Server(name, arguments, quiet=True, python=PYTHON, environment=environment))
             return servers[-1]
 
         try:
@@ -225,6 +233,10 @@ def subscribers(kind: Kind, hertz: int, sources: Mapping[str, Path]) -> Iterator
                     found[f"{name}, {encoding}"] = Subscriber(
                         rwt.pid, partial(over_websocket, rwt, compression)
                     )
+            if rosbridge is not None:
+                script = str(ROOT / "bench/peers/ros1_rosbridge.py")
+                peer = server(ROSBRIDGE, script, str(rosbridge), str(free_port()), source=None)
+                found[ROSBRIDGE] = Subscriber(peer.pid, partial(over_websocket, peer, "none"))
             yield found
         finally:
             for each in servers:
@@ -242,10 +254,10 @@ async def measured(subscriber: Subscriber, seconds: float) -> float:
 
 
 async def measure(
-    kind: Kind, hertz: int, rounds: int, seconds: float, sources: Mapping[str, Path]
+    kind: Kind, hertz: int, rounds: int, seconds: float, sources: Mapping[str, Path], rosbridge: Path | None
 ) -> list[dict[str, float]]:
     """Return the microseconds of CPU time per message of each subscriber, for each round."""
-    with subscribers(kind, hertz, sources) as each:
+    with subscribers(kind, hertz, sources, rosbridge) as each:
         await asyncio.sleep(1.5)  # Until the server knows the topic.
         return [
             {name: await measured(subscriber, seconds) for name, subscriber in each.items()}
@@ -253,18 +265,20 @@ async def measure(
         ]
 
 
-def table(title: str, limit: float, rounds: list[dict[str, float]]) -> str:
+def table(title: str, kind: Kind, rounds: list[dict[str, float]]) -> str:
     """Return the medians of the rounds, and of the ratios in each round, as a table in Markdown."""
-    heads = "".join(f" / {name} |" for name in YARDSTICKS)
-    lines = [f"| {title} | µs |{heads}", "|---|---:|" + "---:|" * len(YARDSTICKS)]
+    yardsticks = [name for name in YARDSTICKS if name in rounds[0]]
+    heads = "".join(f" / {name} |" for name in yardsticks)
+    lines = [f"| {title} | µs |{heads}", "|---|---:|" + "---:|" * len(yardsticks)]
     for name in rounds[0]:
         cells = [f"{median(each[name] for each in rounds):,.0f}"]
-        for yardstick in YARDSTICKS:
+        for yardstick in yardsticks:
             ratios = sorted(each[name] / each[yardstick] for each in rounds)
             spread = "" if name == yardstick else f" ({ratios[0]:.2f} to {ratios[-1]:.2f})"
             cells.append(f"{median(ratios):.2f}{spread}")
         lines.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join([*lines, "", f"Limit of rwt / rospy: {limit:g}"])
+    limits = f"Limits of rwt: {kind.limit:g} / rospy, {kind.rosbridge_limit:.2g} / {ROSBRIDGE}"
+    return "\n".join([*lines, "", limits])
 
 
 def main() -> None:
@@ -277,6 +291,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="turns of each subscriber (default: 5)")
     parser.add_argument("--seconds", type=float, default=3.0, help="length of a turn (default: 3)")
     parser.add_argument("--against", type=Path, metavar="DIR", help="source folder of another version")
+    parser.add_argument(
+        "--rosbridge", type=Path, metavar="DIR", help="checkout of rosbridge_suite's branch ros1"
+    )
     arguments = parser.parse_args()
     sources = {"rwt": ROOT / "src"}
     if arguments.against is not None:
@@ -286,8 +303,10 @@ def main() -> None:
             parser.error(f"unknown kind {each!r}; known are {', '.join(KINDS)}")
         kind = KINDS[each]
         hertz = arguments.hertz or kind.hertz
-        rounds = asyncio.run(measure(kind, hertz, arguments.rounds, arguments.seconds, sources))
-        print(table(f"{kind.name}, {hertz} Hz", kind.limit, rounds), end="\n\n")
+        rounds = asyncio.run(
+            measure(kind, hertz, arguments.rounds, arguments.seconds, sources, arguments.rosbridge)
+        )
+        print(table(f"{kind.name}, {hertz} Hz", kind, rounds), end="\n\n")
         sys.stdout.flush()
 
 

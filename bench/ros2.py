@@ -1,10 +1,12 @@
-"""CPU per delivered message of ROS 2 topics: `rwt serve --graph ros2` and rosbridge_suite, in one run.
+"""CPU per delivered message of ROS 2 topics: `rwt serve --graph ros2` and other servers, in one run.
 
-    make bench-ros2 SUITE=FOLDER
+    make bench-ros2 SUITE=FOLDER ARGS='--other COMMAND'
 
 FOLDER is a workspace of rosbridge_suite, with `lib/rosbridge_server/rosbridge_websocket`, built for this
-Python. Both servers subscribe to the same publisher and send JSON to as many clients. Only the CPU time of
-the server processes counts (user and system), so that other load of the machine matters little.
+Python. COMMAND starts another rosbridge server on the port that is added to it, such as rosbridge-server-rs.
+All servers subscribe to the same publisher and send JSON to as many clients; so does the floor, a bare loop
+that takes samples and sends a prepared frame. Only the CPU time of the server processes counts (user and
+system), so that other load of the machine matters little.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ import argparse
 import asyncio
 import json
 import os
+import shlex
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -24,8 +26,9 @@ from typing import Final, NamedTuple
 
 import websockets
 
-from bench.traffic.processes import cpu_time
-from tests.processes import running
+from bench.traffic.processes import Server, cpu_time
+from tests.processes import free_port, running
+from tests.ros2.domains import free_domain
 from tests.statements import Program
 
 
@@ -70,6 +73,22 @@ CASES: Final = {
         1,
         1 / 15,
     ),
+    "small": Case(
+        "Image, 320 x 240 rgb8",
+        "sensor_msgs/msg/Image",
+        "message.data = bytes(range(256)) * 900; message.height = 240; message.width = 320",
+        10,
+        1,
+        1 / 15,
+    ),
+    "images": Case(
+        "Image, 320 x 240 rgb8, ten clients",
+        "sensor_msgs/msg/Image",
+        "message.data = bytes(range(256)) * 900; message.height = 240; message.width = 320",
+        3,
+        10,
+        1 / 15,
+    ),
     "fan": Case("Twist, ten clients", "geometry_msgs/msg/Twist", "message.linear.x = 0.25", 50, 10, 1 / 10),
 }
 
@@ -81,8 +100,11 @@ publisher = node.create_publisher({name}, '/measured', 10)
 timer = node.create_timer(1 / {hertz}, lambda: publisher.publish(message))
 """
 
+_COLUMNS: Final = ("rwt", "floor", "other", "suite")
+
 HEAD: Final = (
-    "| messages | Hz | rwt, µs | rosbridge_suite, µs | quotient | limit |\n|---|---:|---:|---:|---:|---:|\n"
+    "| messages | Hz | rwt, µs | floor, µs | other, µs | rosbridge_suite, µs | quotient | limit |\n"
+    "|---|---:|---:|---:|---:|---:|---:|---:|\n"
 )
 
 #: Seconds before the measurement, in which both servers discover the publisher.
@@ -92,9 +114,6 @@ _SETTLE_SECONDS: Final = 3.0
 @contextmanager
 def rosbridge_suite(workspace: Path) -> Iterator[tuple[int, str]]:
     """rosbridge_websocket of a workspace: its process, and its address."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     python = f"python{sys.version_info.major}.{sys.version_info.minor}"
     environment = {
         **os.environ,
@@ -102,11 +121,26 @@ def rosbridge_suite(workspace: Path) -> Iterator[tuple[int, str]]:
         "LD_LIBRARY_PATH": f"{workspace}/lib:{os.environ['LD_LIBRARY_PATH']}",
         "PYTHONPATH": f"{workspace}/lib/{python}/site-packages",
     }
-    parameters = ("-p", f"port:={port}", "-p", "address:=127.0.0.1")
-    program = workspace / "lib/rosbridge_server/rosbridge_websocket"
-    process = subprocess.Popen([sys.executable, program, "--ros-args", *parameters], env=environment)
+    port = free_port()
+    parameters = ("--ros-args", "-p", f"port:={port}", "-p", "address:=127.0.0.1")
+    program = str(workspace / "lib/rosbridge_server/rosbridge_websocket")
+    with _process([sys.executable, program, *parameters], environment) as pid:
+        yield pid, f"ws://127.0.0.1:{port}"
+
+
+@contextmanager
+def other_server(command: str) -> Iterator[tuple[int, str]]:
+    """A server that a command with a port starts: its process, and its address."""
+    port = free_port()
+    with _process([*shlex.split(command), str(port)], dict(os.environ)) as pid:
+        yield pid, f"ws://127.0.0.1:{port}"
+
+
+@contextmanager
+def _process(command: list[str], environment: dict[str, str]) -> Iterator[int]:
+    process = subprocess.Popen(command, env=environment)
     try:
-        yield process.pid, f"ws://127.0.0.1:{port}"
+        yield process.pid
     finally:
         process.send_signal(signal.SIGINT)
         try:
@@ -114,6 +148,15 @@ def rosbridge_suite(workspace: Path) -> Iterator[tuple[int, str]]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+
+@contextmanager
+def _floor(case: Case) -> Iterator[tuple[int, str]]:
+    server = Server("floor", ["-m", "bench.peers.ros2_floor", "/measured", case.type])
+    try:
+        yield server.pid, f"ws://{server.host}:{server.port}"
+    finally:
+        server.stop()
 
 
 async def _connect(url: str) -> websockets.ClientConnection:
@@ -143,7 +186,7 @@ class _Client:
 
 
 async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: float) -> dict[str, float]:
-    """Return the microseconds of CPU time per delivered message of each server."""
+    """Return the microseconds of CPU time per delivered message of each server that delivers."""
     package, _, name = case.type.split("/")
     with closing(Program(sys.executable, "tests.ros2.program", environment=dict(os.environ))) as program:
         program.run(_PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz))
@@ -167,13 +210,14 @@ async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: floa
             for server, (pid, _) in servers.items():
                 used = cpu_time(pid).used - before[server][0]
                 received = sum(client.count for client in clients[server]) - before[server][1]
-                if not received:
-                    raise RuntimeError(f"{server}: no message of {case.title} has arrived")
-                found[server] = used / received * 1e6
+                if received:
+                    found[server] = used / received * 1e6
+                elif server == "rwt":
+                    raise RuntimeError(f"no message of {case.title} has arrived")
     return found
 
 
-async def run(cases: list[str], workspace: Path, seconds: float) -> str:
+async def run(cases: list[str], workspace: Path | None, other: str, seconds: float) -> str:
     """Return the figures of all cases as a table."""
     rows = []
     for each in cases:
@@ -183,21 +227,19 @@ async def run(cases: list[str], workspace: Path, seconds: float) -> str:
             environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
             arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0")
             process, url = stack.enter_context(
-                running(*arguments, environment=environment, real=True, stderr=None)
+                running(*arguments, environment=environment, real=True, stderr=subprocess.DEVNULL)
             )
-            suite = stack.enter_context(rosbridge_suite(workspace))
-            found = await measure(case, {"rwt": (process.pid, url), "suite": suite}, seconds)
-        quotient = found["suite"] / found["rwt"]
-        rows.append(
-            [
-                case.title,
-                f"{case.hertz}",
-                f"{found['rwt']:,.0f}",
-                f"{found['suite']:,.0f}",
-                f"1/{quotient:.1f}",
-                f"1/{1 / case.limit:.0f}",
-            ]
-        )
+            servers = {"rwt": (process.pid, url), "floor": stack.enter_context(_floor(case))}
+            if workspace is not None:
+                servers["suite"] = stack.enter_context(rosbridge_suite(workspace))
+            if other:
+                servers["other"] = stack.enter_context(other_server(other))
+            found = await measure(case, servers, seconds)
+        row = [case.title, f"{case.hertz}"]
+        row += [f"{found[server]:,.0f}" if server in found else "" for server in _COLUMNS]
+        if "suite" in found:
+            row += [f"1/{found['suite'] / found['rwt']:.1f}", f"1/{1 / case.limit:.0f}"]
+        rows.append(row + [""] * (len(_COLUMNS) + 4 - len(row)))
         print(" | ".join(rows[-1]), flush=True)
     return HEAD + "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
@@ -207,11 +249,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("suite", type=Path, help="workspace of rosbridge_suite")
+    parser.add_argument("suite", type=Path, nargs="?", help="workspace of rosbridge_suite")
+    parser.add_argument("--other", default="", help="command that starts another server on a port")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each measurement")
     parser.add_argument("--cases", nargs="+", choices=CASES, default=[*CASES])
     arguments = parser.parse_args()
-    print(asyncio.run(run(arguments.cases, arguments.suite.resolve(), arguments.seconds)))
+    os.environ.setdefault("ROS_DOMAIN_ID", str(free_domain()))
+    suite = arguments.suite.resolve() if arguments.suite else None
+    print(asyncio.run(run(arguments.cases, suite, arguments.other, arguments.seconds)))
 
 
 if __name__ == "__main__":

@@ -95,6 +95,7 @@ def real_rclpy(place: Path, distro: str) -> Rclpy:
         "ROS_LOG_DIR": str(place / "log"),
         "ROS_DISTRO": distro,
         "RCUTILS_COLORIZED_OUTPUT": "0",
+        "ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "90"),
     }
     return Rclpy(str(place / "bin" / "python"), environment)
 

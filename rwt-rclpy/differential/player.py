@@ -21,8 +21,10 @@ from typing import Any
 HERE = Path(__file__).parent
 #: Seconds after which a program is ended.
 LONGEST_S = 60.0
-#: First ROS domain, and number of domains: processes that follow each other are in different ones.
-DOMAINS = range(90, 100)
+#: First ROS domain of programs, ROS_DOMAIN_ID or 90, and number of domains: processes that follow each other
+#: are in different ones.
+_FIRST = int(os.environ.get("ROS_DOMAIN_ID", "90"))
+DOMAINS = range(_FIRST, _FIRST + 10)
 
 Program = Callable[[], None]
 

@@ -130,38 +130,6 @@ def test_incompatible_endpoints_are_warned_of_once(
     assert said.count("Last incompatible policy: RELIABILITY") == 2
 
 
-def test_a_content_filter_keeps_what_fits(rclpy: Any, node: Any, executor: Any) -> None:
-    from rclpy.exceptions import RCLError
-    from rclpy.subscription_content_filter_options import ContentFilterOptions
-
-    heard: list[int] = []
-    subscription = node.create_subscription(
-        int32(),
-        "a",
-        lambda message: heard.append(message.data),
-        10,
-        content_filter_options=ContentFilterOptions("data BETWEEN %0 AND %1", ["2", "3"]),
-    )
-    publisher = node.create_publisher(int32(), "a", 10)
-
-    def publish() -> list[int]:
-        heard.clear()
-        for number in range(5):
-            publisher.publish(int32()(data=number))
-        spin(executor, 1.0)
-        return list(heard)
-
-    assert subscription.is_cft_enabled and publish() == [2, 3]
-    subscription.set_content_filter("NOT (data > 0 OR data < 0)")
-    assert publish() == [0] and subscription.get_content_filter().expression_parameters == []
-    subscription.set_content_filter("")
-    assert publish() == [0, 1, 2, 3, 4] and not subscription.is_cft_enabled
-    with pytest.raises(RCLError, match="no content filter"):
-        subscription.get_content_filter()
-    with pytest.raises(ValueError, match=r"'date'.*the message has data"):
-        subscription.set_content_filter("date = 1")
-
-
 class Pose:
     """Something with fields, as a message has them."""
 

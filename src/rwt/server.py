@@ -26,7 +26,7 @@ from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.composition.certificates import authority_page, renewal
 from rwt.composition.extensions import load_encodings
 from rwt.composition.gateways import make_gateway
-from rwt.composition.graphs import check_graph, make_graph
+from rwt.composition.graphs import bridged_graphs, check_graph, make_graph
 from rwt.composition.listeners import Listeners, check_dial_urls
 from rwt.composition.nodes import (
     ReadyNode,
@@ -56,6 +56,7 @@ from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_si
 from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
+from rwt_graph.bridge import GraphBridge
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
@@ -442,10 +443,16 @@ class Server:
         load_encodings(settings.encodings)
         if not graph.running:
             await stack.enter_async_context(graph)
+        others = [await stack.enter_async_context(each) for each in bridged_graphs(settings, graph)]
         # Nodes leave first: their timers go on while a graph takes leave of other processes.
         nodes = stack.enter_context(ExitStack())
+        for other in others:
+            bridge_of_graphs = GraphBridge(graph, other)
+            bridge_of_graphs.open()
+            nodes.callback(bridge_of_graphs.close)
         with suppress(RuntimeError):  # On trio.
-            graph.in_batch = loop_batches().run
+            for each in (graph, *others):
+                each.in_batch = loop_batches().run
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:

@@ -204,7 +204,8 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     if scheme.tls and tls is None:
         raise BadUrl(
             f"cannot listen on {url!r}: it needs a certificate and a key "
-            f"(tls.certfile, tls.keyfile); without them use {name[:-1]}:{rest}"
+            "(tls.certfile, tls.keyfile), or `--tls auto`, which creates them; "
+            f"without TLS use {name[:-1]}:{rest}"
         )
     if scheme.single:
         if rest:

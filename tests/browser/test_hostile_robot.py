@@ -169,6 +169,8 @@ async def test_no_panel_believes_or_breaks(browser: Browser, count: int, kinds: 
                 config = {"topic": f"/{HOSTILE}/0"}
             elif kind in ("services", "actions"):
                 config = {"name": f"/{HOSTILE}"}
+            elif kind == "values":
+                config = {"fields": [{"topic": f"/{HOSTILE}/0", "path": "data"}]}
             elif kind == "plot":
                 config = {"lines": [{"topic": f"/{HOSTILE}/7", "path": "twist.twist.linear.x"}]}
             await page.goto(f"{url}web/settings.json")

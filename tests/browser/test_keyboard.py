@@ -480,19 +480,20 @@ async def test_interactive_markers_are_moved_pressed_and_put_back_by_keys(browse
 
 async def test_a_plot_is_made_zoomed_and_shown_whole_by_keys(browser: Browser) -> None:
     async with panel(browser, "jazzy", "plot", lines=[]) as (_, page):
-        await tab_to(page, "it.tagName === 'SELECT'")
-        await choose(page, "/battery_state")
-        await press(page, "Tab")
-        await choose(page, "voltage")
-        await press(page, "Tab", "Enter")
-        await page.wait(f"{text('.plot-lines')}.includes('voltage')")
+        await tab_to(page, "it.role === 'combobox'")
+        await page.wait("document.querySelectorAll('[role=option]').length > 5")
+        await press(page, *"battery_s", "ArrowDown", "Enter", "Tab")
+        await page.wait(
+            "[...document.querySelectorAll('[role=option]')].some(it => it.textContent === 'voltage')"
+        )
+        await press(page, *"volt", "ArrowDown", "Enter", "Tab", "Enter")
+        await page.wait(f"{text('.plot-table')}.includes('voltage')")
         await page.wait("document.querySelector('.plot-chart canvas')")
         # Until something of a length has come.
         await tab_to(page, says("Zoom in"), back=True)
-        while not await page.evaluate("Boolean(document.querySelector('.plot-bar output'))"):
+        while not await page.evaluate("Boolean(document.querySelector('.plot-tools output'))"):
             await press(page, "Enter")
-        shown = f"Number.parseFloat({text('.plot-bar output')})"
-        assert await page.evaluate("document.querySelector('.plot-bar button').ariaPressed") == "true"
+        shown = f"Number.parseFloat({text('.plot-tools output')})"
         before = await page.evaluate(shown)
         await press(page, "Enter")
         await page.wait(f"Math.abs({shown} - {before} / 2) < 0.02")
@@ -501,10 +502,13 @@ async def test_a_plot_is_made_zoomed_and_shown_whole_by_keys(browser: Browser) -
         assert await page.evaluate(f"Math.abs({shown} - {before} / 2) < 0.02")
         await tab_to(page, says("All"))
         await press(page, "Enter")
-        await page.wait("!document.querySelector('.plot-bar output')")
-        await tab_to(page, says("Remove"))
+        await page.wait("!document.querySelector('.plot-tools output')")
+        await tab_to(page, "it.role === 'slider'")
+        await press(page, "ArrowLeft")
+        await page.wait(f"{text('.plot-table')}.includes('At cursor')")
+        await tab_to(page, says("Remove"), back=True)
         await press(page, "Enter")
-        await page.wait(f"!{text('.plot-lines')}.includes('voltage')")
+        await page.wait(f"!{text('.plot-table')}.includes('voltage')")
 
 
 async def test_recording_and_the_device_by_keys(browser: Browser, tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
     lines = [{"topic": "/number", "path": "data"}]
     async with (
         stand("jazzy", browser.built, robot=False) as served,
-        browser.page(f"{served.url}healthz") as page,
+        browser.page(f"{served.url}healthz", 900, 700) as page,
     ):
         number = served.node.advertise("/number", "std_msgs/Float64", latch=True)
         number.publish({"data": 0.0})
@@ -223,7 +223,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
             lambda: any(topic.name == "/number" and topic.subscribers for topic in served.graph.topics())
         )
         values = iter(range(10**9))
-        blue = (31, 95, 168)
+        blue = (11, 91, 211)
 
         def drawn(picture: Any) -> bool:
             for _ in range(20):
@@ -232,7 +232,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
             return int(picture.count(blue, 30)) > 600
 
         await page.picture_when("plot", drawn)
-        await page.click("text=Pause")
+        await page.click(".plot-tools >> text=Pause")
         await page.evaluate(
             """(() => {
               globalThis.saved = null;
@@ -243,7 +243,7 @@ async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None
               };
             })()"""
         )
-        await page.click("text=Export CSV")
+        await page.click(".plot-tools >> text=Export CSV")
         await page.wait("globalThis.saved")
         csv = str(await page.evaluate("globalThis.saved")).splitlines()
         assert csv[0] == 'time,"/number data"'

@@ -27,10 +27,10 @@ PANELS: list[tuple[str, dict[str, object]]] = [
     ("services", {"name": "/add_two_ints"}),
     ("actions", {"name": "/fibonacci"}),
     ("parameters", {"node": "/demo_robot"}),
-    ("scene", {}),
-    *((kind, {}) for kind in ("device", "player", "camera", "plot", "log", "diagnostics", "battery")),
-    *((kind, {}) for kind in ("frames", "nodes", "approvals", "server")),
+    ("scene", {"waypoints": [{"place": {"x": 1.0, "y": 0.0, "yaw": 0.0}, "frame": "map"}]}),
 ]
+#: The panels that the menu of a page offers, by the names of their kinds.
+ALL = """[...document.querySelectorAll('[data-kind]')].map((it) => it.dataset.kind)"""
 
 #: Records what the page sends. The worker's own questions, which are not recorded, only ask for the time.
 RECORD = """(() => {
@@ -87,7 +87,8 @@ TRY_ALL = """(async () => {
         handle.press({ x: 0, y: 0 });
       }
     }
-    for (const tool of ["goal", "pose"]) scene.tools.onPlace(tool, { x: 0, y: 0, yaw: 0 });
+    const place = { x: 0, y: 0, yaw: 0 };
+    for (const tool of ["goal", "pose", "point", "waypoint"]) scene.tools.onPlace(tool, place);
   }
   await pause(200);
 })()"""
@@ -129,13 +130,19 @@ async def walk(browser: Browser) -> AsyncIterator[tuple[Server, Page]]:
         async with browser.page(f"{url}healthz", 700, 700) as page:
             page.forgive("Invalid pointer id", "setPointerCapture", "NotFoundError", "404")
             await open_panels(page, url, PANELS)
+            await page.click('header .menus summary:has-text("Add panel")')
+            kinds: list[str] = await page.wait(f"{ALL}.length && {ALL}")
+            known = {kind for kind, _ in PANELS}
+            await open_panels(page, url, [*PANELS, *((kind, {}) for kind in kinds if kind not in known)])
             yield server, page
 
 
 async def try_all(page: Page) -> set[tuple[str, str]]:
     """Try every control of every panel; return the ops that act on the robot."""
     await page.evaluate("globalThis.sent.length = 0")
-    for kind, _ in PANELS:
+    tabs = await page.evaluate("[...document.querySelectorAll('[role=tab]')].map((it) => it.id.slice(4))")
+    assert len(tabs) >= 20
+    for kind in tabs:
         await page.evaluate(f"document.getElementById('tab {kind}').click()")
         await page.wait(f"document.querySelector('.panel-{kind}')")
         ready = {
@@ -177,6 +184,7 @@ async def test_while_stopped_no_control_of_any_panel_sends_a_command(browser: Br
             ("publish", "/cmd_vel"),
             ("publish", "/marks/feedback"),
             ("publish", "/initialpose"),
+            ("publish", "/clicked_point"),
             ("call_service", "/add_two_ints"),
             ("call_service", "/rosapi/set_param"),
             ("send_action_goal", "/fibonacci"),

@@ -262,3 +262,19 @@ async def test_an_image_that_stays_shows_its_age(browser: Browser) -> None:
             await page.wait(f"{OLD} && /The image is [1-9][.0-9]+ s old/.test({text('.camera-state')})")
             link.resume()
             await page.wait(FRESH)
+
+
+async def test_a_video_that_stays_shows_its_age(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        stalling_proxy(int(server.urls[0].rsplit(":", 1)[1].strip("/"))) as link,
+    ):
+        stream = "topic=/camera/image_raw&type=vp8&bitrate=1000000"
+        url = f"http://127.0.0.1:{link.port}/stream_viewer?{stream}"
+        video, state = "document.querySelector('video')", text("[role=status]")
+        async with browser.page(url, 700, 600) as page:
+            page.forgive("ERR_", "404")
+            await page.wait(f"{video}.currentTime > 0 && {state} === ''")
+            link.stall()
+            await page.wait(f"{video}.style.filter && /is [1-9][.0-9]+ s old/.test({state})")
+            link.resume()

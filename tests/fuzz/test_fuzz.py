@@ -72,3 +72,11 @@ def test_any_damaged_input(name: str, drawn: st.DataObject, damage: list[tuple[i
 def test_one_input_grafted_on_another(name: str, drawn: st.DataObject, cut: int) -> None:
     first, second = drawn.draw(st.sampled_from(SEEDS[name])), drawn.draw(st.sampled_from(SEEDS[name]))
     TARGETS[name](first[: cut % (len(first) + 1)] + second[1:])
+
+
+def test_what_is_left_out_of_a_recording_has_a_reason(caplog: pytest.LogCaptureFixture) -> None:
+    for data in SEEDS["recordings"]:
+        TARGETS["recordings"](data)
+    said = [record.getMessage() for record in caplog.records if "left out" in record.getMessage()]
+    assert said
+    assert not [text for text in said if text.endswith("left out: ")]

@@ -56,7 +56,7 @@ server() {
 ended() { { set +x; } 9>/dev/null; while kill -0 "$(cat rwt.pid)" 2>/dev/null; do sleep 0.1; done; set -x; }
 logged() { { set +x; } 9>/dev/null; until grep -q "$1" "${2:-server.log}"; do sleep 0.1; done; set -x; }
 fails() { { set +x; } 9>/dev/null; if "$@"; then echo "succeeded: $*" >&2; exit 1; fi; set -x; }
-trap 'kill $(cat ./*.pid) 2>/dev/null || true; wait' EXIT
+trap 'kill $(cat ./*.pid 2>/dev/null) 2>/dev/null || true; wait' EXIT
 set -x
 """
 
@@ -126,6 +126,8 @@ def _cloned(folder: Path) -> str:
     clone, environment = folder / "robot-web-tools", folder / "venv"
     for command in (
         ["git", "clone", "--quiet", str(ROOT), str(clone)],
+        ["npm", "ci", "--silent", "--prefix", str(clone / "web")],
+        ["npm", "run", "--silent", "--prefix", str(clone / "web"), "build"],
         [sys.executable, "-m", "venv", str(environment)],
         [
             str(environment / "bin/pip"),

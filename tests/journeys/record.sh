@@ -5,6 +5,11 @@ kill "$(cat rwt.pid)"
 ended
 rwt bag info run_*_0000.mcap
 rwt bag info remote.mcap
-fails rwt serve ws://127.0.0.1:9090 --record remote.mcap
+cp remote.mcap old.mcap
+fails rwt serve ws://127.0.0.1:9090 --record old.mcap
+server rwt serve ws://127.0.0.1:9090 --record old.mcap --record-overwrite
+kill "$(cat rwt.pid)"
+ended
+fails cmp old.mcap remote.mcap
 server rwt bag play remote.mcap ws://127.0.0.1:9090 --loop
 rwt topic echo /odom --once --timeout 30

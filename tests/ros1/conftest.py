@@ -9,14 +9,18 @@ import shutil
 import subprocess
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Final
 
+import anyio.to_thread
 import pytest
 
 from rwt_graph.ros1 import Ros1Graph
 from tests.processes import free_port
+from tests.ros1.relay import UNSEEN_TYPES, Relay, build_relay
 from tests.statements import Program
+from tests.waiting import until_answered
 
 HAS_ROS = shutil.which("rosmaster", path="/usr/bin") is not None
 
@@ -108,6 +112,23 @@ class Ros:
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr
 
+    async def shows(self, words: set[str], *command: str) -> None:
+        """Wait until the output of a tool contains words. The event loop goes on while the tool runs."""
+
+        async def holds() -> bool:
+            shown = await anyio.to_thread.run_sync(partial(self.tool, *command, until_success=True))
+            return all(word in shown for word in words)
+
+        await until_answered(holds, f"{' '.join(command)} does not show {', '.join(words)}")
+
+    async def hides(self, word: str, *command: str) -> None:
+        """Wait until the output of a tool does not contain a word."""
+
+        async def holds() -> bool:
+            return word not in await anyio.to_thread.run_sync(partial(self.tool, *command))
+
+        await until_answered(holds, f"{' '.join(command)} shows {word}")
+
     def close(self) -> None:
         """End all programs."""
         self._programs.close()
@@ -138,3 +159,21 @@ async def graph(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Ros1
     monkeypatch.setenv("ROS_IP", "127.0.0.1")
     async with Ros1Graph(master=ros.uri) as joined:
         yield joined
+
+
+@pytest.fixture(scope="session")
+def relay(tmp_path_factory: pytest.TempPathFactory) -> Relay:
+    """A program of roscpp for all types."""
+    if not HAS_ROS:
+        pytest.skip("needs ROS 1: run `make test-ros1`, which installs Debian's packages of it")
+    include = Path("/usr/include")
+    headers = (*include.glob("*_msgs/*.h"), *include.glob("actionlib/*.h"))
+    # Not those of services and libraries.
+    messages = (
+        each
+        for each in headers
+        if f"\nstruct {each.stem}_\n" in each.read_text("utf-8")
+        and not each.stem.endswith(("Request", "Response"))
+    )
+    types = sorted(f"{each.parent.name}/{each.stem}" for each in messages)
+    return build_relay(tmp_path_factory.mktemp("relay"), (*types, *UNSEEN_TYPES))

@@ -58,7 +58,7 @@ async def test_the_page_works(ros: Ros, tmp_path: Path) -> None:
         with opened_browser(kind, tmp_path) as browser:
             async with browser.page(f"http://127.0.0.1:{port}/robot.html") as shown:
                 await shown.wait("said.value === 'hello from ROS 1'")
-                await until(lambda: "/cmd_vel" in ros.tool("rostopic", "list"))
+                await ros.shows({"/cmd_vel"}, "rostopic", "list")
                 await shown.click("#drive")
                 await until(lambda: robot.run("result = driven") == [[0.2, 0.5]])
             async with browser.page(f"http://{address}/", 1000, 800) as dashboard:

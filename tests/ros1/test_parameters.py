@@ -54,4 +54,4 @@ async def test_a_restarted_master_gets_the_parameters_of_this_process(
     await until(lambda: "is tried again until it answers" in caplog.text)
     await anyio.to_thread.run_sync(ros.start_master)
     await until(lambda: not graph.parameters.has("/of_another"))
-    await until(lambda: "2" in ros.tool("rosparam", "get", "/of_this", until_success=True))
+    await ros.shows({"2"}, "rosparam", "get", "/of_this")

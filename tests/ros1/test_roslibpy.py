@@ -1,4 +1,4 @@
-"""roslibpy, through the server, beside programs of rospy and roscpp."""
+"""Services, parameters and actions of roslibpy, through the server, beside programs of rospy."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.ros1.test_actions import SERVER
-from tests.ros1.test_messages import PROGRAM, build_node
 from tests.ros1.test_server import server
 from tests.ros1.test_services import OFFER
 from tests.statements import Program
@@ -21,22 +19,6 @@ from tests.waiting import wait_until
 
 if TYPE_CHECKING:
     from tests.ros1.conftest import Ros
-
-#: Sends back every message that comes, unchanged.
-ECHO: Final = """
-import json
-received, topics = {{}}, []
-def echo(name):
-    back = roslibpy.Topic(ros, '/back/' + name, name, latch=True)
-    back.advertise()
-    def on_message(message):
-        received[name] = message
-        back.publish(message)
-    topics.append(roslibpy.Topic(ros, '/from/' + name, name))
-    topics[-1].subscribe(on_message)
-for name in {names}:
-    echo(name)
-"""
 
 
 @pytest.fixture
@@ -50,39 +32,6 @@ def client(ros: Ros) -> Iterator[Program]:
         ) as program,
     ):
         yield program
-
-
-def test_every_standard_message_is_the_same_as_in_rospy(ros: Ros, client: Program) -> None:
-    robot = ros.program()
-    names = [*robot.run(PROGRAM)]
-    client.run(ECHO.format(names=names))
-    wait_until(lambda: robot.run("result = len(back)") == len(names))
-    expected = robot.run("result = {name: plain(sent[name]) for name in sent}")
-    assert client.run("result = received") == expected
-    assert robot.run("result = [name for name in sent if plain(sent[name]) != plain(back[name])]") == []
-
-
-def test_roscpp_with_a_package_that_nobody_else_has(ros: Ros, client: Program, tmp_path: Path) -> None:
-    ros.start(build_node(tmp_path))
-    wait_until(lambda: client.run("result = ros.get_topic_type('/poses')") == "never_seen/Pose")
-    client.run(
-        """
-poses = []
-topic = roslibpy.Topic(ros, '/poses', 'never_seen/Pose')
-topic.subscribe(poses.append)
-"""
-    )
-    first = {"name": "first", "values": [1.5, -2.0], "count": 1}
-    wait_until(lambda: client.run("result = poses") == [first])
-    client.run(
-        """
-target = roslibpy.Topic(ros, '/set_pose', 'never_seen/Pose', latch=True)
-target.advertise()
-target.publish({'name': 'set', 'values': [0.5, 3.0], 'count': 4})
-"""
-    )
-    second = {"name": "set", "values": [0.5, 3.0], "count": 5}
-    wait_until(lambda: client.run("result = poses") == [first, second])
 
 
 def test_services_parameters_and_actions_of_rospy(ros: Ros, client: Program) -> None:

@@ -3,8 +3,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
 
 import anyio.to_thread
 import pytest
@@ -13,20 +14,18 @@ from websockets import Subprotocol
 
 from rwt_client import connect
 from tests.processes import running
+from tests.ros1.conftest import Ros
 from tests.ros1.test_topics import OTHER_STRING, PUBLISH, UNKNOWN
 from tests.waiting import until
-
-if TYPE_CHECKING:
-    from tests.ros1.conftest import Ros
 
 pytestmark = pytest.mark.anyio
 
 
 @contextmanager
-def server(ros: Ros) -> Iterator[str]:
+def server(ros: Ros, *options: str) -> Iterator[str]:
     """The URL of `rwt serve` on the graph of a master."""
     environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
-    arguments = ("serve", "--graph", ros.uri, "ws://127.0.0.1:0")
+    arguments = ("serve", "--graph", ros.uri, *options, "ws://127.0.0.1:0")
     with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
         yield url
 
@@ -38,7 +37,7 @@ async def test_clients_exchange_topics_and_calls_with_ros_1(ros: Ros) -> None:
     program.run("from std_srvs.srv import Trigger\nrospy.Service('/do', Trigger, lambda _: (True, 'done'))")
     with server(ros) as url:
         async with connect(url) as robot:
-            await until(lambda: "rosapi" in ros.tool("rosservice", "list"))
+            await ros.shows({"rosapi"}, "rosservice", "list")
             values: list[Any] = []
             robot.subscribe("/strange", values.append, "never_seen/Outer")
             await until(lambda: values)
@@ -82,6 +81,29 @@ async def test_clients_are_notified_when_the_master_goes_and_returns(ros: Ros) -
             async for frame in rosbridge:
                 if json.loads(frame).get("msg") == {"data": "on"}:
                     break
+
+
+async def test_two_masters_are_bridged(ros: Ros, tmp_path: Path) -> None:
+    with closing(Ros(tmp_path / "other")) as other:
+        await anyio.to_thread.run_sync(other.start_master)
+        first, second = ros.program("first"), other.program("second")
+        with server(ros, "--graph", other.uri) as url:
+            first.run(UNKNOWN + "from std_srvs.srv import Trigger")
+            second.run(
+                "from std_srvs.srv import Trigger\nrospy.Service('/do', Trigger, lambda _: (True, 'done'))"
+            )
+            second.run(UNKNOWN.split("publisher =")[0] + "got = []")
+            second.run(
+                "rospy.Subscriber('/strange', Outer, lambda message: got.append(plain(message.inner[1])))"
+            )
+            await until(lambda: second.run("result = got") == [{"text": "b", "pair": [0.0, -1.0]}])
+            await ros.shows({"/do"}, "rosservice", "list")
+            call = "plain(rospy.ServiceProxy('/do', Trigger)())"
+            assert first.run(f"result = {call}") == {"success": True, "message": "done"}
+            async with connect(url) as robot:
+                response = await robot.call("/do", {}, "std_srvs/Trigger")
+                assert response.message == "done"
+        assert "rwt_bridge" not in ros.tool("rosnode", "list") + other.tool("rosnode", "list")
 
 
 async def _next_status(client: websockets.ClientConnection) -> dict[str, Any]:

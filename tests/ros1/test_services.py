@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import anyio.to_thread
@@ -79,7 +80,7 @@ async def test_rospy_calls_a_service_of_this_process(ros: Ros, graph: Ros1Graph)
 
     graph.node("server").advertise_service("/switch", "std_srvs/SetBool", switch)
     program = ros.program()
-    await until(lambda: "/switch" in ros.tool("rosservice", "list"))
+    await ros.shows({"/switch"}, "rosservice", "list")
 
     async def ask(statement: str) -> Any:
         return await anyio.to_thread.run_sync(program.run, f"{CALL}\nresult = {statement}")
@@ -99,7 +100,7 @@ async def test_a_living_service_of_the_same_name_is_not_replaced(ros: Ros, graph
     node = graph.node("server")
     node.advertise_service("/switch", "std_srvs/SetBool", lambda _: {"success": False, "message": "ours"})
     node.advertise_service("/mark", "std_srvs/Trigger", lambda _: {})
-    await until(lambda: "/mark" in ros.tool("rosservice", "list"))
+    await ros.shows({"/mark"}, "rosservice", "list")
     assert "/robot/program" in ros.tool("rosservice", "node", "/switch")
 
 
@@ -107,7 +108,25 @@ async def test_a_living_node_of_the_same_name_is_not_shut_down(ros: Ros, graph: 
     program = ros.program()
     node = graph.node("program", "/robot")
     node.advertise("/chatter", "std_msgs/String")
-    await until(lambda: "/chatter" in ros.tool("rostopic", "list"))
+    await ros.shows({"/chatter"}, "rostopic", "list")
+    assert program.run("result = rospy.is_shutdown()") is False
+
+
+async def test_a_newer_node_takes_the_name_and_this_one_continues_under_another(
+    ros: Ros, graph: Ros1Graph, caplog: pytest.LogCaptureFixture
+) -> None:
+    texts: list[str] = []
+    node = graph.node("program", "/robot")
+    node.subscribe("/chatter", lambda each: texts.append(each.data), "std_msgs/String")
+    await ros.shows({"/robot/program"}, "rosnode", "list")
+    program = await anyio.to_thread.run_sync(ros.program)
+    await until(lambda: "another node /robot/program was started" in caplog.text)
+    await ros.shows({f"/robot/program_{os.getpid()}"}, "rosnode", "list")
+    program.run(
+        "from std_msgs.msg import String; p = rospy.Publisher('/chatter', String, latch=True, queue_size=1)"
+    )
+    program.run("p.publish('hi')")
+    await until(lambda: texts == ["hi"])
     assert program.run("result = rospy.is_shutdown()") is False
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import os
+from collections.abc import AsyncIterator, Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +13,27 @@ import anyio
 import anyio.to_thread
 import pytest
 
+from tests.processes import running
+from tests.ros1.conftest import Ros
 from tests.waiting import until
 
 if TYPE_CHECKING:
     from rwt_graph.ros1 import Ros1Graph
-    from tests.ros1.conftest import Ros
 
 pytestmark = pytest.mark.anyio
+
+
+@pytest.fixture(params=["rosmaster", "rwt master"])
+def ros(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Ros]:
+    """ROS 1 with its own master, or with `rwt master` in place of it."""
+    with closing(Ros(tmp_path)) as made:
+        if request.param == "rosmaster":
+            made.start_master()
+            yield made
+            return
+        environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
+        with running("master", f"127.0.0.1:{made.port}", environment=environment, real=True, stderr=None):
+            yield made
 
 
 @pytest.fixture
@@ -28,7 +44,7 @@ async def robot(ros: Ros, graph: Ros1Graph) -> AsyncIterator[list[str]]:
     heard: list[str] = []
     node.subscribe("/commands", lambda message: heard.append(message.data), "std_msgs/String")
     node.create_timer(0.1, lambda: publisher.publish({"data": "tick"}))
-    await until(lambda: {"/chatter", "/commands"} <= set(ros.tool("rostopic", "list").split()))
+    await ros.shows({"/chatter", "/commands"}, "rostopic", "list")
     yield heard
 
 
@@ -57,7 +73,7 @@ async def test_rosnode(ros: Ros, graph: Ros1Graph, caplog: pytest.LogCaptureFixt
     assert "* /chatter [std_msgs/String]" in info
     assert "* /talker/get_loggers" in info
     assert "killed" in await _tool(ros, "rosnode", "kill", "/talker")
-    await until(lambda: "/talker" not in ros.tool("rosnode", "list"))
+    await ros.hides("/talker", "rosnode", "list")
     assert "leaves ROS 1" in caplog.text
     assert graph.topic("/chatter") is not None
 
@@ -66,7 +82,7 @@ async def test_rosservice(ros: Ros, graph: Ros1Graph) -> None:
     graph.node("server").advertise_service(
         "/switch", "std_srvs/SetBool", lambda request: {"success": request.data, "message": "switched"}
     )
-    await until(lambda: "/switch" in ros.tool("rosservice", "list"))
+    await ros.shows({"/switch"}, "rosservice", "list")
     info = await _tool(ros, "rosservice", "info", "/switch")
     assert "Node: /server" in info
     assert "Type: std_srvs/SetBool" in info
@@ -79,7 +95,7 @@ async def test_rosservice(ros: Ros, graph: Ros1Graph) -> None:
 async def test_rosparam(ros: Ros, graph: Ros1Graph) -> None:
     tree = graph.parameters
     tree.set("/ours/gains", {"p": 1.5, "names": ["a", "b"]})
-    await until(lambda: "/ours/gains/p" in ros.tool("rosparam", "list"))
+    await ros.shows({"/ours/gains/p"}, "rosparam", "list")
     assert "1.5" in await _tool(ros, "rosparam", "get", "/ours/gains/p")
     await _tool(ros, "rosparam", "set", "/ours/gains/p", "2.5")
     await until(lambda: tree.get("/ours/gains/p") == 2.5)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.ros2.domains import free_domain
 from tests.statements import Program
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def domain() -> int:
     """
     if not HAS_ROS:
         pytest.skip("needs ROS 2: run `make test-ros2`, which installs its wheels")
-    number = 1 + os.getpid() % 100
+    number = free_domain()
     os.environ.update(ROS_DOMAIN_ID=str(number), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     return number
 

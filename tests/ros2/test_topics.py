@@ -322,3 +322,35 @@ timer = node.create_timer(0.05, lambda: publisher.publish(String(data='x')))
 """
         )
         await until(lambda: received)
+
+
+async def test_many_subscriptions_share_descriptors(
+    graph: Ros2Graph, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import os
+
+    from rwt_graph.ros2 import wakeups
+
+    monkeypatch.setattr(wakeups, "_MOST_DESCRIPTORS", 8)
+    ours, string = graph.participant("/ours"), graph.registry.message("std_msgs/String")
+    for number in range(8):
+        ours.subscribe(f"/own_{number}", lambda _: None, string)
+    before = len(os.listdir("/proc/self/fd"))
+    received = [Received() for _ in range(20)]
+    subscriptions = [
+        ours.subscribe(f"/shared_{number}", each, string) for number, each in enumerate(received)
+    ]
+    assert len(os.listdir("/proc/self/fd")) == before
+    program.run(
+        """
+from std_msgs.msg import String
+publishers = [node.create_publisher(String, f'/shared_{n}', 10) for n in range(20)]
+"""
+    )
+    counts = "result = [each.get_subscription_count() for each in publishers]"
+    await until(lambda: program.run(counts) == [1] * 20)
+    subscriptions.pop(3).close()
+    program.run("for n, each in enumerate(publishers): each.publish(String(data=str(n)))")
+    await until(lambda: all(received[:3] + received[4:]))
+    assert received[3] == []
+    assert [each[0] for each in received[4:]] == [str(number) for number in range(4, 20)]

@@ -73,7 +73,7 @@ describe("point clouds", () => {
   });
 
   test("without colours they go from blue to red by their intensity, or else by height", () => {
-    const [blue, red] = [Uint8Array.of(58, 12, 242, 255), Uint8Array.of(242, 12, 12, 255)];
+    const [blue, red] = [Uint8Array.of(70, 98, 217, 255), Uint8Array.of(203, 42, 4, 255)];
     const byHeight = decodeCloud(
       cloud(
         [

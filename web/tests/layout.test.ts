@@ -10,15 +10,11 @@ import type { WorkerPort } from "../src/robot/transport";
 
 const panel = { id: "one", kind: "topics", config: {} };
 
-test("a layout keeps the panels that this page knows, and its dock only if it knows them all", () => {
+test("a layout keeps panels that this page does not know, with their place and settings", () => {
   const dock = { grid: 1 };
-  expect(readLayout({ version: 1, panels: [panel], dock })).toEqual({ version: 1, panels: [panel], dock });
-  const unknown = { ...panel, id: "two", kind: "of the future" };
-  expect(readLayout({ version: 1, panels: [panel, unknown], dock })).toEqual({
-    version: 1,
-    panels: [panel],
-    dock: null,
-  });
+  const unknown = { id: "two", kind: "of the future", config: { a: 1 } };
+  const layout = { version: 1, panels: [panel, unknown], dock };
+  expect(readLayout(layout)).toEqual(layout);
 });
 
 test.each([
@@ -26,6 +22,7 @@ test.each([
   {},
   { version: 2, panels: [] },
   { version: 1, panels: [{}] },
+  { version: 1, panels: [{ ...panel, config: null }] },
   { version: 1, panels: [panel, panel] },
 ])("what is no layout is refused: %j", (value) => expect(() => readLayout(value)).toThrow());
 

@@ -2,14 +2,17 @@
 import { describe, expect, test } from "vitest";
 import { pacer, quaternionOf } from "../src/device/sensors";
 import { wishOfKeys } from "../src/elements/teleop/controls";
+import { fitting } from "../src/forms/suggest";
 import { wishOfGamepad } from "../src/panels/drive/teleop";
 import { talks } from "../src/panels/graph/nodes";
 import { nodeOf } from "../src/panels/graph/parameters";
 import { logLevel } from "../src/panels/health/log";
 import { pausableNodes } from "../src/panels/health/player";
 import { readMetrics } from "../src/panels/health/server";
+import { partOf, plotSettings } from "../src/panels/view/plot_panel";
 import { Series } from "../src/panels/view/series";
 import { numberAt, numericPaths } from "../src/robot/fields";
+import { Formula, formulaProblem } from "../src/robot/formula";
 import { PartReader } from "../src/robot/mjpeg";
 import { placeOf } from "../src/scene/tools";
 
@@ -87,11 +90,134 @@ describe("series of a plot", () => {
   test("keeps a minute, and never more than it has room for", () => {
     const series = new Series();
     for (let at = 0; at < 200_000; at++) series.push(at / 1000, at);
-    expect(series.length).toBeLessThanOrEqual(65_536);
     const [times = [], values = []] = Series.together([series]);
     expect(values.at(-1)).toBe(199_999);
-    expect((times.at(-1) as number) - (times[0] as number)).toBeLessThanOrEqual(60);
-    expect(times.length).toBeGreaterThan(30_000);
+    expect(times[0]).toBe(139.999);
+    const endless = new Series(1e9);
+    for (let at = 0; at < 3_000_000; at++) endless.push(at, 0);
+    expect(endless.length).toBeLessThanOrEqual(1 << 20);
+    expect(endless.length).toBeGreaterThanOrEqual(1 << 19);
+  });
+
+  test("a time that goes back begins anew", () => {
+    const series = new Series();
+    series.push(5, 1);
+    series.push(3, 2);
+    expect([series.span, series.at(4), series.at(2)]).toEqual([[3, 3], 2, Number.NaN]);
+  });
+
+  test("a million values are drawn by their extents, with every peak and gap", () => {
+    const series = new Series(1e9);
+    for (let at = 0; at < 1_000_000; at++) {
+      const isGap = at > 300_000 && at < 400_000;
+      series.push(at, at === 654_321 ? 99 : isGap ? Number.NaN : Math.sin(at));
+    }
+    const points: number[] = [];
+    series.draw(0, 999_999, 800, (_, value) => points.push(value));
+    expect(points.length).toBeLessThanOrEqual(4 * 800);
+    expect(Math.max(...points.filter(Number.isFinite))).toBe(99);
+    expect(points.some(Number.isNaN)).toBe(true);
+    expect(series.extent(700_000, 800_000)[1]).toBeLessThanOrEqual(1);
+    const near: [number, number][] = [];
+    series.draw(654_320, 654_322, 800, (time, value) => near.push([time, value]));
+    expect(near).toContainEqual([654_321, 99]);
+    expect(near.length).toBeLessThan(6);
+  });
+
+  test("statistics of a part", () => {
+    const series = new Series();
+    for (const [at, value] of [5, 1, Number.NaN, 3, 100].entries()) series.push(at, value);
+    expect(series.statistics(1, 4)).toEqual({ count: 2, least: 1, most: 3, mean: 2, deviation: 1 });
+    expect(series.statistics(9, 10).count).toBe(0);
+  });
+
+  test("one field against another takes what the other was then", () => {
+    const [x, y] = [new Series(), new Series()];
+    x.push(0, 10);
+    y.push(1, 1);
+    x.push(2, 20);
+    y.push(2, 2);
+    const points: [number, number][] = [];
+    y.drawAgainst(x, 0, 9, 100, (across, value) => points.push([across, value]));
+    expect(points).toEqual([
+      [10, 1],
+      [20, 2],
+    ]);
+  });
+});
+
+describe("formulas", () => {
+  const message = {
+    v: { x: 3, y: 4 },
+    ranges: new Float32Array([1, Number.POSITIVE_INFINITY, 2]),
+    q: { x: 0, y: 0, z: Math.SQRT1_2, w: Math.SQRT1_2 },
+    big: 5n,
+    text: "a",
+  };
+
+  test.each([
+    ["v.x", 3],
+    ["v.@norm", 5],
+    ["v.@norm.@mul(3.6).@add(-1)", 17],
+    ["v.x.@negative.@abs", 3],
+    ["q.@yaw.@degrees", 90],
+    ["ranges.@min", 1],
+    ["ranges.@length", 3],
+    ["big", 5],
+  ])("%s", (text, value) => expect(new Formula(text).numberOf(message, 0)).toBeCloseTo(value));
+
+  test.each(["text.@abs", "nothing.@norm", "v"])("%s is no number", (text) =>
+    expect(new Formula(text).numberOf(message, 0)).toBeNaN(),
+  );
+
+  test("changes over time", () => {
+    const speed = new Formula("data.@derivative");
+    const step = new Formula("data.@delta");
+    const values = [1, 2, 6].map((data, at) => [
+      speed.numberOf({ data }, at * 2),
+      step.numberOf({ data }, at * 2),
+    ]);
+    expect(values).toEqual([
+      [Number.NaN, Number.NaN],
+      [0.5, 1],
+      [2, 4],
+    ]);
+    expect(speed.numberOf({ data: 7 }, 4)).toBe(Number.NaN);
+  });
+
+  test.each(["x.@nonsense", "x.@mul", "x.@mul(a)", "x.@constructor", "x.@norm(2)"])(
+    "%s is rejected by its name",
+    (text) => {
+      expect(formulaProblem(text)).toContain("@");
+      expect(new Formula("x").path).toBe("x");
+    },
+  );
+
+  test("settings of a plot from a strange layout", () => {
+    const line = { topic: "/a", path: "b.@norm" };
+    const strange = { lines: [line, null, { topic: 1 }, { topic: "/a", path: "@x" }], marks: [1, "2", null] };
+    expect(plotSettings({ ...strange, x: "time", seconds: 1e9, linked: false }, [])).toEqual({
+      lines: [line],
+      marks: [1],
+      x: null,
+      seconds: 60,
+      statistics: false,
+      linked: false,
+    });
+    expect(plotSettings({ lines: "all" }, [line]).lines).toEqual([line]);
+  });
+
+  test("zoom stays within what there is", () => {
+    expect(partOf([0, 10], [0, 10], 0.5, 0)).toEqual([2.5, 7.5]);
+    expect(partOf([2, 4], [0, 10], 1, -5)).toEqual([0, 2]);
+    expect(partOf([2, 4], [0, 10], 9, 0)).toBeNull();
+  });
+
+  test("names that fit, those that begin with the text first", () => {
+    const names = ["/arm/odom", "/odom", "/odom/filtered", "/scan"];
+    expect(fitting(names, "/odom")).toEqual(["/odom", "/odom/filtered", "/arm/odom"]);
+    expect(fitting(names, "odom arm")).toEqual(["/arm/odom"]);
+    expect(fitting(names, "")).toEqual(names);
   });
 });
 
@@ -152,6 +278,10 @@ test("who talks to whom, without the topics that everybody has", () => {
     ["/b", { publishing: ["/y"], subscribing: ["/x"], services: [] }],
   ]);
   expect(talks(details, "")).toEqual([{ topic: "/x", from: ["/a"], to: ["/b"] }]);
+  expect(talks(details, "", true).map(({ topic, to }) => [topic, to])).toEqual([
+    ["/x", ["/b"]],
+    ["/y", []],
+  ]);
   expect(talks(details, "/b").map(({ topic }) => topic)).toEqual(["/x", "/y"]);
 });
 

@@ -408,3 +408,279 @@ def same_goal_id() -> None:
             print(future.result().accepted)
         server.destroy()
         client.destroy()
+
+
+def _goal(spin: Any, client: Any, order: int = 4, **options: Any) -> Any:
+    client.wait_for_server(5)
+    future = client.send_goal_async(Fibonacci.Goal(order=order), **options)
+    spin(future.done)
+    return future.result()
+
+
+def _status_name(number: int) -> str:
+    return next(
+        (
+            name
+            for name in dir(GoalStatus)
+            if name.startswith("STATUS_") and getattr(GoalStatus, name) == number
+        ),
+        str(number),
+    )
+
+
+def _racing(execute: Any, *, before: Any = None, cancel: Any = None) -> None:
+    """A goal that is cancelled while `execute` runs in a thread of its own."""
+    with node() as made:
+        executor = MultiThreadedExecutor(6)
+        executor.add_node(made)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        group = ReentrantCallbackGroup()
+        server = ActionServer(
+            made, Fibonacci, "action", execute, callback_group=group,
+            cancel_callback=cancel or (lambda goal: CancelResponse.ACCEPT),
+        )  # fmt: skip
+        client = ActionClient(made, Fibonacci, "action", callback_group=group)
+        client.wait_for_server(5)
+        future = client.send_goal_async(Fibonacci.Goal(order=3))
+        wait(future.done)
+        handle = future.result()
+        result = handle.get_result_async()
+        if before is not None:
+            before()
+        answer = handle.cancel_goal_async()
+        print(
+            "answer",
+            wait(answer.done) and (answer.result().return_code, len(answer.result().goals_canceling)),
+        )
+        print("result", wait(result.done, 3) and _status_name(result.result().status))
+        print("status", _status_name(handle.status))
+        executor.shutdown()
+        thread.join()
+        client.destroy()
+        server.destroy()
+
+
+def cancel_then_succeed() -> None:
+    """The server accepts a cancellation, and succeeds all the same."""
+
+    def execute(goal: Any) -> Any:
+        wait(lambda: goal.is_cancel_requested)
+        time.sleep(0.1)
+        tell("succeed", goal.succeed)
+        return Fibonacci.Result(sequence=[1])
+
+    _racing(execute)
+
+
+def cancel_then_abort() -> None:
+    """The server accepts a cancellation, and aborts."""
+
+    def execute(goal: Any) -> Any:
+        wait(lambda: goal.is_cancel_requested)
+        time.sleep(0.1)
+        tell("abort", goal.abort)
+        print(goal.is_active, _status_name(goal.status))
+        tell("canceled after abort", goal.canceled)
+        return Fibonacci.Result()
+
+    _racing(execute)
+
+
+def cancel_then_canceled() -> None:
+    """The server accepts a cancellation, and reports it."""
+
+    def execute(goal: Any) -> Any:
+        wait(lambda: goal.is_cancel_requested)
+        time.sleep(0.1)
+        print(goal.is_active, _status_name(goal.status))
+        tell("canceled", goal.canceled)
+        print(goal.is_active, _status_name(goal.status))
+        tell("succeed", goal.succeed)
+        return Fibonacci.Result()
+
+    _racing(execute)
+
+
+def canceled_without_request() -> None:
+    """The server reports a cancellation that was not requested, or was rejected."""
+    ready = threading.Event()
+
+    def execute(goal: Any) -> Any:
+        tell("early", goal.canceled)
+        print(_status_name(goal.status))
+        ready.wait(2)
+        time.sleep(0.1)
+        print(goal.is_cancel_requested)
+        goal.succeed()
+        return Fibonacci.Result()
+
+    def reject(goal: Any) -> CancelResponse:
+        ready.set()
+        return CancelResponse.REJECT
+
+    _racing(execute, cancel=reject)
+
+
+def cancel_callback_raises() -> None:
+    """A cancel callback that returns something else."""
+    ready = threading.Event()
+
+    def execute(goal: Any) -> Any:
+        ready.wait(2)
+        time.sleep(0.1)
+        print(goal.is_cancel_requested)
+        goal.succeed()
+        return Fibonacci.Result()
+
+    def other(goal: Any) -> Any:
+        ready.set()
+        return None
+
+    _racing(execute, cancel=other)
+
+
+def states_of_a_server_goal() -> None:
+    """Transitions of a goal handle on the server: each impossible one raises."""
+
+    def execute(goal: Any) -> Any:
+        print(_status_name(goal.status), goal.is_active, goal.is_cancel_requested)
+        tell("executing again", goal.execute)
+        tell("succeed", goal.succeed)
+        for name in ("succeed", "abort", "canceled"):
+            tell(name, getattr(goal, name))
+        print(_status_name(goal.status), goal.is_active)
+        tell("feedback", goal.publish_feedback, Fibonacci.Feedback(sequence=[1]))
+        tell("wrong feedback", goal.publish_feedback, Fibonacci.Result())
+        return Fibonacci.Result(sequence=[5])
+
+    _result_of(execute)
+
+
+def deferred_execution() -> None:
+    """Goals that are accepted first, and executed later by the program."""
+    with node() as made, spinner(made) as spin:
+        waiting: list[Any] = []
+
+        def execute(goal: Any) -> Any:
+            goal.succeed()
+            return Fibonacci.Result(sequence=[goal.request.order])
+
+        server = ActionServer(made, Fibonacci, "action", execute, handle_accepted_callback=waiting.append)
+        client = ActionClient(made, Fibonacci, "action")
+        handles = [_goal(spin, client, order) for order in (1, 2)]
+        results = [each.get_result_async() for each in handles]
+        spin(lambda: len(waiting) == 2)
+        spin(seconds=0.2)
+        print([_status_name(each.status) for each in waiting], [each.done() for each in results])
+        waiting[1].execute()
+        spin(results[1].done)
+        print(results[1].result().result, results[0].done())
+        waiting[0].execute(lambda goal: (goal.abort(), Fibonacci.Result(sequence=[9]))[1])
+        spin(results[0].done)
+        print(results[0].result().result, _status_name(results[0].result().status))
+        client.destroy()
+        server.destroy()
+
+
+def result_twice() -> None:
+    """The result is asked for twice, also after it has been delivered."""
+    with node() as made, spinner(made) as spin:
+        server = ActionServer(made, Fibonacci, "action", _fibonacci)
+        client = ActionClient(made, Fibonacci, "action")
+        handle = _goal(spin, client)
+        first, second = handle.get_result_async(), handle.get_result_async()
+        spin(lambda: first.done() and second.done())
+        print(first is second, first.result().result == second.result().result)
+        third = handle.get_result_async()
+        print(spin(third.done), third is first, third.result().status)
+        client.destroy()
+        server.destroy()
+
+
+def result_expires() -> None:
+    """A result that the server keeps for a short time."""
+    with node() as made, spinner(made) as spin:
+        server = ActionServer(made, Fibonacci, "action", _fibonacci, result_timeout=0)
+        client = ActionClient(made, Fibonacci, "action")
+        handle = _goal(spin, client)
+        spin(seconds=0.5)
+        future = handle.get_result_async()
+        print(spin(future.done, 2), future.done() and future.result().status)
+        client.destroy()
+        server.destroy()
+
+
+def destroyed_with_goals() -> None:
+    """Server and client that are destroyed while a goal runs."""
+    with node() as made, spinner(made) as spin:
+        waiting: list[Any] = []
+        server = ActionServer(made, Fibonacci, "action", _fibonacci, handle_accepted_callback=waiting.append)
+        client = ActionClient(made, Fibonacci, "action")
+        handle = _goal(spin, client)
+        result = handle.get_result_async()
+        server.destroy()
+        spin(seconds=0.2)
+        print(result.done(), client.server_is_ready(), client.wait_for_server(0.1))
+        tell("destroy again", server.destroy)
+        tell("state", waiting[0].succeed)
+        client.destroy()
+        tell("client again", client.destroy)
+        tell("send", client.send_goal_async, Fibonacci.Goal())
+
+
+def client_without_server() -> None:
+    """A goal for a server that comes later, or never."""
+    with node() as made, spinner(made) as spin:
+        client = ActionClient(made, Fibonacci, "action")
+        print(client.server_is_ready(), client.wait_for_server(timeout_sec=0.1))
+        future = client.send_goal_async(Fibonacci.Goal())
+        spin(seconds=0.2)
+        print(future.done())
+        server = ActionServer(made, Fibonacci, "action", _fibonacci)
+        print(spin(client.server_is_ready), spin(future.done, 0.5))
+        server.destroy()
+        client.destroy()
+
+
+def register_callbacks() -> None:
+    """Callbacks that are replaced, and arguments that are no functions."""
+    with node() as made, spinner(made) as spin:
+        server = ActionServer(made, Fibonacci, "action", _fibonacci)
+        tell("goal", server.register_goal_callback, None)
+        tell("cancel", server.register_cancel_callback, 1)
+        tell("execute", server.register_execute_callback, None)
+        tell("accepted", server.register_handle_accepted_callback, 1)
+        server.register_goal_callback(lambda goal: GoalResponse.REJECT)
+        client = ActionClient(made, Fibonacci, "action")
+        handle = _goal(spin, client)
+        print(handle.accepted, type(handle.goal_id).__name__, handle.stamp)
+        tell("cancel of rejected", lambda: handle.cancel_goal_async().done())
+        tell("no execute", ActionServer, made, Fibonacci, "other", None)
+        tell("name", ActionServer, made, Fibonacci, "a b", _fibonacci)
+        tell("client name", ActionClient, made, Fibonacci, "1a")
+        client.destroy()
+        server.destroy()
+
+
+def two_servers() -> None:
+    """Two servers of one name."""
+    with node() as made, spinner(made) as spin:
+        calls: list[str] = []
+
+        def execute(name: str) -> Any:
+            def callback(goal: Any) -> Any:
+                calls.append(name)
+                goal.succeed()
+                return Fibonacci.Result()
+
+            return callback
+
+        servers = [ActionServer(made, Fibonacci, "action", execute(name)) for name in "ab"]
+        client = ActionClient(made, Fibonacci, "action")
+        handle = _goal(spin, client)
+        spin(seconds=0.2)
+        print(handle.accepted, sorted(calls))
+        client.destroy()
+        for each in servers:
+            each.destroy()

@@ -582,3 +582,409 @@ def global_executor() -> None:
             type(rclpy.get_global_executor()).__name__,
             rclpy.get_global_executor() is rclpy.get_global_executor(),
         )
+
+
+def order_of_ready_entities() -> None:
+    """Work that is ready at the same time: timers, subscriptions, guard conditions, clients, services."""
+    from std_srvs.srv import Empty
+
+    with node() as made:
+        told: list[str] = []
+        guard = made.create_guard_condition(lambda: told.append("guard condition"))
+
+        def answer(request: Any, response: Any) -> Any:
+            told.append("service")
+            return response
+
+        made.create_service(Empty, "service", answer)
+        client = made.create_client(Empty, "service")
+        made.create_subscription(Int32, "topic", lambda message: told.append("subscription"), 10)
+        publisher = made.create_publisher(Int32, "topic", 10)
+        client.wait_for_service(5)
+        wait(publisher.get_subscription_count)
+        made.create_timer(0.01, lambda: told.append("timer")).reset()
+        client.call_async(Empty.Request()).add_done_callback(lambda future: told.append("client"))
+        publisher.publish(Int32())
+        guard.trigger()
+        time.sleep(0.3)
+        executor = SingleThreadedExecutor()
+        executor.add_node(made)
+        for _ in range(4):
+            executor.spin_once(timeout_sec=0)
+        print(told)
+        executor.shutdown()
+
+
+def timer_in_its_own_callback() -> None:
+    """A timer that is cancelled, changed or destroyed by its own callback."""
+    with node() as made, spinner(made) as spin:
+        calls: list[str] = []
+
+        def cancel() -> None:
+            calls.append("cancel")
+            cancelled.cancel()
+
+        def destroy() -> None:
+            calls.append("destroy")
+            made.destroy_timer(destroyed)
+
+        def change() -> None:
+            calls.append("change")
+            changed.timer_period_ns = 10**12
+
+        cancelled = made.create_timer(0.02, cancel)
+        destroyed = made.create_timer(0.03, destroy)
+        changed = made.create_timer(0.04, change)
+        spin(seconds=0.4)
+        print(sorted(calls), cancelled.is_canceled(), len(list(made.timers)))
+
+
+def timers_made_in_callbacks() -> None:
+    """Entities that callbacks make are served at once."""
+    with node() as made, spinner(made) as spin:
+        told: list[str] = []
+
+        def first() -> None:
+            timer.cancel()
+            made.create_timer(0.01, second)
+
+        def second() -> None:
+            if not told:
+                told.append("second")
+                made.create_subscription(Int32, "topic", lambda message: told.append("received"), 10)
+
+        timer = made.create_timer(0.01, first)
+        publisher = made.create_publisher(Int32, "topic", 10)
+        spin(lambda: publisher.get_subscription_count())
+        publisher.publish(Int32())
+        print(spin(lambda: "received" in told), told)
+
+
+def late_timer() -> None:
+    """A timer that missed periods calls back once."""
+    with node() as made:
+        calls: list[int] = []
+        timer = made.create_timer(0.05, lambda: calls.append(1))
+        executor = SingleThreadedExecutor()
+        executor.add_node(made)
+        time.sleep(0.32)
+        print(timer.is_ready(), timer.time_until_next_call() <= 0)
+        executor.spin_once(timeout_sec=0)
+        executor.spin_once(timeout_sec=0)
+        print(len(calls), timer.is_ready(), 0 < timer.time_until_next_call() <= 50_000_000)
+        executor.shutdown()
+
+
+def groups_of_one_node() -> None:
+    """Several groups beside each other: how many callbacks run at once."""
+    with node() as made:
+        most: dict[str, int] = {}
+        now: dict[str, int] = {}
+        lock = threading.Lock()
+
+        def busy(name: str) -> Any:
+            def callback() -> None:
+                with lock:
+                    now[name] = now.get(name, 0) + 1
+                    most[name] = max(most.get(name, 0), now[name])
+                    most["all"] = max(most.get("all", 0), sum(now.values()))
+                time.sleep(0.1)
+                with lock:
+                    now[name] -= 1
+
+            return callback
+
+        exclusive, reentrant = MutuallyExclusiveCallbackGroup(), ReentrantCallbackGroup()
+        for name, group in (("exclusive", exclusive), ("reentrant", reentrant), ("default", None)):
+            for _ in range(2):
+                made.create_timer(0.02, busy(name), callback_group=group)
+        executor = MultiThreadedExecutor(8)
+        executor.add_node(made)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        time.sleep(1)
+        executor.shutdown()
+        thread.join()
+        print(most["exclusive"], most["default"], most["reentrant"] >= 2, most["all"] >= 4)
+
+
+def call_in_a_callback() -> None:
+    """A blocking call in a callback: with a group of its own, and in the same group."""
+    from std_srvs.srv import Empty
+
+    def called(own: bool) -> None:
+        with node() as made:
+            told: list[str] = []
+            client = made.create_client(
+                Empty, "service", callback_group=MutuallyExclusiveCallbackGroup() if own else None
+            )
+            made.create_service(
+                Empty, "service", lambda request, response: response, callback_group=ReentrantCallbackGroup()
+            )
+
+            def callback() -> None:
+                timer.cancel()
+                future = client.call_async(Empty.Request())
+                done = threading.Event()
+                future.add_done_callback(lambda future: done.set())
+                told.append(f"answered {done.wait(0.5)}")
+
+            client.wait_for_service(5)
+            timer = made.create_timer(0.05, callback)
+            executor = MultiThreadedExecutor(4)
+            executor.add_node(made)
+            thread = threading.Thread(target=executor.spin)
+            thread.start()
+            wait(lambda: told)
+            print(own, told)
+            executor.shutdown()
+            thread.join()
+
+    called(True)
+    called(False)
+
+
+def coroutine_callbacks() -> None:
+    """Subscriptions and services with coroutines that await a service."""
+    from std_srvs.srv import SetBool
+
+    with node() as made, spinner(made) as spin:
+        told: list[Any] = []
+        group = ReentrantCallbackGroup()
+        client = made.create_client(SetBool, "inner", callback_group=group)
+
+        async def outer(request: Any, response: Any) -> Any:
+            answer = await client.call_async(SetBool.Request(data=request.data))
+            response.success, response.message = answer.success, f"outer {answer.message}"
+            return response
+
+        async def received(message: Int32) -> None:
+            told.append(message.data)
+            answer = await client.call_async(SetBool.Request(data=bool(message.data)))
+            told.append(answer.message)
+
+        def inner(request: Any, response: Any) -> Any:
+            response.success, response.message = request.data, f"inner {request.data}"
+            return response
+
+        made.create_service(SetBool, "inner", inner, callback_group=group)
+        made.create_service(SetBool, "outer", outer, callback_group=group)
+        made.create_subscription(Int32, "topic", received, 10, callback_group=group)
+        other = made.create_client(SetBool, "outer")
+        publisher = made.create_publisher(Int32, "topic", 10)
+        other.wait_for_service(5)
+        client.wait_for_service(5)
+        spin(publisher.get_subscription_count)
+        future = other.call_async(SetBool.Request(data=True))
+        spin(future.done)
+        print(future.result())
+        publisher.publish(Int32(data=3))
+        spin(lambda: len(told) == 2)
+        print(told)
+
+
+def tasks_with_arguments() -> None:
+    """Functions and coroutines with arguments, results and callbacks."""
+    with node() as made:
+        executor = SingleThreadedExecutor()
+        executor.add_node(made)
+        told: list[Any] = []
+
+        async def coroutine(a: int, *, b: int) -> int:
+            return a * b
+
+        plain = executor.create_task(lambda a, b=0: a + b, 1, b=2)
+        awaited = executor.create_task(coroutine, 3, b=4)
+        running = executor.create_task(coroutine(5, b=6))
+        for each in (plain, awaited, running):
+            each.add_done_callback(lambda task: told.append(task.result()))
+            print(each.done(), each.executing(), each.cancelled(), each.result())
+        for _ in range(10):
+            executor.spin_once(timeout_sec=0)
+        print(plain.result(), awaited.result(), running.result(), sorted(told))
+        tell("again", plain)
+        print(type(plain).__name__, bool(plain), plain.exception())
+        executor.shutdown()
+
+
+def await_a_task() -> None:
+    """A coroutine that awaits another task, a future, and one that fails."""
+    with node() as made:
+        executor = SingleThreadedExecutor()
+        executor.add_node(made)
+        future = Future(executor=executor)
+
+        async def failing() -> None:
+            raise ZeroDivisionError("inner")
+
+        async def outer() -> list[Any]:
+            told: list[Any] = [await future]
+            try:
+                await executor.create_task(failing)
+            except ZeroDivisionError as error:
+                told.append(str(error))
+            return told
+
+        task = executor.create_task(outer)
+        for _ in range(5):
+            executor.spin_once(timeout_sec=0)
+        print(task.done())
+        future.set_result("value")
+        raised = []
+        for _ in range(10):
+            try:
+                executor.spin_once(timeout_sec=0)
+            except ZeroDivisionError as error:
+                raised.append(str(error))
+        print(
+            raised, task.done(), task.result() if task.done() and not task.exception() else task.exception()
+        )
+        executor.shutdown()
+
+
+def await_in_asyncio() -> None:
+    """A future of rclpy that a coroutine of asyncio awaits."""
+    import asyncio
+
+    with node() as made:
+        future: Any = Future()
+        made.create_timer(0.05, lambda: future.set_result("done"))
+
+        async def spin() -> None:
+            while not future.done():
+                rclpy.spin_once(made, timeout_sec=0)
+                await asyncio.sleep(0)
+
+        async def both() -> Any:
+            spinning = asyncio.ensure_future(spin())
+            result = await future
+            await spinning
+            return result
+
+        print(asyncio.run(both()))
+
+
+def node_of_two_executors() -> None:
+    """A node that is added to a second executor, removed, and added again."""
+    with node() as made:
+        first, second = SingleThreadedExecutor(), MultiThreadedExecutor(2)
+        print(first.add_node(made), made.executor is first)
+        print(second.add_node(made), made.executor is second, len(first.get_nodes()), len(second.get_nodes()))
+        print(second.add_node(made), len(second.get_nodes()))
+        second.remove_node(made)
+        print(made.executor, len(second.get_nodes()))
+        tell("remove again", second.remove_node, made)
+        print(first.add_node(made), made.executor is first)
+        made.executor = None
+        print(made.executor, len(first.get_nodes()))
+        first.shutdown()
+        second.shutdown()
+
+
+def numbers_of_threads() -> None:
+    """Arguments of the multi-threaded executor."""
+    with node():
+        for threads in (None, 1, 2, 0, -1, "2", 1.5):
+            executor = tell(threads, lambda t=threads: type(MultiThreadedExecutor(t)).__name__)
+            print(executor)
+
+
+def spin_once_until_future_complete() -> None:
+    """Spinning until a future of a timer, with and without a time-out."""
+    with node() as made:
+        executor = SingleThreadedExecutor()
+        executor.add_node(made)
+        future: Any = Future()
+        calls: list[int] = []
+
+        def callback() -> None:
+            calls.append(1)
+            if len(calls) == 2:
+                future.set_result(len(calls))
+
+        made.create_timer(0.05, callback)
+        executor.spin_once_until_future_complete(future, timeout_sec=0.01)
+        print(future.done(), calls)
+        executor.spin_until_future_complete(future, timeout_sec=2)
+        print(future.result(), len(calls))
+        tell("done", executor.spin_until_future_complete, future)
+        tell("text", executor.spin_until_future_complete, Future(), timeout_sec="1")
+        tell("negative timeout of a done future", executor.spin_until_future_complete, future, timeout_sec=-1)
+        executor.shutdown()
+
+
+def functions_of_the_module() -> None:
+    """`rclpy.spin_once` and others with the global executor and an executor of one's own."""
+    with node() as made:
+        calls: list[int] = []
+        made.create_timer(0.01, lambda: calls.append(1))
+        rclpy.spin_once(made, timeout_sec=1)
+        print(len(calls), made.executor)
+        executor = SingleThreadedExecutor()
+        rclpy.spin_once(made, executor=executor, timeout_sec=1)
+        print(len(calls), made.executor, len(executor.get_nodes()))
+        executor.add_node(made)
+        rclpy.spin_once(made, timeout_sec=0.1)
+        print(made.executor is executor, made.executor is None)
+        future: Any = Future()
+        rclpy.spin_until_future_complete(made, future, executor, 0.1)
+        print(future.done(), made.executor is executor, len(executor.get_nodes()))
+        executor.shutdown()
+
+
+def future_errors() -> None:
+    """Results that are set twice, exceptions, and cancelled futures."""
+    future: Any = Future()
+    future.set_result(1)
+    tell("again", future.set_result, 2)
+    tell("exception after result", future.set_exception, ValueError())
+    print(future.result() if not future.exception() else repr(future.exception()))
+    tell("cancel", future.cancel)
+    print(future.cancelled(), future.done())
+    other: Any = Future()
+    other.set_exception(ZeroDivisionError("wrong"))
+    tell("result", other.result)
+    print(repr(other.exception()), other.done())
+    third: Any = Future()
+    third.cancel()
+    print(third.cancelled(), third.done(), third.result())
+    tell("set", third.set_result, 1)
+    print(third.done(), third.result())
+    tell("not an exception", Future().set_exception, "text")
+    tell("await", lambda: next(iter(Future().__await__())))
+
+
+def callbacks_after_removal() -> None:
+    """A node that is removed while it has work."""
+    with node() as made:
+        executor = SingleThreadedExecutor()
+        executor.add_node(made)
+        calls: list[int] = []
+        made.create_timer(0.01, lambda: calls.append(1))
+        executor.spin_once(timeout_sec=1)
+        executor.remove_node(made)
+        time.sleep(0.05)
+        executor.spin_once(timeout_sec=0.1)
+        print(len(calls), made.executor)
+        executor.add_node(made)
+        executor.spin_once(timeout_sec=1)
+        print(len(calls))
+        executor.shutdown()
+
+
+def subscription_destroyed_with_messages() -> None:
+    """A subscription that is destroyed in its own callback."""
+    with node() as made, spinner(made) as spin:
+        received: list[int] = []
+
+        def callback(message: Int32) -> None:
+            received.append(message.data)
+            print(made.destroy_subscription(subscription))
+
+        subscription = made.create_subscription(Int32, "topic", callback, 10)
+        publisher = made.create_publisher(Int32, "topic", 10)
+        spin(publisher.get_subscription_count)
+        for number in range(3):
+            publisher.publish(Int32(data=number))
+        spin(seconds=0.3)
+        print(received, len(list(made.subscriptions)), publisher.get_subscription_count())

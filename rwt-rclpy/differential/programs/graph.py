@@ -200,3 +200,21 @@ def type_description() -> None:
         client_type = __import__("type_description_interfaces.srv").srv.GetTypeDescription
         client = made.create_client(client_type, "node/get_type_description")
         print(client.wait_for_service(5))
+
+
+def counts_of_services() -> None:
+    """Servers and clients of one node and of two."""
+    from std_srvs.srv import Empty
+
+    with node("a") as made:
+        other = rclpy.create_node("b")
+        made.create_service(Empty, "/service", lambda request, response: response)
+        made.create_service(Empty, "/service", lambda request, response: response)
+        made.create_client(Empty, "/service")
+        other.create_client(Empty, "/service")
+        wait(lambda: made.count_clients("/service") == 2 and made.count_services("/service") == 2)
+        print(made.count_services("/service"), made.count_clients("/service"))
+        print(other.count_services("/service"), other.count_clients("/service"))
+        other.destroy_node()
+        wait(lambda: made.count_clients("/service") == 1)
+        print(made.count_services("/service"), made.count_clients("/service"))

@@ -327,3 +327,71 @@ def simple_managed_entity() -> None:
     tell("disabled", guarded.work)
     guarded.on_activate(None)
     tell("enabled", guarded.work)
+
+
+def default_callbacks() -> None:
+    """A node without callbacks of its own, with an entity whose callbacks fail."""
+
+    class Entity(ManagedEntity):
+        def on_configure(self, state: Any) -> Any:
+            print("entity configures from", state)
+            return TransitionCallbackReturn.ERROR
+
+        def on_error(self, state: Any) -> Any:
+            print("entity processes an error from", state)
+            return TransitionCallbackReturn.SUCCESS
+
+    rclpy.init(args=[])
+    made = LifecycleNode("node")
+    for name in ("configure", "activate", "deactivate", "cleanup", "shutdown"):
+        tell(name, getattr(made, f"trigger_{name}"))
+    other = LifecycleNode("other")
+    other.add_managed_entity(Entity())
+    tell("error", other.trigger_configure)
+    print(other._state_machine.current_state)
+    tell("wrong entity", other.add_managed_entity, 1)
+    made.destroy_node()
+    other.destroy_node()
+    rclpy.shutdown()
+
+
+def error_of_default_callback() -> None:
+    """An exception in one callback, while on_error is the default."""
+
+    class Failing(LifecycleNode):
+        def on_configure(self, state: Any) -> Any:
+            raise ZeroDivisionError
+
+        def on_activate(self, state: Any) -> Any:
+            return TransitionCallbackReturn.FAILURE
+
+    rclpy.init(args=[])
+    made = Failing("node")
+    tell("configure", made.trigger_configure)
+    print(made._state_machine.current_state)
+    tell("activate", made.trigger_activate)
+    made.destroy_node()
+    rclpy.shutdown()
+
+
+def endpoints_of_a_managed_node() -> None:
+    """Timers, subscriptions and ordinary publishers work in any state; lifecycle publishers do not."""
+    rclpy.init(args=[])
+    made = LifecycleNode("node")
+    received: list[int] = []
+    made.create_subscription(Int32, "topic", lambda message: received.append(message.data), 10)
+    managed = made.create_lifecycle_publisher(Int32, "topic", 10)
+    plain = made.create_publisher(Int32, "topic", 10)
+    print(type(managed).__name__, type(plain).__name__, managed.is_activated)
+    with spinner(made) as spin:
+        spin(lambda: managed.get_subscription_count() and plain.get_subscription_count())
+        for number, name in enumerate(("configure", "activate", "deactivate")):
+            managed.publish(Int32(data=number))
+            plain.publish(Int32(data=10 + number))
+            spin(seconds=0.1)
+            getattr(made, f"trigger_{name}")()
+            print(name, managed.is_activated, sorted(received))
+        print(made.destroy_lifecycle_publisher(managed), made.destroy_publisher(plain))
+        tell("class", made.create_lifecycle_publisher, Int32, "other", 10, publisher_class=int)
+    made.destroy_node()
+    rclpy.shutdown()

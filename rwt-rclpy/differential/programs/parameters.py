@@ -462,3 +462,147 @@ def use_sim_time() -> None:
         print(
             made.set_parameters([Parameter("use_sim_time", value=False)]), made.get_clock().ros_time_is_active
         )
+
+
+def descriptors_of_types() -> None:
+    """Declarations whose value, type and descriptor do not fit each other."""
+    with node() as made:
+        for number, (value, options) in enumerate(
+            (
+                (None, {}),
+                (None, {"dynamic_typing": True}),
+                (None, {"type": ParameterType.PARAMETER_STRING}),
+                (1, {"type": ParameterType.PARAMETER_STRING}),
+                (1, {"dynamic_typing": True, "type": ParameterType.PARAMETER_STRING}),
+                ("a", {"read_only": True, "description": "text", "additional_constraints": "none"}),
+                (5, {"integer_range": [IntegerRange(from_value=0, to_value=10, step=5)]}),
+                (4, {"integer_range": [IntegerRange(from_value=0, to_value=10, step=5)]}),
+                (10, {"integer_range": [IntegerRange(from_value=0, to_value=10, step=3)]}),
+                (5.0, {"integer_range": [IntegerRange(from_value=0, to_value=10)]}),
+                (5, {"floating_point_range": [FloatingPointRange(from_value=0.0, to_value=10.0)]}),
+                (0.3, {"floating_point_range": [FloatingPointRange(from_value=0.0, to_value=1.0, step=0.1)]}),
+                ("a", {"integer_range": [IntegerRange(from_value=0, to_value=1)]}),
+            )
+        ):
+            name = f"p{number}"
+            tell(
+                (value, sorted(options)), made.declare_parameter, name, value, ParameterDescriptor(**options)
+            )
+            tell("descriptor", lambda n=name: str(made.describe_parameter(n)))
+            tell("value", lambda n=name: made.get_parameter(n).value)
+
+
+def ranges_of_set_parameters() -> None:
+    """Values within and beyond a range, and the reasons."""
+    with node() as made:
+        made.declare_parameter(
+            "i", 5, ParameterDescriptor(integer_range=[IntegerRange(from_value=0, to_value=10, step=5)])
+        )
+        made.declare_parameter(
+            "f",
+            0.5,
+            ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=-1.0, to_value=1.0)]),
+        )
+        for name, value in (("i", 10), ("i", 7), ("i", 11), ("i", 1.0), ("f", 1.0), ("f", 1.1), ("f", 1)):
+            (result,) = made.set_parameters([Parameter(name, value=value)])
+            print(name, value, result.successful, made.get_parameter(name).value)
+
+
+def set_descriptor() -> None:
+    """Descriptors that are changed."""
+    with node() as made:
+        made.declare_parameter("a", 5)
+        made.declare_parameter("read", 5, ParameterDescriptor(read_only=True))
+        described = ParameterDescriptor(description="new", integer_range=[IntegerRange(to_value=10)])
+        tell("set", lambda: made.set_descriptor("a", described).value)
+        print(made.describe_parameter("a"))
+        tell(
+            "with value",
+            lambda: made.set_descriptor("a", described, Parameter("a", value=3).get_parameter_value()),
+        )
+        print(made.get_parameter("a").value)
+        tell("read only", made.set_descriptor, "read", described)
+        tell("undeclared", made.set_descriptor, "b", described)
+        tell(
+            "out of range",
+            made.set_descriptor,
+            "a",
+            ParameterDescriptor(integer_range=[IntegerRange(from_value=8, to_value=10)]),
+        )
+        print(made.get_parameter("a").value)
+
+
+def overrides_of_other_types() -> None:
+    """Values of the command line whose type is not that of the declaration."""
+    for text in (
+        "1",
+        "1.0",
+        "true",
+        "text",
+        "[1, 2]",
+        "[1.0, 2]",
+        "[]",
+        "[a, 1]",
+        "'1'",
+        "1e3",
+        ".inf",
+        "''",
+    ):
+        with node(args=["--ros-args", "-p", f"p:={text}"]) as made:
+            for number, value in enumerate((1, 1.5, "a", True, [1], [1.5], ["a"])):
+                tell(
+                    (text, value),
+                    lambda v=value: made.declare_parameter("p", v, ignore_override=False).value,
+                )
+                if made.has_parameter("p"):
+                    made.undeclare_parameter("p")
+                tell("ignored", lambda v=value, n=number: made.declare_parameter(f"q{n}", v).value)
+
+
+def callbacks_in_order() -> None:
+    """Several callbacks of each kind, one of which rejects."""
+    with node() as made:
+        told: list[str] = []
+
+        def before(parameters: Any) -> Any:
+            told.append("before")
+            return [*parameters, Parameter("b", value=2)]
+
+        def check(name: str, accepts: bool) -> Any:
+            def callback(parameters: Any) -> Any:
+                told.append(f"{name} {[each.name for each in parameters]}")
+                return SetParametersResult(successful=accepts, reason=name)
+
+            return callback
+
+        made.declare_parameter("a", 0)
+        made.declare_parameter("b", 0)
+        made.add_pre_set_parameters_callback(before)
+        made.add_on_set_parameters_callback(check("first", True))
+        rejecting = check("second", False)
+        made.add_on_set_parameters_callback(rejecting)
+        made.add_post_set_parameters_callback(lambda parameters: told.append("after"))
+        print(made.set_parameters([Parameter("a", value=1)]), told)
+        made.remove_on_set_parameters_callback(rejecting)
+        told.clear()
+        print(made.set_parameters_atomically([Parameter("a", value=1)]), told)
+        print(made.get_parameters(["a", "b"])[1].value)
+        tell("remove again", made.remove_on_set_parameters_callback, rejecting)
+
+
+def by_prefix() -> None:
+    """Groups of parameters."""
+    with node() as made:
+        for name in ("a.b", "a.c.d", "a.c.e", "ab", "f"):
+            made.declare_parameter(name, name)
+        for prefix in ("a", "a.c", "", "x", "a."):
+            tell(
+                prefix,
+                lambda p=prefix: {
+                    name: each.value for name, each in made.get_parameters_by_prefix(p).items()
+                },
+            )
+        for prefixes, depth in (([], 0), (["a"], 1), (["a"], 0), (["a.c"], 2), ([], 1), ([], 2), (["f"], 1)):
+            found = made.list_parameters(prefixes, depth)
+            names = [each for each in found.names if "use_sim" not in each and "type_desc" not in each]
+            print(prefixes, depth, names, found.prefixes)

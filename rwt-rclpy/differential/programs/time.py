@@ -274,3 +274,76 @@ def copies() -> None:
         same: Any = copy.copy(each)
         print(same == each)
         tell("deep copy", lambda e=each: copy.deepcopy(e) == e)
+
+
+def jumps_of_simulated_time() -> None:
+    """A node that follows /clock: jumps forward, backward, and the switch."""
+    from rclpy.parameter import Parameter
+
+    with node() as made, spinner(made) as spin:
+        told: list[Any] = []
+        clock = made.get_clock()
+        publisher = made.create_publisher(ClockMessage, "/clock", 10)
+        handle = clock.create_jump_callback(
+            JumpThreshold(min_forward=Duration(seconds=5), min_backward=Duration(seconds=-2)),
+            pre_callback=lambda: told.append("before"),
+            post_callback=lambda jump: told.append((int(jump.clock_change), jump.delta.nanoseconds // 10**9)),
+        )
+        made.set_parameters([Parameter("use_sim_time", value=True)])
+        spin(publisher.get_subscription_count)
+        print([each if isinstance(each, str) else each[0] for each in told], clock.ros_time_is_active)
+        told.clear()
+        for seconds in (10, 12, 30, 29, 20):
+            publisher.publish(ClockMessage(clock=TimeMessage(sec=seconds)))
+            spin(lambda s=seconds: clock.now().nanoseconds == s * 10**9)
+        print(told)
+        told.clear()
+        made.set_parameters([Parameter("use_sim_time", value=False)])
+        spin(seconds=0.1)
+        print([each if isinstance(each, str) else each[0] for each in told], clock.ros_time_is_active)
+        handle.unregister()
+        tell("again", handle.unregister)
+
+
+def timers_of_jumps() -> None:
+    """Timers of a simulated clock: a large jump calls once, a jump backward restarts the period."""
+    from rclpy.parameter import Parameter
+
+    with node(parameter_overrides=[Parameter("use_sim_time", value=True)]) as made, spinner(made) as spin:
+        calls: list[int] = []
+        publisher = made.create_publisher(ClockMessage, "/clock", 10)
+        spin(publisher.get_subscription_count)
+
+        def tick(seconds: float) -> None:
+            message = ClockMessage(clock=TimeMessage(sec=int(seconds), nanosec=int(seconds % 1 * 1e9)))
+            publisher.publish(message)
+            spin(lambda: abs(made.get_clock().now().nanoseconds - seconds * 1e9) < 1000)
+            spin(seconds=0.06)
+
+        tick(100)
+        timer = made.create_timer(1.0, lambda: calls.append(made.get_clock().now().nanoseconds // 10**8))
+        for seconds in (100.5, 101, 110, 110.5, 111.5, 50, 50.5, 51.5):
+            tick(seconds)
+            print(seconds, calls, round(timer.time_until_next_call() / 1e8))
+
+
+def sleep_with_simulated_time() -> None:
+    """Sleeping until a simulated time, which another thread publishes."""
+    import threading
+
+    from rclpy.parameter import Parameter
+
+    with node(parameter_overrides=[Parameter("use_sim_time", value=True)]) as made, spinner(made) as spin:
+        publisher = made.create_publisher(ClockMessage, "/clock", 10)
+        clock = made.get_clock()
+        spin(publisher.get_subscription_count)
+        publisher.publish(ClockMessage(clock=TimeMessage(sec=10)))
+        spin(lambda: clock.now().nanoseconds)
+        slept: list[bool] = []
+        thread = threading.Thread(target=lambda: slept.append(clock.sleep_for(Duration(seconds=5))))
+        thread.start()
+        for seconds in (12, 14, 16):
+            publisher.publish(ClockMessage(clock=TimeMessage(sec=seconds)))
+            spin(seconds=0.1)
+            print(seconds, slept)
+        thread.join()

@@ -26,10 +26,6 @@ class MixedInstallation(ImportError):
     """ROS is installed in part, which would be mixed with this package."""
 
 
-class NotAvailable(ImportError):
-    """A module is not available without ROS; the text says what to use instead."""
-
-
 class InterfaceModule(ModuleType):
     """Module such as `std_msgs.msg`, whose classes are created on first use."""
 
@@ -185,9 +181,11 @@ class RosFinder(MetaPathFinder):
                 (why for name, why in ABSENT_IN_RCLPY.items() if f"{fullname}.".startswith(f"{name}.")),
                 "use what docs/how-to/rclpy.md lists",
             )
-            raise NotAvailable(f"{fullname} is not available without ROS: {reason}", name=fullname)
+            raise ModuleNotFoundError(f"{fullname} is not available without ROS: {reason}", name=fullname)
         if fullname in ABSENT and (rest or _installed(top) is None):
-            raise NotAvailable(f"{fullname} is not available without ROS: {ABSENT[fullname]}", name=fullname)
+            raise ModuleNotFoundError(
+                f"{fullname} is not available without ROS: {ABSENT[fullname]}", name=fullname
+            )
         if top not in self.packages:
             return None
         installed = _installed(top)

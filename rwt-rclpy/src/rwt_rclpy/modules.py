@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from rwt_rclpy.release import RELEASE
+
 _HERE: Final = "rwt_rclpy"
 
 _RCLPY: Final = {
@@ -55,10 +57,10 @@ _RCLPY: Final = {
     "time": "clocks.time",
     "time_source": "clocks.time_source",
     "timer": "clocks.timer",
-    "topic_endpoint_info": "nodes.topic_endpoint_info",
+    "topic_endpoint_info": "middleware.topic_endpoint_info",
     "topic_or_service_is_hidden": "names.validation",
     "type_description_service": "nodes.type_description_service",
-    "type_hash": "nodes.topic_endpoint_info",
+    "type_hash": "middleware.topic_endpoint_info",
     "type_support": "endpoints.type_support",
     "utilities": "utilities_module",
     "validate_full_topic_name": "names.validation",
@@ -69,6 +71,9 @@ _RCLPY: Final = {
     "wait_for_message": "nodes.waiting",
     "waitable": "execution.waitable",
 }
+
+if not RELEASE.has_kilted_names:
+    del _RCLPY["subscription_content_filter_options"]
 
 _LAUNCH: Final = {
     "": "",

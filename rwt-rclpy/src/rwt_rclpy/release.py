@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from rwt_rclpy.exceptions import InvalidHandle, RCLError
+
+_Class = TypeVar("_Class", bound=type)
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +19,8 @@ class Release:
     Attributes:
         calls_raise_timeout: True if `Client.call` raises TimeoutError; otherwise it returns None.
         durations_calculate: True if durations can be added, subtracted and multiplied.
-        has_timer_info: True if callbacks of timers may take a `TimerInfo`.
+        has_kilted_names: True if names exist that came with Kilted: `TimerInfo`, content filters, and nodes,
+            endpoints and timers in ``with`` statements.
         tasks_are_fifo: True if the oldest task of an executor is run first; otherwise the newest.
         executors_outlive_shutdown: True if nodes and tasks may be added to an executor after its shutdown.
         error_without_context: what an executor raises without an initialised context.
@@ -33,7 +37,7 @@ class Release:
 
     calls_raise_timeout: bool = False
     durations_calculate: bool = False
-    has_timer_info: bool = False
+    has_kilted_names: bool = False
     tasks_are_fifo: bool = False
     executors_outlive_shutdown: bool = False
     error_without_context: type[Exception] = TypeError
@@ -53,7 +57,7 @@ RELEASES: Final = {
     "kilted": Release(
         calls_raise_timeout=True,
         durations_calculate=True,
-        has_timer_info=True,
+        has_kilted_names=True,
         tasks_are_fifo=True,
         executors_outlive_shutdown=True,
         error_without_context=RuntimeError,
@@ -70,3 +74,15 @@ RELEASES: Final = {
 }
 #: Distribution of ROS_DISTRO, which `rwt run --distro` sets; by default Jazzy.
 RELEASE: Final = RELEASES.get(os.environ.get("ROS_DISTRO", ""), RELEASES["jazzy"])
+
+
+def from_kilted(*names: str) -> Callable[[_Class], _Class]:
+    """Return a decorator that takes attributes from a class, unless the release has those of Kilted."""
+
+    def adapted(cls: _Class) -> _Class:
+        if not RELEASE.has_kilted_names:
+            for name in names:
+                delattr(cls, name)
+        return cls
+
+    return adapted

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -10,7 +10,7 @@ from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
 from rwt.settings.models import GRAPHS, ROS1_GRAPHS
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 
@@ -33,7 +33,7 @@ def make_registry(settings: Settings) -> Registry:
         try:
             registry.add_directory(folder)
         except (InterfaceError, OSError) as error:
-            raise SettingsError(f"`interfaces`: {folder}: {error}") from error
+            raise SettingsError(f"`interfaces`: {error}") from error
     try:
         registry.verify()
     except InterfaceError as error:
@@ -104,6 +104,19 @@ def make_graph(
         config=options.config,
         domain=options.domain,
     )
+
+
+def bridged_graphs(settings: Settings, first: Graph) -> Iterator[Graph]:
+    """Yield the graphs of the setting `bridge`, not entered; those of one distribution share types.
+
+    Raises:
+        SettingsError: see :func:`make_graph`.
+    """
+    for name in settings.bridge:
+        is_ros1 = name.partition(":")[0] in ROS1_GRAPHS
+        distro = NOETIC if is_ros1 else JAZZY if first.distro is NOETIC else first.distro
+        other = settings.model_copy(update={"graph": name, "distro": distro.name, "bridge": ()})
+        yield make_graph(other, None, first.registry if distro is first.distro else None, None, None)
 
 
 def _ros2() -> ModuleType:

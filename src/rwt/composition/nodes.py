@@ -16,7 +16,7 @@ from rwt.gateways.rosbridge.bridge import GATEWAY_NODE
 from rwt.nodes.rosapi import Rosapi
 from rwt.nodes.tf import Tf2WebRepublisher
 from rwt_graph.nodes.node import Node
-from rwt_transports.http.routes import HttpExtension
+from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, Route
 
 # Optional parts are imported in the functions that start them.
 if TYPE_CHECKING:
@@ -108,7 +108,11 @@ def _web_page(settings: Settings) -> Iterator[HttpExtension]:
 
     files = find_static_files()
     if files is None:
-        yield HttpExtension(section=lambda request, reader: f"<p>{html.escape(MISSING)}")
+        missing = HttpResponse(f"{MISSING}\n".encode(), 404)
+        yield HttpExtension(
+            tuple(Route(path, lambda *_: missing, Audience.ANYBODY) for path in ("/web/*", "/lib/*")),
+            section=lambda request, reader: f"<p>{html.escape(MISSING)}",
+        )
         return
     try:
         yield WebPage(files, layouts=settings.web.layouts, embed=settings.web.embed).http

@@ -346,6 +346,11 @@ class Settings(BridgeSettings):
             ' `distro = "noetic"` by default'
         ),
     ] = "memory"
+    bridge: Annotated[tuple[str, ...], _named("rwt.graphs", GRAPHS, _GRAPH_EXPECTED)] = Field(
+        (),
+        description="other graphs with which the server exchanges topics and services, named as in `graph`;"
+        " clients use `graph`",
+    )
     zenoh: ZenohSettings = ZenohSettings()
     ros2: Ros2Settings = Ros2Settings()
     workers: Count = Field(
@@ -380,6 +385,8 @@ class Settings(BridgeSettings):
             raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
         if self.graph not in ("memory", "zenoh"):
             raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
+        if self.bridge:
+            raise ValueError("`bridge`: each process would be a bridge of its own: expected `workers = 1`")
         if self.gate.rules or self.gate.audit.is_on:
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self

@@ -12,8 +12,8 @@ from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 _STATIC: Final = Path(__file__).parent / "static"
 MISSING: Final = (
-    "The robot's own page is not built here. With Node 20 or later, `make demo` builds it, and so does"
-    " `npm ci --prefix web && npm run --prefix web build`; what is installed from a wheel has it built in."
+    "The dashboard and the elements are not built. With Node 20 or later, run `make demo` in the clone, or"
+    " `npm ci --prefix web && npm run --prefix web build` and install again; wheels include them."
 )
 """Text of a server whose dashboard is not built."""
 _FOREVER: Final = "public, max-age=31536000, immutable"

@@ -203,8 +203,9 @@ class RemoteTypes:
             return find(name)
         except (*UNANSWERED, InterfaceError) as error:
             # Later answers for this distribution are the same.
-            answer = " the same" if str(error) == str(unknown) else f": {error}"
-            raise UnknownType(f"{unknown}; asked for it, the robot says{answer}") from None
+            if str(error) == str(unknown):
+                raise UnknownType(f"{unknown} (the robot does not know it either)") from None
+            raise UnknownType(f"{unknown}; the robot's answer: {error}") from None
 
     async def _cached_name(self, what: str, name: str) -> str:
         if (what, name) not in self._names:

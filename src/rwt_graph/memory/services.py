@@ -219,8 +219,13 @@ class Services(ProviderTable[MemoryProvider]):
         return provider
 
     def others(self, provider: MemoryProvider) -> list[MemoryProvider]:
-        """Return the services of other nodes that a service has displaced."""
-        return [each for each in self._displaced.get(provider.name, ()) if each.owner is not provider.owner]
+        """Return the services that one has displaced; by DDS's rules also its node's, but for an action's."""
+        same_node = self.dds_rules and "/_action/" not in provider.name
+        return [
+            each
+            for each in self._displaced.get(provider.name, ())
+            if same_node or each.owner is not provider.owner
+        ]
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Remove a closed provider; the one that it displaced answers again."""

@@ -35,16 +35,18 @@ class Ros1Node:
     """Node of this process.
 
     Attributes:
-        name: name on the ROS 1 graph; changes before the first registration if another node has it.
+        name: name on the ROS 1 graph; changes once if another node has it, or takes it.
         uri: address of the slave API.
         service_uri: address of its services.
         is_named: True once it was checked that no other node has the name.
-        is_evicted: True if another node has taken the name, or the node was told to shut down.
+        is_renamed: True once the name was changed.
+        is_evicted: True if the node was told to shut down, or another node has taken its second name.
     """
 
     def __init__(self, session: Session, name: str) -> None:
         self.name = name
         self.is_named = False
+        self.is_renamed = False
         self.is_evicted = False
         self.publications: dict[str, Publication] = {}
         self.subscriptions: dict[str, Subscription] = {}
@@ -56,6 +58,11 @@ class Ros1Node:
         self._listener = session.sockets.listen(address.bind, self._accept)
         self.uri = f"http://{address.host}:{self._rpc.port}/"
         self.service_uri = f"rosrpc://{address.host}:{self._listener.port}"
+
+    def rename(self) -> None:
+        """Change the name, which another node has, to one of this process."""
+        self.name = f"{self.name}_{os.getpid()}"
+        self.is_renamed = True
 
     # Slave API
 
@@ -88,8 +95,9 @@ class Ros1Node:
                 return [1, "", [[each.name, each.type_name] for each in self.subscriptions.values()]]
             case "getPublications", (str(),):
                 return [1, "", [[each.name, each.type.name] for each in self.publications.values()]]
-            case "shutdown", (str(caller), *_):
-                session.run_on_graph(partial(session.on_shutdown, self, caller))
+            case "shutdown", (str(caller), *rest):
+                reason = str(rest[0])[:500] if rest else ""
+                session.run_on_graph(partial(session.on_shutdown, self, caller, reason))
                 return [1, "", 0]
         raise WireError(f"{method[:80]} with {len(params)} parameters is not supported")
 

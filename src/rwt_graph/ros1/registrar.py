@@ -7,7 +7,6 @@ none of them, so they are all made again.
 from __future__ import annotations
 
 import logging
-import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -75,6 +74,11 @@ class Registrar:
         self._refused.clear()
         self._wake.set()
 
+    def repeat_of(self, node: Ros1Node) -> None:
+        """Register a node again, whose name has changed: the master has removed its registrations."""
+        self.confirmed = {each: None for each in self.confirmed if each.node is not node}
+        self._wake.set()
+
     async def run(self) -> None:
         """Register and unregister, in the order of the requests, until the task is cancelled."""
         while True:
@@ -129,9 +133,9 @@ class Registrar:
             except (Ros1Error, TimeoutError):
                 pass  # It was killed, and is still listed.
             else:
-                name = f"{node.name}_{os.getpid()}"
-                logger.warning("a node %s exists on ROS 1; this one is called %s there", node.name, name)
-                node.name = name
+                name = node.name
+                node.rename()
+                logger.warning("a node %s exists on ROS 1; this one is called %s there", name, node.name)
         node.is_named = True
 
     async def _is_served(self, each: Registration) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import anyio
 
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from rwt_graph.ros1.wire.xmlrpc import Value
 
 logger = logging.getLogger(__name__)
+
+#: Part of the reason with which a master shuts down a node whose name a newer one has registered.
+_NAME_TAKEN: Final = "new node registered with same name"
 
 
 class Session:
@@ -69,8 +72,16 @@ class Session:
         """Return the names of the nodes of this process on ROS 1."""
         return {node.name for node in self.nodes.values()}
 
-    def on_shutdown(self, node: Ros1Node, caller: str) -> None:
-        """Take a node off ROS 1: it was told so, as by `rosnode kill`, or another one has taken its name."""
+    def on_shutdown(self, node: Ros1Node, caller: str, reason: str) -> None:
+        """Take a node off ROS 1, as `rosnode kill` requests; rename it if a newer one has taken its name."""
+        if _NAME_TAKEN in reason and not node.is_renamed:
+            name = node.name
+            node.rename()
+            logger.warning(
+                "another node %s was started on ROS 1; this one is called %s there now", name, node.name
+            )
+            self.registrar.repeat_of(node)
+            return
         logger.warning(
             "node %s leaves ROS 1, as %s requested; start it again with another name if a node took its name",
             node.name,

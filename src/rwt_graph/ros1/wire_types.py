@@ -11,9 +11,11 @@ from rwt_interfaces.registry import Registry
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-#: Maximum characters of a definition with its nested ones, of all definitions, and maximum messages in one.
+#: Maximum characters and lines with a field or constant of a definition with its nested ones, lines of all
+#: definitions, and messages in one. A line costs up to 3 kB of memory.
 _DEFINITION_CHARS: Final = 256 * 1024
-_ALL_CHARS: Final = 32 * 1024 * 1024
+_DEFINITION_LINES: Final = 3000
+_ALL_LINES: Final = 60_000
 _MOST_PARTS: Final = 500
 
 _SEPARATOR: Final = "\n" + "=" * 80 + "\n"
@@ -29,7 +31,7 @@ class WireTypes:
     def __init__(self, registry: Registry) -> None:
         self._registry = registry
         self._found: dict[tuple[str, str], MessageType] = {}
-        self._chars = 0
+        self._lines = 0
 
     def known(self, name: str) -> MessageType | None:
         """Return the type of that name in the registry; None if it is unknown."""
@@ -53,9 +55,13 @@ class WireTypes:
         return found
 
     def _defined(self, name: str, md5: str, definition: str) -> MessageType:
-        self._chars += len(definition)
-        if len(definition) > _DEFINITION_CHARS or self._chars > _ALL_CHARS:
+        lines = sum(
+            not line.lstrip().startswith(("#", "=")) for line in definition.split("\n") if line.strip()
+        )
+        if len(definition) > _DEFINITION_CHARS or lines > _DEFINITION_LINES:
             raise WireError(f"the definition of {name[:80]} is too large")
+        if self._lines + lines > _ALL_LINES:
+            raise WireError(f"the definition of {name[:80]} is not used: {_ALL_LINES} lines of others are")
         parts = _parts(name, definition)
         own = Registry(self._registry.distro)
         try:
@@ -66,6 +72,7 @@ class WireTypes:
                 raise WireError(
                     f"the definition of {name} has the MD5 sum {found.md5}, the header says {md5}"
                 )
+            self._lines += lines  # Only of what is kept: a publisher with an invalid definition tries again.
             return self._adopted(name, parts, own) or found
         except InterfaceError as error:
             raise WireError(f"the definition of {name[:80]} is invalid: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import struct
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -156,6 +157,13 @@ class RawSample(NamedTuple):
     stamp_ns: int
 
 
+#: `rmw_message_info_t`: time of publishing, number at the publisher, and GID.
+_INFO: Final = struct.Struct(f"=q8xQ{MessageInfo.publisher_gid.offset + Gid.data.offset - 24}x{GID_BYTES}s")
+
+#: Buffer and length of a `rcutils_uint8_array_t`.
+_CONTENTS: Final = struct.Struct("PN")
+
+
 def raw_take() -> Callable[[Any], RawSample | None]:
     """Return a function that takes the next sample of a subscription of `rclpy`; None if none is waiting.
 
@@ -165,16 +173,18 @@ def raw_take() -> Callable[[Any], RawSample | None]:
     """
     take = rcl().rcl_take_serialized_message
     received, info = SerialisedMessage(), MessageInfo()
+    # Fields of a ctypes structure are objects of their own, which cost more than the take itself.
+    arguments = ctypes.byref(received), ctypes.byref(info)
+    contents, details = memoryview(received).cast("B"), memoryview(info).cast("B")
+    copy = ctypes.string_at
 
     def next_sample(subscription: Any) -> RawSample | None:
-        result = take(subscription.pointer, ctypes.byref(received), ctypes.byref(info), None)
-        if result != 0 and not taken(result, f"cannot take a sample of {subscription.get_topic_name()}"):
+        result = take(subscription.pointer, *arguments, None)
+        if result != 0:
+            if result not in _NOTHING:
+                check(result, f"cannot take a sample of {subscription.get_topic_name()}")
             return None
-        return RawSample(
-            received.contents(),
-            bytes(info.publisher_gid.data)[:GID_BYTES],
-            info.publication_sequence_number,
-            info.source_timestamp,
-        )
+        stamp, number, gid = _INFO.unpack_from(details)
+        return RawSample(copy(*_CONTENTS.unpack_from(contents)), gid, number, stamp)
 
     return next_sample

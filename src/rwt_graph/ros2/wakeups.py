@@ -1,7 +1,8 @@
 """Wake-ups of the event loop by ROS 2, without polling and without a thread per endpoint.
 
 The middleware calls `eventfd_write` itself when a sample arrives, on its own thread and without the GIL. The
-descriptors of all endpoints are in one epoll set, whose descriptor the event loop watches.
+descriptors of all endpoints are in one epoll set, whose descriptor the event loop watches. Beyond a number of
+endpoints, several share a descriptor, so that the topics of clients do not use up those of the process.
 
 One thread waits for changes of the ROS graph, which have no such callback. It also waits for the endpoints of
 middlewares that do not support the callback.
@@ -41,6 +42,9 @@ _SETTERS: dict[Kind, str] = {
     "service": "rcl_service_set_on_new_request_callback",
 }
 
+#: Maximum descriptors of one graph.
+_MOST_DESCRIPTORS = 256
+
 #: Minimum interval between two readings of the ROS graph, in seconds: many endpoints change at once.
 _GRAPH_INTERVAL = 0.05
 
@@ -65,15 +69,16 @@ class Wakeup:
 
     Args:
         drain: takes what has arrived, on the graph's thread; returns True if more may be waiting.
+        descriptor: of an eventfd, which others may share.
     """
 
     __slots__ = ("_clear", "descriptor", "drain", "endpoint", "kind")
 
-    def __init__(self, kind: Kind, endpoint: Any, drain: Callable[[], bool]) -> None:
+    def __init__(self, kind: Kind, endpoint: Any, drain: Callable[[], bool], descriptor: int) -> None:
         self.kind = kind
         self.endpoint = endpoint
         self.drain = drain
-        self.descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.descriptor = descriptor
         self._clear: Callable[[], object] | None = None
 
     def set_callback(self, rcl: ctypes.CDLL) -> bool:
@@ -89,10 +94,9 @@ class Wakeup:
         return True
 
     def close(self) -> None:
-        """End the callback before its descriptor, whose number may be used again at once."""
+        """End the callback, before its descriptor is closed: the number may be used again at once."""
         if self._clear is not None:
             self._clear()
-        os.close(self.descriptor)
 
 
 class Wakeups:
@@ -122,10 +126,11 @@ class Wakeups:
         self._rcl = load_rcl()
         self._graph_guard = self._rcl.rcl_node_get_graph_guard_condition(node.pointer)
         self._epoll = select.epoll()
-        self._wakeups: dict[int, Wakeup] = {}
+        # By descriptor.
+        self._wakeups: dict[int, list[Wakeup]] = {}
         # Endpoints without callbacks: all of them, and those that wait for a sample; the others are drained.
-        self._polled: dict[int, Wakeup] = {}
-        self._armed: dict[int, Wakeup] = {}
+        self._polled: set[Wakeup] = set()
+        self._armed: set[Wakeup] = set()
         self._lock = threading.Lock()
         self._guard = _rclpy.GuardCondition(context.handle)
         self._closing = threading.Event()
@@ -146,59 +151,66 @@ class Wakeups:
 
     def add(self, kind: Kind, endpoint: Any, drain: Callable[[], bool]) -> Wakeup:
         """Call `drain` on the graph's thread whenever something has arrived at an endpoint."""
-        wakeup = Wakeup(kind, endpoint, drain)
-        self._wakeups[wakeup.descriptor] = wakeup
-        self._epoll.register(wakeup.descriptor, select.EPOLLIN)
+        wakeup = Wakeup(kind, endpoint, drain, self._descriptor())
+        self._wakeups[wakeup.descriptor].append(wakeup)
         if not (self._use_callbacks and wakeup.set_callback(self._rcl)):
-            self._polled[wakeup.descriptor] = wakeup
+            self._polled.add(wakeup)
             self._arm(wakeup)
         return wakeup
 
+    def _descriptor(self) -> int:
+        """Return a new descriptor, or the one with the fewest endpoints."""
+        if len(self._wakeups) >= _MOST_DESCRIPTORS:
+            return min(self._wakeups, key=lambda each: len(self._wakeups[each]))
+        descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._wakeups[descriptor] = []
+        # By edges, so that nothing has to be read from the descriptor: its counter never ends.
+        self._epoll.register(descriptor, select.EPOLLIN | select.EPOLLET)
+        return descriptor
+
     def remove(self, wakeup: Wakeup) -> None:
         """End the notifications of an endpoint, before the endpoint is destroyed."""
-        del self._wakeups[wakeup.descriptor]
-        if self._polled.pop(wakeup.descriptor, None) is not None:
+        if wakeup in self._polled:
+            self._polled.remove(wakeup)
             with self._lock:
-                self._armed.pop(wakeup.descriptor, None)
+                self._armed.discard(wakeup)
             self._guard.trigger_guard_condition()
-        self._epoll.unregister(wakeup.descriptor)
         wakeup.close()
+        sharing = self._wakeups[wakeup.descriptor]
+        sharing.remove(wakeup)
+        if not sharing:
+            del self._wakeups[wakeup.descriptor]
+            self._epoll.unregister(wakeup.descriptor)
+            os.close(wakeup.descriptor)
 
     def _arm(self, wakeup: Wakeup) -> None:
         with self._lock:
-            self._armed[wakeup.descriptor] = wakeup
+            self._armed.add(wakeup)
         self._guard.trigger_guard_condition()
 
     def _drain_batch(self) -> None:
         self._graph.in_batch(self._drain)
 
     def _drain(self) -> None:
-        ready = self._epoll.poll(0)
+        ready = [wakeup for descriptor, _ in self._epoll.poll(0) for wakeup in self._wakeups[descriptor]]
         if len(ready) > 1:
             # A goal's feedback before its result, which is a response.
-            ready.sort(key=self._is_of_call)
-        for descriptor, _ in ready:
-            wakeup = self._wakeups.get(descriptor)
-            if wakeup is None:
+            ready.sort(key=_is_of_call)
+        for wakeup in ready:
+            descriptor = wakeup.descriptor
+            if wakeup not in self._wakeups.get(descriptor, ()):
                 continue  # Removed by an earlier one of this turn.
             try:
-                os.eventfd_read(descriptor)
                 more = wakeup.drain()
-            except BlockingIOError:
-                continue  # The number of one that was removed in this turn, used again.
             except Exception:
                 logger.exception("an endpoint of ROS 2 failed")
                 more = False
-            if self._wakeups.get(descriptor) is not wakeup:
+            if wakeup not in self._wakeups.get(descriptor, ()):
                 continue
             if more:
                 os.eventfd_write(descriptor, 1)
-            elif descriptor in self._polled:
+            elif wakeup in self._polled:
                 self._arm(wakeup)
-
-    def _is_of_call(self, event: tuple[int, int]) -> bool:
-        wakeup = self._wakeups.get(event[0])
-        return wakeup is not None and wakeup.kind != "subscription"
 
     # The thread
 
@@ -216,7 +228,7 @@ class Wakeups:
     def _wait(self) -> bool:
         """Wait for the graph or an endpoint; return True if the graph has changed."""
         with self._lock:
-            armed = tuple(self._armed.values())
+            armed = tuple(self._armed)
         with ExitStack() as used:
             waiting: list[tuple[Wakeup, int]] = []
             for wakeup in armed:
@@ -231,8 +243,8 @@ class Wakeups:
             with self._lock:
                 for wakeup, pointer in waiting:
                     # Only a wake-up that is still armed has an open descriptor.
-                    if pointer in ready and self._armed.get(wakeup.descriptor) is wakeup:
-                        del self._armed[wakeup.descriptor]
+                    if pointer in ready and wakeup in self._armed:
+                        self._armed.remove(wakeup)
                         os.eventfd_write(wakeup.descriptor, 1)
         return self._graph_guard in waits.get_ready_entities("guard_condition")
 
@@ -265,3 +277,7 @@ class Wakeups:
             asyncio.get_running_loop().remove_reader(self._epoll.fileno())
         self._epoll.close()
         self._guard.destroy_when_not_in_use()
+
+
+def _is_of_call(wakeup: Wakeup) -> bool:
+    return wakeup.kind != "subscription"

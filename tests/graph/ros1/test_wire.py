@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rwt_graph.errors import WireError
+from rwt_graph.ros1 import wire_types
 from rwt_graph.ros1.wire import xmlrpc
 from rwt_graph.ros1.wire.tcpros import (
     HEADER_BYTES,
@@ -216,12 +217,32 @@ class TestTypes:
             ("Missing field", "invalid"),
             ("not a definition", "invalid"),
             ("int8 a\n" * 100_000, "too large"),
+            ("\n".join(f"int8 f{number}" for number in range(4000)), "too large"),
             ("int8 a" + ("\n" + "=" * 80 + "\nMSG: a/B\nint8 b") * 600, "more than 500"),
         ],
     )
     def test_definitions_that_do_not_fit_are_rejected(self, definition: str, text: str) -> None:
         with pytest.raises(WireError, match=text):
             WireTypes(Registry(NOETIC)).find("never/Seen", "0" * 32, definition)
+
+    def test_definitions_are_limited_together_and_rejected_ones_do_not_count(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(wire_types, "_ALL_LINES", 5)
+        types = WireTypes(Registry(NOETIC))
+
+        def find(name: str, text: str) -> None:
+            other = Registry(NOETIC)
+            other.add_text(text, name)
+            types.find(name, other.message(name).md5, text)
+
+        for _ in range(10):
+            with pytest.raises(WireError, match="MD5 sum"):
+                types.find("never/Seen", "0" * 32, "int8 a")
+        find("never/First", "int8 a\nint8 b\n# Comments do not count.\n\nint8 c")
+        with pytest.raises(WireError, match="lines of others"):
+            find("never/Second", "int8 a\nint8 b\nint8 c")
+        find("never/Third", "int8 a\nint8 b")
 
     def test_the_md5_of_a_service_is_that_of_ros(self) -> None:
         registry = Registry(NOETIC)

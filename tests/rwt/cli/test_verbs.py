@@ -270,7 +270,7 @@ def test_pub_that_nobody_hears(rwt: Rwt) -> None:
         (
             ("/cmd_vel", "{linear: {x: 1}"),
             2,
-            "the message: line 1, column 1: what begins here has no closing }",
+            "the message: line 1, column 1: { has no closing }",
         ),
         (("/cmd_vel", _TWIST, "3"), 2, "expected fields"),
         (("/cmd_vel", _TWIST, "{linear:", "1}"), 2, "put the message in quotes"),

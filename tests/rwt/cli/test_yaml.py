@@ -71,9 +71,9 @@ def test_nan() -> None:
     [
         ("{a:1}", "line 1, column 2: expected a space after the colon"),
         ("a: b: c", "line 1, column 5: a second colon"),
-        ("a: [1", "line 1, column 4: what begins here has no closing ]"),
-        ("{linear: {x: 1}", "line 1, column 1: what begins here has no closing }"),
-        ("a: [", "line 1, column 4: what begins here has no closing ]"),
+        ("a: [1", "line 1, column 4: [ has no closing ]"),
+        ("{linear: {x: 1}", "line 1, column 1: { has no closing }"),
+        ("a: [", "line 1, column 4: [ has no closing ]"),
         ("a: {b: 1]", "line 1, column 9: expected a comma or }"),
         ("a: *x", "line 1, column 4: an alias (*) is not read"),
         ("a: &x 1", "an anchor (&) is not read"),

@@ -234,6 +234,9 @@ async def test_without_a_build_the_plain_index_says_what_is_missing(monkeypatch:
     async with Server("ws://127.0.0.1:0") as server:
         status, text = await get(server.urls[0], "/")
         assert (status, "make demo" in text) == (200, True)
+        for path in ("/web/widgets.js", "/lib/roslib.js"):
+            status, text = await get(server.urls[0], path)
+            assert (status, "make demo" in text) == (404, True)
     async with Server("ws://127.0.0.1:0", web={"enabled": False}) as server:
         assert "make demo" not in (await get(server.urls[0], "/"))[1]
 

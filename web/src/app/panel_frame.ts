@@ -40,14 +40,18 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
   });
   let ended = false;
   let end: (() => void) | undefined;
-  const fail = (error: unknown) => {
+  const say = (words: string) => {
     const text = document.createElement("p");
     text.className = "problem";
     text.setAttribute("role", "alert");
-    text.textContent = t("panel.failed", { reason: (error as Error).message });
+    text.textContent = words;
     element.replaceChildren(text);
+  };
+  const fail = (error: unknown) => {
+    say(t("panel.failed", { reason: (error as Error).message }));
     console.error(error);
   };
+  if (!kind) say(t("panel.unknown", { kind: panel.kind }));
   try {
     const begun = kind?.init({
       session: app.session,

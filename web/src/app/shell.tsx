@@ -195,6 +195,7 @@ function PanelMenu({ app, close }: { app: App; close: () => void }) {
         <li key={name}>
           <button
             type="button"
+            data-kind={name}
             onClick={() => {
               close();
               app.open(name);

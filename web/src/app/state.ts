@@ -2,7 +2,7 @@
 
 import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { t } from "../i18n/text";
-import { type PanelConfig, panelKind, panelKinds } from "../panels/registry";
+import { type PanelConfig, panelKinds } from "../panels/registry";
 import { describedName } from "../robot/description";
 import { Navigation } from "../robot/navigation";
 import { mediaSenders, type Sender } from "../robot/senders";
@@ -76,15 +76,18 @@ export function readLayout(value: unknown): Layout {
     throw new Error(`${panels.length} panels; a layout has at most ${MOST_PANELS}`);
   }
   const seen = new Set<string>();
-  const known = panels.filter((panel) => {
+  for (const panel of panels) {
     const isPanel =
-      typeof panel?.id === "string" && typeof panel.kind === "string" && typeof panel.config === "object";
+      typeof panel?.id === "string" &&
+      typeof panel.kind === "string" &&
+      typeof panel.config === "object" &&
+      panel.config !== null;
     if (!isPanel) throw new Error("a panel without id, kind and config");
     if (seen.has(panel.id)) throw new Error(`two panels with the id ${panel.id}`);
     seen.add(panel.id);
-    return panelKind(panel.kind) !== undefined;
-  });
-  return { version: 1, panels: known, dock: known.length === panels.length ? (dock ?? null) : null };
+  }
+  // A panel that this page does not know keeps its place and its settings for the page that does.
+  return { version: 1, panels, dock: dock ?? null };
 }
 
 export class App {

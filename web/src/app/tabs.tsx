@@ -75,7 +75,8 @@ export function Tabs({ app, stop }: { app: App; stop: ComponentChild }) {
 }
 
 function titleOf(kind: string): string {
-  return t(panelKind(kind)?.title ?? "panel.nothing");
+  const known = panelKind(kind);
+  return known ? t(known.title) : kind;
 }
 
 function Framed({ app, panel }: { app: App; panel: OpenPanel }) {

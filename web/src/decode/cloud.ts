@@ -1,6 +1,7 @@
 /** sensor_msgs/PointCloud2 → arrays as a renderer takes them. */
 
 import { bytesOf } from "./bytes";
+import { type Palette, paint, rangeOf } from "./palette";
 import type { Points } from "./protocol";
 
 /** Points of one cloud that are drawn; of larger ones it is a sample. */
@@ -44,9 +45,11 @@ const SIZE: Record<number, number> = { 1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4,
 /**
  * The points of a cloud but for those without a finite place. Throws where fields and data do not fit.
  *
- * A cloud without colours of its own is coloured by its field `intensity`, or else by height, from blue to red.
+ * A cloud without colours of its own is coloured by its field `intensity`, or else by height.
+ *
+ * @param by field that colours it, even if it has colours of its own; empty for the usual one
  */
-export function decodeCloud(cloud: PointCloud2): Points {
+export function decodeCloud(cloud: PointCloud2, by = "", palette: Palette = "turbo"): Points {
   const data = bytesOf(cloud.data);
   const step = cloud.point_step;
   const total = Math.min(cloud.width * cloud.height, step > 0 ? Math.floor(data.length / step) : 0);
@@ -61,8 +64,9 @@ export function decodeCloud(cloud: PointCloud2): Points {
   };
   const [x, y, z] = [field("x"), field("y"), field("z")];
   if (!x || !y) throw new Error("the cloud has no fields x and y");
-  const color = field("rgb") ?? field("rgba");
-  const shade = field("intensity");
+  const shown = [by, "rgb", "rgba", "intensity", "z"].find((name) => name && field(name)) ?? "";
+  const color = shown.startsWith("rgb") ? field(shown) : undefined;
+  const shade = field(shown);
   const most = Math.min(total, MOST_POINTS);
   const positions = new Float32Array(most * 3);
   const colors = new Uint8Array(most * 4).fill(255);
@@ -96,8 +100,16 @@ export function decodeCloud(cloud: PointCloud2): Points {
     if (shades) shades[count] = shade ? shade.read(view, start + shade.at, little) : pz;
     count++;
   }
-  if (shades) paint(colors, shades.subarray(0, count));
-  return { count, positions: positions.subarray(0, count * 3), colors: colors.subarray(0, count * 4) };
+  const range = shades && rangeOf(shades.subarray(0, count));
+  if (shades && range) paint(colors, shades.subarray(0, count), palette, range);
+  return {
+    count,
+    positions: positions.subarray(0, count * 3),
+    colors: colors.subarray(0, count * 4),
+    fields: cloud.fields.map(({ name }) => name),
+    by: shown,
+    range,
+  };
 }
 
 /** Step between visited points, so that each is visited once and every prefix is spread over the whole cloud. */
@@ -110,35 +122,4 @@ function strideThrough(total: number): number {
 
 function divisor(one: number, other: number): number {
   return other === 0 ? one : divisor(other, one % other);
-}
-
-/** 256 colours from blue over green to red, four octets each. */
-const PALETTE = new Uint8Array(256 * 4);
-for (let at = 0; at < 256; at++) {
-  const hue = 4.2 * (1 - at / 255);
-  // The hue's hexagon, at half lightness and nine tenths of saturation.
-  const part = (away: number) => 127.5 + 127.5 * 0.9 * Math.max(-1, Math.min(1, away));
-  PALETTE.set(
-    [part(Math.abs(hue - 3) * 2 - 3), part(3 - Math.abs(hue - 2) * 2), part(3 - Math.abs(hue - 4) * 2), 255],
-    at * 4,
-  );
-}
-
-/** Colour points by a number of each, between the least and the greatest that there is. */
-function paint(colors: Uint8Array, shades: Float32Array): void {
-  let least = Number.POSITIVE_INFINITY;
-  let most = Number.NEGATIVE_INFINITY;
-  for (const shade of shades) {
-    if (!Number.isFinite(shade)) continue;
-    if (shade < least) least = shade;
-    if (shade > most) most = shade;
-  }
-  const scale = most > least ? 255 / (most - least) : 0;
-  const palette = new Uint32Array(PALETTE.buffer);
-  const pixels = new Uint32Array(colors.buffer);
-  for (let at = 0; at < shades.length; at++) {
-    // What is no number, or infinite, is painted as the least or the greatest.
-    const place = Math.round(((shades[at] as number) - least) * scale);
-    pixels[at] = palette[Math.max(0, Math.min(255, place)) | 0] as number;
-  }
 }

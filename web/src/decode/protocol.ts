@@ -1,9 +1,10 @@
 /** Messages between the page and its decoding worker. */
 
 import type { Answering } from "./liveness";
+import type { Palette } from "./palette";
 
-/** Values that the worker computes from a topic's messages. */
-export type Decoding = "cloud" | "image";
+/** Values that the worker computes from a topic's messages; of a cloud with the palette and the field of its colours. */
+export type Decoding = "image" | "cloud" | `cloud:${Palette}:${string}`;
 
 /** The points of a cloud, as a renderer takes them. The first of many are a sample of all. */
 export interface Points {
@@ -12,6 +13,11 @@ export interface Points {
   positions: Float32Array;
   /** Red, green, blue and opacity of each, 0 to 255, as a screen shows them. */
   colors: Uint8Array;
+  /** Names of the fields that the cloud has. */
+  fields: string[];
+  /** Field that the colours show, and its least and greatest value; null where it is a colour itself. */
+  by: string;
+  range: [least: number, most: number] | null;
 }
 
 /** Pixels of a raw image, as a canvas takes them. */

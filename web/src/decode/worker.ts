@@ -7,6 +7,7 @@ import { decodeCbor } from "./cbor";
 import { decodeCloud, type PointCloud2 } from "./cloud";
 import { decodeImage, type RawImage } from "./image";
 import { type Answering, GIVE_UP, Liveness, SILENT } from "./liveness";
+import { paletteOf } from "./palette";
 import type { Decoding, FromWorker, ToWorker, Traffic } from "./protocol";
 
 interface Envelope {
@@ -168,7 +169,13 @@ function deliver(socket: number, message: Envelope): void {
   if (decoding && message.msg) {
     waiting.set(message.topic as string, null);
     try {
-      if (decoding === "cloud") message.msg.$points = decodeCloud(message.msg as unknown as PointCloud2);
+      const [kind, palette, ...by] = decoding.split(":");
+      if (kind === "cloud")
+        message.msg.$points = decodeCloud(
+          message.msg as unknown as PointCloud2,
+          by.join(":"),
+          paletteOf(palette),
+        );
       else message.msg.$pixels = decodeImage(message.msg as unknown as RawImage);
     } catch (error) {
       message.msg.$error = (error as Error).message;

@@ -42,8 +42,10 @@ export function Menu(props: {
         close();
       }}
       onFocusOut={({ relatedTarget }) => {
-        if (relatedTarget && details.current && !details.current.contains(relatedTarget as Node))
-          details.current.open = false;
+        const next = relatedTarget as Node | null;
+        const { current } = details;
+        // A press on a label gives the focus to what is around the menu at first: that does not leave it.
+        if (next && current && !current.contains(next) && !next.contains(current)) current.open = false;
       }}
     >
       {/* biome-ignore lint/a11y/noStaticElementInteractions: a summary is a control of its own: it has the focus, and Enter and the space bar click it. */}

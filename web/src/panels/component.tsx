@@ -1,9 +1,11 @@
 /** Panels as components. */
 
-import { signal } from "@preact/signals";
+import { signal, useSignal } from "@preact/signals";
 import { type ComponentType, render } from "preact";
+
 import { Choice } from "../forms/inputs";
-import { Guard } from "../forms/problem";
+import { useLater } from "../forms/later";
+import { Guard, Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import type { Act } from "../robot/permissions";
 import type { PanelContext } from "./registry";
@@ -19,6 +21,28 @@ export function componentPanel(View: ComponentType<{ context: PanelContext }>) {
     );
     return () => render(null, context.host);
   };
+}
+
+/** The component of a panel, as a module has it. */
+interface PanelModule {
+  Panel: ComponentType<{ context: PanelContext }>;
+}
+
+/** The `init` of a panel whose component is loaded when it opens. */
+export function laterPanel(load: () => Promise<PanelModule>) {
+  return componentPanel(function Later({ context }) {
+    const loaded = useSignal<PanelModule | null>(null);
+    const problem = useLater(
+      load,
+      (part) => {
+        loaded.value = part;
+        return undefined;
+      },
+      [],
+    );
+    if (loaded.value) return <loaded.value.Panel context={context} />;
+    return problem ? <Problem text={problem} /> : <p class="faint">{t("app.loading")}</p>;
+  });
 }
 
 /** Why a control is not there: the role does not allow what it does. */

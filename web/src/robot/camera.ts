@@ -14,6 +14,17 @@ export const CAMERA_TYPES = ["sensor_msgs/Image", "sensor_msgs/CompressedImage"]
 
 export type CameraWay = "webrtc" | "stream" | "compressed" | "raw";
 
+/** Parameters of the MJPEG stream for each quality; the server adapts those of the first to the connection. */
+export const CAMERA_QUALITIES = { auto: "", low: "&quality=40&width=320", high: "&quality=90" } as const;
+export type CameraQuality = keyof typeof CAMERA_QUALITIES;
+
+/** Choices of one viewer of a camera. */
+export interface CameraOptions {
+  quality?: CameraQuality;
+  /** True if messages are preferred to a stream over HTTP, of which a browser opens six at a server. */
+  messages?: boolean;
+}
+
 /** Milliseconds between two pictures that come as messages. */
 const THROTTLE = 66;
 /** Milliseconds that a stream has for its first picture: a browser asks a server for six things at a time, and no more. */
@@ -54,6 +65,8 @@ export class Camera {
   readonly rate = signal(0);
   /** When the last picture was taken, in milliseconds by this page's clock, as far as its stamp says; 0 before. */
   readonly takenAt = signal(0);
+  /** Milliseconds by which the last picture was late, as far as its stamp says. */
+  readonly latency = signal(0);
   readonly problem = signal("");
 
   private readonly arrivals: number[] = [];
@@ -71,14 +84,16 @@ export class Camera {
    * @param session the robot
    * @param topic of one of {@link CAMERA_TYPES}
    * @param show draws each picture, of a width and a height, before it returns
+   * @param options choices of this viewer
    */
   constructor(
     private readonly session: RobotSession,
     private readonly topic: string,
     private readonly show: (picture: CanvasImageSource, width: number, height: number) => void,
+    private readonly options: CameraOptions = {},
   ) {
     if (session.permissions.peek().has("whep") && canWatch()) this.watch();
-    else this.stream();
+    else this.besides();
   }
 
   /** Look no longer. */
@@ -129,13 +144,15 @@ export class Camera {
 
   /** Begin another way, where there is none yet. */
   private besides(): void {
-    if (!this.end && !this.ended) this.stream();
+    if (this.end || this.ended) return;
+    if (this.options.messages) this.subscribe();
+    else this.stream();
   }
 
   private stream(): void {
     const url = new URL("stream", this.session.httpBase);
     // web_video_server takes the topic as it is, without percent signs for the slashes.
-    url.search = `?topic=${this.topic}&type=mjpeg`;
+    url.search = `?topic=${this.topic}&type=mjpeg${CAMERA_QUALITIES[this.options.quality ?? "auto"]}`;
     const control = new AbortController();
     const end = () => control.abort();
     this.end = end;
@@ -225,5 +242,6 @@ export class Camera {
     const first = this.arrivals[0] as number;
     this.rate.value = now > first ? ((this.arrivals.length - 1) * 1000) / (now - first) : 0;
     this.takenAt.value = now - delay * 1000;
+    this.latency.value = delay * 1000;
   }
 }

@@ -1,6 +1,7 @@
 /** Sending a robot somewhere, by an action where it has one, else by a topic; and telling it where it is. */
 
 import { type Signal, signal } from "@preact/signals-core";
+import type { RobotPublisher } from "./commands";
 import type { GoalHandle, GoalOutcome } from "./goals";
 import { header, seconds } from "./names";
 import type { RobotSession } from "./session";
@@ -34,13 +35,26 @@ const ACTION_TYPES = {
 } as const;
 const GOAL_TOPICS = ["/goal_pose", "/move_base_simple/goal"];
 const POSE_TOPIC = "/initialpose";
+const POINT_TOPIC = "/clicked_point";
+
+/** A place to go to after others, and the frame that it is in. */
+export interface Waypoint {
+  place: Place;
+  frame: string;
+}
+
+/** End of a goal for the page; `sent` without a way to know more, `replaced` by a later goal. */
+export type SendOutcome = GoalOutcome | "sent" | "replaced" | "blocked";
 
 export class Navigation {
   /** The last goal of this page; null before the first. */
   readonly progress: Signal<Progress | null> = signal(null);
   /** A position that is being chosen, for the views that can show it. */
   readonly draft: Signal<{ place: Place; frame: string } | null> = signal(null);
+  /** Index of the waypoint that the robot is sent to; -1 while it follows none. */
+  readonly waypoint = signal(-1);
   private goal: GoalHandle | null = null;
+  private points: RobotPublisher | null = null;
 
   constructor(private readonly session: RobotSession) {}
 
@@ -66,12 +80,37 @@ export class Navigation {
     return this.session.graph.value.topics.has(POSE_TOPIC) && this.session.may("publish", POSE_TOPIC);
   }
 
-  /** Send the robot to a place of a frame. */
-  send(place: Place, frame: string): void {
+  /**
+   * Send the robot to waypoints one after the other. Anything but success ends it: a stop, a cancellation, another goal, a lost
+   * connection.
+   */
+  async follow(waypoints: readonly Waypoint[]): Promise<void> {
+    if (this.waypoint.peek() >= 0) return;
+    for (const [at, { place, frame }] of waypoints.entries()) {
+      this.waypoint.value = at;
+      if ((await this.send(place, frame)) !== "succeeded") break;
+    }
+    this.waypoint.value = -1;
+  }
+
+  /** True if the robot is told of a point that was clicked. */
+  get takesPoint(): boolean {
+    return this.session.may("publish", POINT_TOPIC);
+  }
+
+  /** Publish a point, as RViz does. */
+  publishPoint({ x, y }: Place, frame: string): void {
+    // Kept: programs on the robot would not know a publisher in time that goes at once.
+    this.points ??= this.session.commands.publisher(POINT_TOPIC, "geometry_msgs/PointStamped");
+    this.points.publish({ header: header(this.session.version.peek(), frame), point: { x, y, z: 0 } });
+  }
+
+  /** Send the robot to a place of a frame; the promise comes when it has ended. */
+  async send(place: Place, frame: string): Promise<SendOutcome> {
     const { session, way } = this;
-    if (!way) return;
+    if (!way) return "blocked";
     const { commands } = session;
-    if (!commands.mayCommand(way.name)) return;
+    if (!commands.mayCommand(way.name)) return "blocked";
     const pose = this.stamped(place, frame);
     this.progress.value = {
       place,
@@ -85,7 +124,7 @@ export class Navigation {
       const publisher = commands.publisher(way.name, session.graph.peek().topics.get(way.name) ?? "");
       publisher.publish(pose);
       publisher.dispose();
-      return;
+      return "sent";
     }
     // actionlib has no types of actions: they are those of its topics.
     const goalType = session.graph.peek().topics.get(`${way.name}/goal`) ?? "";
@@ -98,13 +137,13 @@ export class Navigation {
       { onFeedback: (feedback) => this.update(goal, feedback) },
     );
     this.goal = goal;
-    void goal.outcome.then(({ outcome, text, result }) => {
-      if (this.goal !== goal) return;
-      this.goal = null;
-      const { progress } = this;
-      const said = text || String(result.error_msg ?? "");
-      if (progress.value) progress.value = { ...progress.value, outcome, text: said };
-    });
+    const { outcome, text, result } = await goal.outcome;
+    if (this.goal !== goal) return "replaced";
+    this.goal = null;
+    const { progress } = this;
+    const said = text || String(result.error_msg ?? "");
+    if (progress.value) progress.value = { ...progress.value, outcome, text: said };
+    return outcome;
   }
 
   /** Ask the robot to give up its goal. */

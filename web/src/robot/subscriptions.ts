@@ -106,7 +106,8 @@ export class Subscriptions {
     const options = [...listeners.values()];
     // Thinned out, several publishers' last messages, which come together, would be one.
     const throttle = name === STATIC_FRAMES ? 0 : Math.min(...options.map((each) => each.throttle ?? 0));
-    const decoding = options.find((each) => each.decoding)?.decoding;
+    // Of different wishes for the same topic the last one counts.
+    const decoding = options.findLast((each) => each.decoding)?.decoding;
     const known = this.topics.get(name);
     if (known && known.throttle === throttle && known.decoding === decoding) return;
     const topic = new Topic<Message>({

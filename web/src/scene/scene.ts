@@ -1,6 +1,7 @@
 /** The scene of a robot: every topic that can be drawn, by its type. */
 
 import { effect, type Signal, signal, untracked } from "@preact/signals-core";
+import type { Object3D } from "three";
 import { shortType } from "../robot/names";
 import type { RobotSession } from "../robot/session";
 import { type DrawableType, isDescription, isDrawable, isDrawn } from "./drawable";
@@ -9,7 +10,7 @@ import type { Detail } from "./governor";
 import { CloudLayer, ScanLayer } from "./layers/clouds";
 import { FrameAxes } from "./layers/frame_axes";
 import { InteractiveLayer, type MenuRequest } from "./layers/interactive";
-import type { Layer, LayerContext } from "./layers/layer";
+import type { Layer, LayerContext, LayerSettings } from "./layers/layer";
 import { MapLayer } from "./layers/map";
 import { MarkersLayer } from "./layers/markers";
 import { OdometryLayer, PathLayer, PosesLayer } from "./layers/poses";
@@ -39,6 +40,20 @@ const MAKERS: Record<DrawableType, MakeLayer> = {
 };
 
 const MOST_LAYERS = 60;
+
+/** Something that is drawn, and the point of it in the fixed frame, in metres. */
+export interface Picked {
+  topic: string;
+  type: string;
+  layer: Layer;
+  point: { x: number; y: number; z: number };
+  rows: ReturnType<Layer["describe"]>;
+}
+
+/** True if an object and everything above it is visible. */
+function isShown(object: Object3D | null): boolean {
+  return object === null || (object.visible && isShown(object.parent));
+}
 
 /** One row of the list of layers. */
 export interface LayerRow {
@@ -74,12 +89,14 @@ export class RobotScene {
    * @param host where it is drawn
    * @param wanted layers that are shown or hidden by choice, by topic
    * @param quality how finely it is drawn
+   * @param settings how layers are drawn by choice, by topic
    */
   constructor(
     private readonly session: RobotSession,
     host: HTMLElement,
     private readonly wanted: Record<string, boolean> = {},
     quality: Quality = "auto",
+    private readonly settings: Record<string, LayerSettings> = {},
   ) {
     this.view = new View(host, quality);
     this.frames = new Frames(session, this.view.scene);
@@ -115,6 +132,38 @@ export class RobotScene {
     });
   }
 
+  /** Set how a topic is drawn. */
+  configure(topic: string, settings: LayerSettings): void {
+    this.settings[topic] = settings;
+    this.rows
+      .peek()
+      .find((row) => row.topic === topic)
+      ?.layer?.configure(settings);
+  }
+
+  /** What is drawn at a point of the page; null for nothing. */
+  pick(clientX: number, clientY: number): Picked | null {
+    const ray = this.view.ray(clientX, clientY);
+    ray.params.Points.threshold = Math.max(
+      0.03,
+      0.006 * this.view.camera.position.distanceTo(this.view.controls.target),
+    );
+    ray.params.Line.threshold = ray.params.Points.threshold;
+    let nearest: (Picked & { distance: number }) | null = null;
+    for (const { topic, type, layer } of this.rows.peek()) {
+      if (!layer) continue;
+      const objects = layer.objects.filter((object) => isShown(object));
+      // The ground is below everything else at the same distance.
+      const allowance = shortType(type) === "nav_msgs/OccupancyGrid" ? 0.2 : 0;
+      const hit = ray.intersectObjects([...objects], true).find(({ object }) => isShown(object));
+      const distance = (hit?.distance ?? 0) + allowance;
+      if (!hit || (nearest && nearest.distance <= distance)) continue;
+      const { x, y, z } = hit.point;
+      nearest = { topic, type, layer, point: { x, y, z }, rows: layer.describe(hit), distance };
+    }
+    return nearest;
+  }
+
   /** The robot's own frame, where there is a usual one. */
   get base(): string {
     const names = this.frames.names;
@@ -128,12 +177,16 @@ export class RobotScene {
     this.view.redraw();
   }
 
+  /** Where the robot is on the ground; the origin while that is not known. */
+  get robotPlace(): { x: number; y: number; yaw: number } {
+    return (this.base && this.frames.pose(this.base)) || { x: 0, y: 0, yaw: 0 };
+  }
+
   /** Look at the robot from above, or obliquely. */
   look(fromAbove: boolean): void {
     // It stays so where the robot or the frame is only found later.
     this.fromAbove = fromAbove;
-    const pose = this.base ? this.frames.pose(this.base) : null;
-    const { x, y } = pose ?? { x: 0, y: 0 };
+    const { x, y } = this.robotPlace;
     if (fromAbove) this.view.lookFromAbove(x, y);
     else this.view.lookAt(x, y);
   }
@@ -155,7 +208,7 @@ export class RobotScene {
 
   private make(topic: string, type: string): Layer | null {
     const { session, frames, view } = this;
-    const context = { session, frames, view, topic, type };
+    const context = { session, frames, view, topic, type, settings: this.settings[topic] ?? {} };
     if (isDescription(topic, type)) return new RobotLayer(context);
     return MAKERS[shortType(type) as DrawableType]?.(context, this) ?? null;
   }

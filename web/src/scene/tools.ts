@@ -1,4 +1,4 @@
-/** Tools of clicks and keys in the scene: set a goal or a pose by an arrow, measure, or zoom. */
+/** Tools of clicks and keys in the scene: set a place by an arrow or a click, measure, or zoom. */
 
 import { type Signal, signal } from "@preact/signals-core";
 import { BufferGeometry, Line, LineBasicMaterial, type Object3D, Vector3 } from "three";
@@ -7,7 +7,13 @@ import { FAR_STEP, STEP } from "./layers/handles";
 import { arrow } from "./layers/poses";
 import { disposeTree, type View } from "./view";
 
-export type ToolName = "look" | "goal" | "pose" | "measure";
+/** Tools that give a place; with the first ones a drag gives its direction. */
+export type PlaceTool = "goal" | "pose" | "waypoint" | "point" | "inspect";
+export type ToolName = "look" | "measure" | PlaceTool;
+
+const DRAGGED: readonly ToolName[] = ["goal", "pose", "waypoint"];
+/** Tools that stay chosen, for several places in turn. */
+const STAYING: readonly ToolName[] = ["waypoint", "inspect"];
 
 /** Radians by which a key turns a place. */
 const TURN = Math.PI / 12;
@@ -31,11 +37,14 @@ export class Tools {
   /** The place that keys move, before it is set; null before the first key. */
   readonly cursor: Signal<Place | null> = signal(null);
   /** Called with a place of the fixed frame that was set. */
-  onPlace: (tool: "goal" | "pose", place: Place) => void = () => undefined;
+  onPlace: (tool: PlaceTool, place: Place) => void = () => undefined;
+  /** Called where a waypoint may be; returns what moves it to another point, or null where there is none. */
+  onGrab: (at: Vector3) => ((to: Vector3) => void) | null = () => null;
 
   private drawn: Object3D | null = null;
   private start: Vector3 | null = null;
   private measureFrom: Vector3 | null = null;
+  private grabbed: ((to: Vector3) => void) | null = null;
   private readonly end: () => void;
 
   constructor(private readonly view: View) {
@@ -63,7 +72,7 @@ export class Tools {
 
   choose(tool: ToolName): void {
     this.chosen.value = tool;
-    this.start = this.measureFrom = this.cursor.value = null;
+    this.start = this.measureFrom = this.cursor.value = this.grabbed = null;
     this.erase();
     // So that the keys of the tool are heard.
     if (tool !== "look") this.view.canvas.focus({ preventScroll: true });
@@ -118,13 +127,17 @@ export class Tools {
   }
 
   /** Effect of Enter at a position. */
-  private set(tool: "goal" | "pose" | "measure", place: Place): void {
+  private set(tool: Exclude<ToolName, "look">, place: Place): void {
     if (tool === "measure") {
       this.cursor.value = place;
       this.measure(new Vector3(place.x, place.y, 0));
       return;
     }
-    this.choose("look");
+    this.place(tool, place);
+  }
+
+  private place(tool: PlaceTool, place: Place): void {
+    this.choose(STAYING.includes(tool) ? tool : "look");
     this.onPlace(tool, place);
   }
 
@@ -152,7 +165,10 @@ export class Tools {
     event.stopImmediatePropagation();
     this.view.canvas.setPointerCapture(event.pointerId);
     if (tool === "measure") this.measure(point);
-    else this.start = point;
+    else {
+      this.grabbed = tool === "waypoint" ? this.onGrab(point) : null;
+      this.start = point;
+    }
   }
 
   private move(event: PointerEvent): void {
@@ -162,7 +178,8 @@ export class Tools {
     if (!point) return;
     if (this.start) {
       event.stopImmediatePropagation();
-      this.drawArrow(placeOf(this.start, point));
+      if (this.grabbed) this.grabbed(point);
+      else if (DRAGGED.includes(this.chosen.peek())) this.drawArrow(placeOf(this.start, point));
     } else {
       this.drawLine(from, point);
     }
@@ -171,11 +188,14 @@ export class Tools {
   private up(event: PointerEvent): void {
     const { start } = this;
     const tool = this.chosen.peek();
-    if (!start || (tool !== "goal" && tool !== "pose")) return;
+    if (!start || tool === "look" || tool === "measure") return;
     event.stopImmediatePropagation();
     const point = this.view.ground(event.clientX, event.clientY) ?? start;
-    this.choose("look");
-    this.onPlace(tool, placeOf(start, point));
+    if (this.grabbed) {
+      this.start = this.grabbed = null;
+      return;
+    }
+    this.place(tool, DRAGGED.includes(tool) ? placeOf(start, point) : { x: point.x, y: point.y, yaw: 0 });
   }
 
   private measure(point: Vector3): void {

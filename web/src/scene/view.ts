@@ -154,6 +154,31 @@ export class View {
     this.controls.update();
   }
 
+  /** Look at the target from a direction, from as far as before. */
+  lookAlong(x: number, y: number, z: number): void {
+    const { position } = this.camera;
+    const { target } = this.controls;
+    const away = position.distanceTo(target);
+    // A hair off the vertical: straight down, no direction would be up.
+    position.copy(new Vector3(x, y - (x || y ? 0 : 0.001), z).setLength(away).add(target));
+    this.controls.update();
+  }
+
+  /** Where the camera is, and what it looks at, in the fixed frame. */
+  get viewpoint(): number[] {
+    return [...this.camera.position.toArray(), ...this.controls.target.toArray()].map(
+      (each) => Math.round(each * 1000) / 1000,
+    );
+  }
+
+  set viewpoint(given: readonly number[]) {
+    if (given.length !== 6 || !given.every(Number.isFinite)) return;
+    this.camera.position.fromArray(given);
+    this.controls.target.fromArray(given, 3);
+    this.controls.update();
+    this.redraw();
+  }
+
   /** Move camera and target together. */
   follow(dx: number, dy: number): void {
     this.camera.position.x += dx;

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rwt.cli.console.output import note
+from rwt.cli.console.progress import ProgressLine, share
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, number_within
@@ -64,13 +65,20 @@ def _run(arguments: Arguments) -> int:
         units = dict(text.partition("=")[::2] for text in arguments.unit)
         ranges = {name: (limit.lower, limit.upper) for name, limit in limits.items()}
         mapped = Mapped(arguments.states, arguments.commands, units, ranges)
+        progress = ProgressLine()
+
+        def on_frame(done: int, total: int) -> None:
+            progress.show(lambda: f"{share(done, total)} {done} of {total} frames")
+
         if is_dataset:
-            done = to_recording(source, target, mapped)
+            done = to_recording(source, target, mapped, on_frame=on_frame)
         else:
             done = to_dataset(
                 source, target, mapped,
                 fps=int(arguments.fps), task=arguments.task, videos=not arguments.images,
+                on_frame=on_frame,
             )  # fmt: skip
+        progress.clear()
     except (ConversionError, RecordingError, DescriptionError, OSError) as error:
         raise CommandError(str(error)) from error
     note(f"{target}: {done.episodes} episodes, {done.frames} frames")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ _READERS: Final[Mapping[str, Callable[[Any, bytes], Payload]]] = {
     "json": partial(Payload.from_json, is_trusted=True),
 }
 _MOST_WAITING_BYTES: Final = 16 * 1024 * 1024
+
+Progress: TypeAlias = Callable[[int, int], object]
+"""Receives the number of frames that are done, and of all."""
 
 
 class ConversionError(ValueError):
@@ -203,7 +206,14 @@ class _Reader:
 
 
 def to_dataset(
-    path: Path, folder: Path, mapped: Mapped, *, fps: int, task: str, videos: bool = True
+    path: Path,
+    folder: Path,
+    mapped: Mapped,
+    *,
+    fps: int,
+    task: str,
+    videos: bool = True,
+    on_frame: Progress | None = None,
 ) -> Converted:
     """Convert a recording to a dataset.
 
@@ -214,6 +224,7 @@ def to_dataset(
         fps: frames per second.
         task: task of all frames for which the recording states none.
         videos: False to store images as PNG.
+        on_frame: called after each frame, with the number of frames that are done and of all.
 
     Raises:
         ConversionError: the recording lacks a topic or a joint, or the folder exists.
@@ -241,6 +252,7 @@ def to_dataset(
             root=folder, robot_type="rosbridge", use_videos=videos,
         )  # fmt: skip
         count, episode = 0, 0
+        total = sum(1 for span in reader.episodes for _ in frame_times(span, fps))
         for frame in reader.frames(task):
             if frame.episode != episode:
                 dataset.save_episode()
@@ -254,13 +266,18 @@ def to_dataset(
                 }
             )
             count += 1
+            if on_frame is not None:
+                on_frame(count, total)
         dataset.save_episode()
         dataset.finalize()
     return Converted(episode + 1, count)
 
 
-def to_recording(folder: Path, path: Path, mapped: Mapped) -> Converted:
+def to_recording(folder: Path, path: Path, mapped: Mapped, *, on_frame: Progress | None = None) -> Converted:
     """Convert a dataset to an MCAP file. Its time begins at 1 s, and a gap follows each episode.
+
+    Args:
+        on_frame: called after each frame, with the number of frames that are done and of all.
 
     Raises:
         ConversionError: it is not a dataset of an arm.
@@ -315,6 +332,8 @@ def to_recording(folder: Path, path: Path, mapped: Mapped) -> Converted:
                 pixels = np.rint(np.asarray(item[camera]).transpose(1, 2, 0) * 255).astype(np.uint8)
                 image = compressed_image(pixels, frame_id=f"{name}_optical_frame", stamp_ns=at, quality=95)
                 write(f"/{name}/image_raw/compressed", "sensor_msgs/CompressedImage", at, image)
+            if on_frame is not None:
+                on_frame(number + 1, len(dataset))
     if writer.failure is not None:
         raise writer.failure
     return Converted(dataset.num_episodes, len(dataset))

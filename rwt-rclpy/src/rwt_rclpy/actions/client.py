@@ -25,6 +25,7 @@ from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.subscription import Subscription
 from rwt_rclpy.endpoints.type_support import action_type as type_behind
 from rwt_rclpy.endpoints.type_support import message_type
+from rwt_rclpy.exceptions import NameValidationException, RCLError
 from rwt_rclpy.execution.blocking import Wait
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.executors import ExternalShutdownException
@@ -126,7 +127,7 @@ class ActionClient(Entity):
         self._action_type = action_type
         self._action_name = action_name
         self._link = node.context._rwt_link
-        self._name = node._rwt_resolved(action_name, "name")
+        self._name = resolved_action_name(node, action_name)
         self._handle = Destroyable("action client", self._close)
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], object]] = {}
@@ -222,22 +223,24 @@ class ActionClient(Entity):
 
         Raises:
             TypeError: the goal is of another class.
+            RCLError: the client was destroyed.
         """
         if not isinstance(goal, self._action_type.Goal):
             raise TypeError(f"Expected {self._action_type.Goal}, got {type(goal)}")
+        if not self._handle:
+            raise RCLError("Error sending goal request: the action client was destroyed")
         goal_id = goal_uuid or message_class("unique_identifier_msgs/UUID")(uuid=list(uuid.uuid4().bytes))
         key = bytes(goal_id.uuid)
         if feedback_callback is not None:
             self._feedback_callbacks[key] = feedback_callback
         handed = Future()
-        with self._handle:
-            if not self._send.service_is_ready() and self._is_of_graph():
-                self._send_to_graph(goal, goal_id, handed)
-                return handed
-            request = self._action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal)
-            self._send.call_async(request).add_done_callback(
-                lambda future: self._answered(goal_id, future, handed)
-            )
+        if not self._send.service_is_ready() and self._is_of_graph():
+            self._send_to_graph(goal, goal_id, handed)
+            return handed
+        request = self._action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal)
+        self._send.call_async(request).add_done_callback(
+            lambda future: self._answered(goal_id, future, handed)
+        )
         return handed
 
     def _answered(self, goal_id: Any, future: Future, handed: Future) -> None:
@@ -414,13 +417,20 @@ class ActionClient(Entity):
         return NumberOfEntities(num_subscriptions=2, num_clients=3)
 
     def destroy(self) -> None:
-        """Destroy the client."""
-        if self._handle:
-            self._node.remove_waitable(self)
-            self._handle.destroy_when_not_in_use()
+        """Destroy the client. Raises ValueError if it was destroyed."""
+        self._node.remove_waitable(self)
+        self._handle.destroy_when_not_in_use()
 
     def _close(self) -> None:
         for part in self._subscriptions:
             part.destroy()
         for client in (self._send, self._cancel, self._result):
             client.destroy()
+
+
+def resolved_action_name(node: Node, name: str) -> str:
+    """Return the absolute name of an action. Raises ValueError if ROS does not allow it."""
+    try:
+        return node._rwt_resolved(name, "name")
+    except NameValidationException as error:
+        raise ValueError(f"Action name is invalid: {error}") from error

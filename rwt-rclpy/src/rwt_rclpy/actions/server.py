@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.errors import InvalidTransition
 from rwt_participant.goals import GoalStatus
+from rwt_rclpy.actions.client import resolved_action_name
 from rwt_rclpy.clocks.clock import Clock
 from rwt_rclpy.clocks.time import ClockType
 from rwt_rclpy.destroyable import Destroyable
@@ -254,7 +255,7 @@ class ActionServer(Entity):
         self._waiting: deque[Callable[[], Any]] = deque()
         self._link = node.context._rwt_link
         self._logger = node.get_logger().get_child("action_server")
-        name = self._name = node._rwt_resolved(action_name, "name")
+        name = self._name = resolved_action_name(node, action_name)
         impl = action_type.Impl
         self._feedback = node.create_publisher(
             impl.FeedbackMessage, f"{name}/_action/feedback", feedback_pub_qos_profile
@@ -558,13 +559,15 @@ class ActionServer(Entity):
         return NumberOfEntities(num_timers=1, num_services=3)
 
     def destroy(self) -> None:
-        """Withdraw the action; active goals end as aborted for clients of the graph."""
-        if not self._handle:
-            return
+        """Withdraw the action; active goals end as aborted for clients of the graph.
+
+        Raises:
+            ValueError: it was destroyed.
+        """
+        self._node.remove_waitable(self)
         for handle in self._goal_handles.values():
             self._charge_no_more(handle)
             handle.destroy()
-        self._node.remove_waitable(self)
         self._node.destroy_publisher(self._feedback)
         self._node.destroy_publisher(self._status)
         self._handle.destroy_when_not_in_use()

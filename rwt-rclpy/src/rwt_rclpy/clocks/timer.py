@@ -13,14 +13,14 @@ from rwt_rclpy.clocks.time import ClockType, Time
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
 from rwt_rclpy.execution.entity import Entity
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.callback_groups import CallbackGroup
     from rwt_rclpy.execution.context import Context
 
 
-class TimerInfo:
+class _TimerInfo:
     """Expected and actual time of a timer's call.
 
     Attributes:
@@ -37,6 +37,11 @@ class TimerInfo:
     ) -> None:
         self.expected_call_time = Time(nanoseconds=expected_call_time, clock_type=clock_type)
         self.actual_call_time = Time(nanoseconds=actual_call_time, clock_type=clock_type)
+
+
+_TimerInfo.__name__ = _TimerInfo.__qualname__ = "TimerInfo"
+if RELEASE.has_kilted_names:
+    TimerInfo = _TimerInfo
 
 
 class TimerHandle(Destroyable):
@@ -59,7 +64,7 @@ class TimerHandle(Destroyable):
         """Return the nanoseconds of its clock until it is due; None if it was cancelled."""
         return None if self.canceled else self.next_ns - self._clock.now_ns()
 
-    def call(self) -> TimerInfo:
+    def call(self) -> _TimerInfo:
         """Count one call: the next is due a whole number of periods later."""
         now, expected = self._clock.now_ns(), self.next_ns
         self.last_ns = now
@@ -69,7 +74,7 @@ class TimerHandle(Destroyable):
                 self.next_ns = now
             else:
                 self.next_ns += ((now - self.next_ns) // self.period_ns + 1) * self.period_ns
-        return TimerInfo(
+        return _TimerInfo(
             expected_call_time=max(0, expected), actual_call_time=now, clock_type=self._clock.clock_type
         )
 
@@ -84,11 +89,12 @@ class TimerHandle(Destroyable):
         self.canceled = False
 
 
+@from_kilted("__enter__", "__exit__")
 class Timer(Entity):
     """Timer that calls a function periodically.
 
     Args:
-        callback: takes no argument, or a :class:`TimerInfo`.
+        callback: takes no argument, or a `TimerInfo`.
         callback_group: group of the callback.
         timer_period_ns: period in nanoseconds.
         clock: clock of the period.
@@ -236,9 +242,9 @@ class Timer(Entity):
 
 
 def _takes_info(callback: Callable[..., object]) -> bool:
-    """True if a callback has a parameter for a :class:`TimerInfo`: one that is annotated so, or without a
+    """True if a callback has a parameter for a `TimerInfo`: one that is annotated so, or without a
     default."""
-    if not RELEASE.has_timer_info:
+    if not RELEASE.has_kilted_names:
         return False
     try:
         parameters = inspect.signature(callback).parameters.values()
@@ -248,7 +254,7 @@ def _takes_info(callback: Callable[..., object]) -> bool:
         each
         for each in parameters
         if each.kind in (each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)
-        and (each.default is each.empty or each.annotation in (TimerInfo, "TimerInfo"))
+        and (each.default is each.empty or each.annotation in (_TimerInfo, "TimerInfo"))
     ]
     return len(wanted) == 1
 

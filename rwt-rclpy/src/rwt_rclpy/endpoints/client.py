@@ -22,7 +22,7 @@ from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.executors import ExternalShutdownException
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.logs.logger import get_logger
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:
     from rwt_graph.api import Participant
@@ -37,6 +37,7 @@ REQUEST_SENT, RESPONSE_RECEIVED = 0, 3
 LOOK_AGAIN_NS = 10_000_000
 
 
+@from_kilted("__enter__", "__exit__")
 class Client(Entity):
     """Client of a service, created by :meth:`Node.create_client`.
 
@@ -75,8 +76,10 @@ class Client(Entity):
         self._name = full_name
         self.qos_profile = qos_profile
         self.logger_name = ""
+        link.clients.add(self)
 
     def _close(self) -> None:
+        self._link.clients.discard(self)
         self._pending_requests.clear()
 
     @property

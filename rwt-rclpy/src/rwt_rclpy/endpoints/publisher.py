@@ -11,6 +11,7 @@ from rwt_rclpy.endpoints.event_watches import DeadlineHandler
 from rwt_rclpy.endpoints.events import QoSPublisherEventType
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.messages.classes import Message
+from rwt_rclpy.release import from_kilted
 
 if TYPE_CHECKING:
     from rwt_graph import api
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rwt_rclpy.middleware.link import Link
 
 
+@from_kilted("__enter__", "__exit__")
 class Publisher:
     """Publisher of messages of one type, created by :meth:`Node.create_publisher`.
 

@@ -19,6 +19,7 @@ from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
 from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.release import from_kilted
 
 if TYPE_CHECKING:
     from rwt_graph import Release
@@ -48,6 +49,7 @@ class RequestHeader:
         self.release = release
 
 
+@from_kilted("__enter__", "__exit__")
 class Service(Entity):
     """Service of a node, created by :meth:`Node.create_service`.
 

@@ -6,7 +6,7 @@ import inspect
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Self, TypedDict
+from typing import TYPE_CHECKING, Any, NotRequired, Self, TypedDict
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
@@ -20,6 +20,8 @@ from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.logs.logger import get_logger
 from rwt_rclpy.messages.classes import Message
+from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointTypeEnum, endpoint_gid
+from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample
@@ -30,12 +32,15 @@ KEEP_ALL_LIMIT = 100_000
 
 
 class MessageInfo(TypedDict):
-    """Metadata of a message: times in nanoseconds since the epoch, and sequence numbers."""
+    """Metadata of a message: times in nanoseconds since the epoch, sequence numbers, and from Kilted on the
+    id of the publisher, that of its node's first publisher on the topic.
+    """
 
     source_timestamp: int
     received_timestamp: int
     publication_sequence_number: int | None
     reception_sequence_number: int | None
+    publisher_gid: NotRequired[dict[str, str | bytes]]
 
 
 class CallbackType(Enum):
@@ -45,6 +50,7 @@ class CallbackType(Enum):
     WithMessageInfo = 1
 
 
+@from_kilted("__enter__", "__exit__", "get_content_filter", "is_cft_enabled", "set_content_filter")
 class Subscription(Entity):
     """Subscription of messages of one type, created by :meth:`Node.create_subscription`.
 
@@ -94,7 +100,7 @@ class Subscription(Entity):
         self._publisher_count = publisher_count
         self._filter: ContentFilter | None = None
         if content_filter is not None:
-            self.set_content_filter(content_filter.filter_expression, content_filter.expression_parameters)
+            self._set_filter(content_filter.filter_expression, content_filter.expression_parameters or ())
 
     def _rwt_opened(self, subscription: Any) -> None:
         """Set the endpoint of the graph."""
@@ -167,6 +173,9 @@ class Subscription(Entity):
             InvalidFilter: the expression is invalid, or names an unknown field.
             InvalidHandle: the subscription was destroyed.
         """
+        self._set_filter(filter_expression, expression_parameters)
+
+    def _set_filter(self, filter_expression: str, expression_parameters: Sequence[str]) -> None:
         self._handle.check()
         fields = frozenset(self.msg_type.get_fields_and_field_types())
         wanted = filter_expression.strip()
@@ -220,12 +229,16 @@ class Subscription(Entity):
             except InvalidMessage as error:
                 get_logger("rclpy").error(f"a message on {sample.topic} does not fit its type: {error}")
                 continue
-            return message, {
+            info: MessageInfo = {
                 "source_timestamp": sample.stamp_ns,
                 "received_timestamp": keeper.system_ns(),
                 "publication_sequence_number": number,
                 "reception_sequence_number": None,
             }
+            if RELEASE.has_kilted_names and self._callback_type is CallbackType.WithMessageInfo:
+                gid = endpoint_gid(sample.node, sample.topic, TopicEndpointTypeEnum.PUBLISHER)
+                info["publisher_gid"] = {"implementation_identifier": "rwt_graph", "data": gid}
+            return message, info
 
     def __enter__(self) -> Self:
         return self

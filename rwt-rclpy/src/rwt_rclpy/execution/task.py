@@ -19,6 +19,20 @@ if TYPE_CHECKING:
 Callback = Callable[["Future"], object]
 
 
+class _Awaited(threading.local):
+    """Future that the coroutine of this thread awaits. It is not yielded: asyncio accepts None alone."""
+
+    future: Future | None = None
+
+    def take(self) -> Future | None:
+        """Return it, and forget it."""
+        future, self.future = self.future, None
+        return future
+
+
+_awaited = _Awaited()
+
+
 class Future:
     """Result that will be known later.
 
@@ -42,9 +56,10 @@ class Future:
         if self._exception is not None and not self._exception_fetched:
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201 - the same output as rclpy
 
-    def __await__(self) -> Generator[Future, None, Any]:
+    def __await__(self) -> Generator[None, None, Any]:
         while not self._done:
-            yield self
+            _awaited.future = self
+            yield
         return self.result()
 
     def cancel(self) -> None:
@@ -192,8 +207,9 @@ class Task(Future):
             self.set_result(result)
 
     def _step(self, coroutine: Coroutine[Any, None, Any]) -> None:
+        _awaited.future = None
         try:
-            awaited = coroutine.send(None)
+            coroutine.send(None)
         except StopIteration as end:
             self._end()
             self.set_result(end.value)
@@ -201,9 +217,10 @@ class Task(Future):
             self._end()
             self.set_exception(error)
         else:
-            if isinstance(awaited, Future):
+            future = _awaited.take()
+            if future is not None:
                 self._waits = True
-                awaited._rwt_resume_with(self._go_on)
+                future._rwt_resume_with(self._go_on)
 
     def _go_on(self) -> None:
         self._waits = False

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
+from weakref import WeakSet
 
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
@@ -18,6 +19,7 @@ from rwt_rclpy.messages.loaded import classes
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
+    from rwt_rclpy.endpoints.client import Client
 
 T = TypeVar("T")
 
@@ -42,10 +44,12 @@ class Link:
     Attributes:
         graph: graph.
         timekeeper: source of time of its nodes.
+        clients: service clients of this process, which the graph does not know.
     """
 
     def __init__(self, graph: Graph, timekeeper: Timekeeper | None = None) -> None:
         self.graph = graph
+        self.clients: WeakSet[Client] = WeakSet()
         self.timekeeper = timekeeper or current()
         self._lock = self.timekeeper.lock
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
+from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rwt_participant.qos import QoS, incompatible_policies
 from rwt_rclpy.endpoints.qos import profile_of
+from rwt_rclpy.endpoints.type_support import service_type
 from rwt_rclpy.exceptions import NodeNameNonExistentError, RCLError
+from rwt_rclpy.middleware.topic_endpoint_info import (
+    TopicEndpointInfo,
+    TopicEndpointTypeEnum,
+    TypeHash,
+    endpoint_gid,
+)
 from rwt_rclpy.names.validation import wrong_in_node_name
-from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum, TypeHash
 
 if TYPE_CHECKING:
     from rwt_graph.api import EndpointInfo, NodeInfo, TopicInfo
@@ -125,8 +131,19 @@ class GraphQueries:
         return [found for pair in pairs if (found := incompatible_policies(*pair))]
 
     def count_services(self, service: str) -> int:
-        """Return the number of nodes that offer the service."""
+        """Return the number of servers of a service."""
         return self._link.run(lambda: self._graph.count_services(service))
+
+    def count_clients(self, service: str) -> int:
+        """Return the number of clients of a service in this process."""
+        return sum(client._name == service for client in tuple(self._link.clients))
+
+    def called_by(self, node: str) -> NamesAndTypes:
+        """Return the services that the clients of a node of this process call."""
+        name = self._graph.registry.type_name
+        own = [each for each in tuple(self._link.clients) if each._node._rwt_full_name == node]
+        kinds = {each._name: name(service_type(each.srv_type)) for each in own}
+        return [(service, [kind]) for service, kind in sorted(kinds.items())]
 
     def endpoints(self, topic: str, *, publishers: bool) -> list[TopicEndpointInfo]:
         """Return the publishers or subscriptions of a topic."""
@@ -135,20 +152,24 @@ class GraphQueries:
             return []
         kind = TopicEndpointTypeEnum.PUBLISHER if publishers else TopicEndpointTypeEnum.SUBSCRIPTION
         ends = info.publishers if publishers else info.subscribers
-        return [self._endpoint(info, end, kind, number) for number, end in enumerate(ends)]
+        seen: Counter[str] = Counter()
+        found = []
+        for end in ends:
+            found.append(self._endpoint(info, end, kind, seen[end.node]))
+            seen[end.node] += 1
+        return found
 
     def _endpoint(
         self, info: TopicInfo, end: EndpointInfo, kind: TopicEndpointTypeEnum, number: int
     ) -> TopicEndpointInfo:
         namespace, _, name = end.node.rpartition("/")
         digest = TypeHash() if info.type is None else TypeHash.from_text(info.type.rihs01)
-        gid = hashlib.sha256(f"{end.node} {info.name} {kind} {number}".encode()).digest()[:16]
         return TopicEndpointInfo(
             node_name=name,
             node_namespace=namespace or "/",
             topic_type=end.type,
             topic_type_hash=digest,
             endpoint_type=kind,
-            endpoint_gid=list(gid),
+            endpoint_gid=list(endpoint_gid(end.node, info.name, kind, number)),
             qos_profile=profile_of(end.qos),
         )

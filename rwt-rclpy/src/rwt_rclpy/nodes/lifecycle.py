@@ -331,8 +331,8 @@ class LifecycleNodeMixin(ManagedEntity):
         return self._of_entities("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Do not recover, by default."""
-        return TransitionCallbackReturn.ERROR
+        """Let the entities process the error."""
+        return self._of_entities("on_error", state)
 
     # Entities
 

@@ -48,7 +48,7 @@ from rwt_rclpy.execution.guard_condition import GuardCondition
 from rwt_rclpy.execution.waitable import Waitable, WaitableEntity
 from rwt_rclpy.logs import output
 from rwt_rclpy.logs.logger import RcutilsLogger, get_logger
-from rwt_rclpy.messages.loaded import classes, message_class
+from rwt_rclpy.messages.loaded import message_class
 from rwt_rclpy.names.arguments import RosArguments, parse_arguments
 from rwt_rclpy.names.validation import (
     expand_topic_name,
@@ -62,11 +62,11 @@ from rwt_rclpy.nodes.type_description_service import TypeDescriptionService
 from rwt_rclpy.parameters.node_parameters import NodeParameters
 from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
 from rwt_rclpy.parameters.services import LoggingService, ParameterService
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
-    from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo
+    from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointInfo
 
 
 T = TypeVar("T")
@@ -103,6 +103,7 @@ class NodeHandle(Destroyable):
         return f"{self._namespace}/{self._name}".strip("/").replace("//", "/").replace("/", ".")
 
 
+@from_kilted("__enter__", "__exit__")
 class Node(NodeParameters):
     """Node of the graph, which creates publishers, subscriptions, services, clients and timers.
 
@@ -475,7 +476,7 @@ class Node(NodeParameters):
         Args:
             callback: takes the message, and its metadata if it has a second parameter.
             raw: True to pass messages in CDR.
-            content_filter_options: filter of messages.
+            content_filter_options: filter of messages, from ROS 2 Kilted on.
 
         Raises:
             InvalidFilter: the content filter is invalid, or names an unknown field.
@@ -483,6 +484,10 @@ class Node(NodeParameters):
             InvalidTopicNameException: ROS does not allow the name.
             RuntimeError: the callback takes neither one argument nor two.
         """
+        if content_filter_options is not None and not RELEASE.has_kilted_names:
+            raise TypeError(
+                "unexpected keyword argument 'content_filter_options', which exists from Kilted on"
+            )
         if not callable(callback):
             raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")
         profile = self._rwt_profile(qos_profile)
@@ -636,8 +641,9 @@ class Node(NodeParameters):
         self._rwt_gather()
 
     def remove_waitable(self, waitable: Any) -> None:
-        """Undo :meth:`add_waitable`."""
-        del self._waitables[waitable]
+        """Undo :meth:`add_waitable`. Raises ValueError if it was not added."""
+        if self._waitables.pop(waitable, None) is None:
+            raise ValueError(f"{waitable!r} is not a waitable of the node")
         self._rwt_gather()
 
     def _rwt_step_publisher(
@@ -814,17 +820,14 @@ class Node(NodeParameters):
             return self._rwt_queries.services_of(node_name, node_namespace)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """Return the services that this node calls; empty for other nodes, whose clients are not known.
+        """Return the services that a node calls; empty for nodes of other processes.
 
         Raises:
             NodeNameNonExistentError: no such node.
         """
         with self._handle:
             self._rwt_queries.services_of(node_name, node_namespace)
-            if f"{node_namespace.rstrip('/')}/{node_name}" != self._rwt_full_name:
-                return []
-            name = classes().registry.type_name
-            return sorted((each.service_name, [name(service_type(each.srv_type))]) for each in self._clients)
+            return self._rwt_queries.called_by(f"{node_namespace.rstrip('/')}/{node_name}")
 
     def get_node_names(self) -> list[str]:
         """Return the names of all nodes."""
@@ -863,9 +866,8 @@ class Node(NodeParameters):
         return self._rwt_queries.count_services(self._rwt_absolute(service_name, service=True))
 
     def count_clients(self, service_name: str) -> int:
-        """Return the number of this node's clients of a service; other clients are not known."""
-        full = self._rwt_absolute(service_name, service=True)
-        return sum(client.service_name == full for client in self._clients)
+        """Return the number of clients of a service, without those of other processes."""
+        return self._rwt_queries.count_clients(self._rwt_absolute(service_name, service=True))
 
     def get_publishers_info_by_topic(
         self, topic_name: str, no_mangle: bool = False

@@ -198,8 +198,8 @@ class _Document:
         assert mark is not None  # The parser sets all marks.
         begin = error.context_mark or mark
         if self._open and self._open[-1].flow_style and not self._text[mark.index :].strip():
-            closing = "}" if isinstance(self._open[-1], MappingStartEvent) else "]"
-            return _error(self._open[-1].start_mark, f"what begins here has no closing {closing}")
+            brackets = "{}" if isinstance(self._open[-1], MappingStartEvent) else "[]"
+            return _error(self._open[-1].start_mark, f"{brackets[0]} has no closing {brackets[1]}")
         if "unexpected" in problem:
             return _error(begin, "the text that begins here has no closing quote")
         if "find expected ':'" in problem:

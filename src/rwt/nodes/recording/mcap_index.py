@@ -349,7 +349,9 @@ def rebuild_index(file: IO[bytes], most_bytes: int) -> RecoveryReport:
                 earliest, latest, is_unchunked = min(earliest, log_time), max(latest, log_time), True
         except Exception as error:
             # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
-            logger.warning("the record before byte %d is left out: %s", whole, error)
+            logger.warning(
+                "the record before byte %d is left out: %s", whole, str(error) or type(error).__name__
+            )
             damaged += 1
     builder.summary.statistics = _statistics(builder, max(0, latest), earliest if latest >= 0 else 0)
     return RecoveryReport(builder.summary, damaged, file.seek(0, SEEK_END) - whole, is_unchunked)

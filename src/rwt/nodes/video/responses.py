@@ -103,6 +103,7 @@ _VIEWER = """<!doctype html>
 """
 
 _VIDEO = """<video src="{source}" autoplay muted playsinline></video>
+<p role="status"></p>
 <script>{script}</script>"""
 
 VIDEO_SCRIPT = """
@@ -115,8 +116,20 @@ video.onprogress = video.ontimeupdate = () => {
   const behind = parts.length ? parts.end(parts.length - 1) - video.currentTime : 0;
   video.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
 };
+// What was received and is not shown yet, and the time since something was received.
+let [end, grown] = [0, performance.now()];
+setInterval(() => {
+  const parts = video.buffered;
+  if (!parts.length) return;
+  const now = performance.now();
+  if (parts.end(parts.length - 1) !== end) [end, grown] = [parts.end(parts.length - 1), now];
+  const age = end - video.currentTime + (now - grown) / 1000;
+  const isOld = age > 1;
+  video.style.filter = isOld ? "grayscale(1) opacity(0.5)" : "";
+  document.querySelector("p").textContent = isOld ? `The image is ${age.toFixed(1)} s old` : "";
+}, 250);
 """
-"""The script of the page that shows a video."""
+"""The script of the page that shows a video. Images older than a second are grey, and show their age."""
 
 
 def viewer_page(topic: str, query: str, *, video: bool) -> bytes:

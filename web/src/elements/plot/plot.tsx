@@ -71,6 +71,8 @@ function PlotView({ element, session }: ViewProps<PlotElement>) {
   );
 }
 
+/** Values of each curve: all of them are drawn. */
+const MOST_VALUES = 65_536;
 /** Milliseconds between two updates of the numbers beside the curves. */
 const LEGEND_PERIOD = 250;
 
@@ -83,7 +85,7 @@ function Plot(props: Omit<ViewProps<PlotElement>, "stop"> & { topic: ChosenTopic
   const newest = useRef<number[]>([]);
   const missing = useSignal("");
   const series = useMemo(
-    () => fields.map(() => new Series(element.seconds)),
+    () => fields.map(() => new Series(element.seconds, MOST_VALUES)),
     [element.field, element.seconds],
   );
   useTopic(

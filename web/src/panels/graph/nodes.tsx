@@ -1,8 +1,10 @@
 /** Nodes: who talks to whom, as a picture and as lists. */
 
 import { useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
-import { Choice, NameButton } from "../../forms/inputs";
+import { ZoomIn, ZoomOut } from "lucide";
+import { useEffect, useId } from "preact/hooks";
+import { Icon } from "../../forms/icon";
+import { Check, Choice, NameButton } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { keepAsking } from "../../robot/asking";
@@ -22,6 +24,11 @@ const MOST_NODES = 100;
 const MOST_ROWS = 40;
 const ROW = 26;
 const WIDTH = 900;
+/** Where the topics stand, and half of the room that a name takes beside it, about. */
+const MIDDLE = 460;
+const half = (topic: string) => Math.min(130, 18 + topic.length * 3.7);
+/** Factors by which the picture can be drawn; the style has a width for each. */
+const ZOOMS = [0.5, 0.75, 1, 1.5, 2, 3];
 
 export const nodes: PanelKind = {
   name: "nodes",
@@ -32,8 +39,12 @@ export const nodes: PanelKind = {
   init: componentPanel(NodesPanel),
 };
 
-/** The topics over which nodes reach each other, with those at either end; of one node, where one is chosen. */
-export function talks(details: ReadonlyMap<string, NodeDetails>, chosen: string) {
+/**
+ * The topics over which nodes reach each other, with those at either end; of one node, where one is chosen.
+ *
+ * @param all true for topics without publishers or without subscribers as well
+ */
+export function talks(details: ReadonlyMap<string, NodeDetails>, chosen: string, all = false) {
   const topics = new Map<string, { from: string[]; to: string[] }>();
   const at = (name: string) => {
     const known = topics.get(name) ?? { from: [], to: [] };
@@ -46,7 +57,9 @@ export function talks(details: ReadonlyMap<string, NodeDetails>, chosen: string)
   }
   return [...topics]
     .map(([topic, ends]) => ({ topic, ...ends }))
-    .filter(({ from, to }) => (chosen ? [...from, ...to].includes(chosen) : from.length > 0 && to.length > 0))
+    .filter(({ from, to }) =>
+      chosen ? [...from, ...to].includes(chosen) : all || (from.length > 0 && to.length > 0),
+    )
     .sort((one, other) => (one.topic < other.topic ? -1 : 1));
 }
 
@@ -74,19 +87,45 @@ function NodesPanel({ context }: { context: PanelContext }) {
     );
   }, [session, key, isVisible]);
   const chosen = String(config.value.node ?? "");
+  const all = config.value.all === true;
+  const zoom = useSignal(ZOOMS.indexOf(1));
   const one = details.value.get(chosen);
   return (
     <div class="nodes">
-      <Choice
-        label={t("parameters.node")}
-        chosen={chosen}
-        options={[["", t("nodes.all")], ...[...names].sort()]}
-        onChoose={(node) => {
-          config.value = { ...config.value, node };
-        }}
-      />
+      <div class="plot-bar">
+        <Choice
+          label={t("parameters.node")}
+          chosen={chosen}
+          options={[["", t("nodes.all")], ...[...names].sort()]}
+          onChoose={(node) => {
+            config.value = { ...config.value, node };
+          }}
+        />
+        <Check
+          checked={all}
+          onChange={(checked) => {
+            config.value = { ...config.value, all: checked };
+          }}
+        >
+          {t("nodes.dead_ends")}
+        </Check>
+        {([-1, 1] as const).map((step) => (
+          <button
+            key={step}
+            type="button"
+            class="tip-below"
+            disabled={ZOOMS[zoom.value + step] === undefined}
+            onClick={() => {
+              zoom.value += step;
+            }}
+          >
+            <Icon of={step < 0 ? ZoomOut : ZoomIn} size={16} />
+            <span class="words">{t(step < 0 ? "plot.zoom.out" : "plot.zoom.in")}</span>
+          </button>
+        ))}
+      </div>
       {problem.value && <Problem text={problem.value} />}
-      <Picture details={details.value} chosen={chosen} />
+      <Picture details={details.value} chosen={chosen} all={all} zoom={zoom.value} />
       {one &&
         (["publishing", "subscribing", "services"] as const).map((kind) => (
           <details key={kind}>
@@ -111,12 +150,20 @@ function NodesPanel({ context }: { context: PanelContext }) {
 }
 
 /** Three columns: who publishes, on what, and who hears it. */
-function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails>; chosen: string }) {
-  const all = talks(details, chosen);
-  const shown = all.slice(0, MOST_ROWS);
+function Picture(props: {
+  details: ReadonlyMap<string, NodeDetails>;
+  chosen: string;
+  all: boolean;
+  /** Place among {@link ZOOMS}. */
+  zoom: number;
+}) {
+  const { details, chosen, all, zoom } = props;
+  const found = talks(details, chosen, all);
+  const shown = found.slice(0, MOST_ROWS);
   const left = [...new Set(shown.flatMap(({ from }) => from))].sort();
   const right = [...new Set(shown.flatMap(({ to }) => to))].sort();
   const rows = Math.max(left.length, shown.length, right.length, 1);
+  const arrow = useId();
   const y = (at: number, of: number) => ((at + 0.5) * rows * ROW) / Math.max(of, 1);
   if (!shown.length) return <p class="faint">{t("nodes.none")}</p>;
   return (
@@ -125,24 +172,38 @@ function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails
       <div class="nodes-picture" tabIndex={0}>
         <svg
           viewBox={`0 0 ${WIDTH} ${rows * ROW}`}
+          class={`zoom-${zoom}`}
           role="img"
           aria-label={t("nodes.picture", { count: shown.length })}
         >
+          <marker
+            id={arrow}
+            viewBox="0 0 8 8"
+            refX="7"
+            refY="4"
+            markerWidth="8"
+            markerHeight="8"
+            orient="auto"
+          >
+            <path d="M 0 0 L 8 4 L 0 8 z" />
+          </marker>
           {shown.flatMap(({ topic, from, to }, at) => [
             ...from.map((node) => (
               <line
                 key={`${node} ${topic}`}
                 x1={230}
                 y1={y(left.indexOf(node), left.length)}
-                x2={330}
+                marker-end={`url(#${arrow})`}
+                x2={MIDDLE - half(topic)}
                 y2={y(at, shown.length)}
               />
             )),
             ...to.map((node) => (
               <line
                 key={`${topic} ${node}`}
-                x1={590}
+                x1={MIDDLE + half(topic)}
                 y1={y(at, shown.length)}
+                marker-end={`url(#${arrow})`}
                 x2={680}
                 y2={y(right.indexOf(node), right.length)}
               />
@@ -159,11 +220,22 @@ function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails
               {node}
             </text>
           ))}
-          {shown.map(({ topic }, at) => (
-            <text key={topic} x={460} y={y(at, shown.length) + 5} text-anchor="middle" class="topic">
-              {topic}
-            </text>
-          ))}
+          {shown.map(({ topic, from, to }, at) => {
+            const isDead = !from.length || !to.length;
+            const end = from.length ? "nodes.unheard" : "nodes.unsaid";
+            return (
+              <text
+                key={topic}
+                x={MIDDLE}
+                y={y(at, shown.length) + 5}
+                text-anchor="middle"
+                class={isDead ? "topic dead" : "topic"}
+              >
+                {isDead && <title>{t(end)}</title>}
+                {isDead ? `⊘ ${topic}` : topic}
+              </text>
+            );
+          })}
           {right.map((node, at) => (
             <text key={node} x={685} y={y(at, right.length) + 5} class={node === chosen ? "chosen" : ""}>
               {node}
@@ -171,8 +243,8 @@ function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails
           ))}
         </svg>
       </div>
-      {all.length > shown.length && (
-        <p class="faint">{t("topics.longer", { count: all.length - shown.length })}</p>
+      {found.length > shown.length && (
+        <p class="faint">{t("topics.longer", { count: found.length - shown.length })}</p>
       )}
     </>
   );

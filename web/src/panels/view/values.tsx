@@ -8,7 +8,7 @@ import { t } from "../../i18n/text";
 import { leafPaths, valueAt } from "../../robot/fields";
 import { componentPanel, now } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
-import { AddLine, type Line } from "./plot";
+import { AddField, type Field } from "./add_field";
 
 /** Milliseconds of states that are shown, and between two messages. */
 const SPAN = 60_000;
@@ -30,8 +30,6 @@ export const values: PanelKind = {
   init: componentPanel(ValuesPanel),
 };
 
-type Field = Pick<Line, "topic" | "path">;
-
 function ValuesPanel({ context }: { context: PanelContext }) {
   const { config } = context;
   const fields = (config.value.fields as Field[] | undefined) ?? [];
@@ -40,7 +38,7 @@ function ValuesPanel({ context }: { context: PanelContext }) {
   };
   return (
     <div class="values">
-      <AddLine context={context} pathsOf={leafPaths} onAdd={(field) => set([...fields, field])} />
+      <AddField context={context} pathsOf={leafPaths} onAdd={(field) => set([...fields, field])} />
       {!fields.length && <p class="blank">{t("values.choose")}</p>}
       <div class="values-list">
         {fields.map((field, at) => (

@@ -7,8 +7,10 @@ import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { View } from "./camera";
 
-/** Cameras at a time: of streams over HTTP, a browser opens six at a server. */
-const MOST = 4;
+/** Cameras at a time, in three rows of three. */
+const MOST = 9;
+/** Cameras by streams over HTTP, of which a browser opens six at a server; the others come as messages. */
+const MOST_STREAMS = 4;
 
 export const wall: PanelKind = {
   name: "wall",
@@ -44,12 +46,12 @@ function WallPanel({ context }: { context: PanelContext }) {
           </Check>
         ))}
       </details>
-      <div class={chosen.length > 1 ? "wall-grid two" : "wall-grid"}>
+      <div class={`wall-grid columns-${Math.ceil(Math.sqrt(chosen.length))}`}>
         {visible.value &&
           session.hasAsked &&
-          chosen.map((topic) => (
+          chosen.map((topic, at) => (
             <figure key={topic} class="camera">
-              <View context={context} topic={topic} />
+              <View context={context} topic={topic} options={{ messages: at >= MOST_STREAMS }} />
               <figcaption>{topic}</figcaption>
             </figure>
           ))}

@@ -1,10 +1,21 @@
 /** Points: laser scans and point clouds. */
 
-import { BufferAttribute, BufferGeometry, DynamicDrawUsage, Points, PointsMaterial } from "three";
+import {
+  BufferAttribute,
+  BufferGeometry,
+  DynamicDrawUsage,
+  type Intersection,
+  type Object3D,
+  Points,
+  PointsMaterial,
+} from "three";
+import { PALETTES, paint, paletteOf, rangeOf } from "../../decode/palette";
 import type { Points as DecodedPoints } from "../../decode/protocol";
+import type { TextKey } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
 import type { Detail } from "../governor";
-import { frameOf, Layer, type LayerContext, within } from "./layer";
+import { METRE_OF_POINTS } from "../view";
+import { frameOf, Layer, type LayerContext, type LayerOption, within } from "./layer";
 
 const MOST_RANGES = 200_000;
 
@@ -21,7 +32,8 @@ class PointBuffer {
   private sent = 0;
   private limit = Number.POSITIVE_INFINITY;
 
-  constructor(private readonly size: number) {
+  /** @param size diameter of a point in the library's own measure */
+  constructor(private size: number) {
     this.material = new PointsMaterial({ size, vertexColors: true });
     this.material.onBeforeCompile = asTheyAre;
     this.points = new Points(new BufferGeometry(), this.material);
@@ -65,36 +77,20 @@ class PointBuffer {
     this.sent = drawn;
   }
 
+  resize(size: number): void {
+    this.size = size;
+    this.draw();
+  }
+
+  dispose(): void {
+    this.points.geometry.dispose();
+    this.material.dispose();
+    this.points.removeFromParent();
+  }
+
   private get attributes(): BufferAttribute[] {
     return Object.values(this.points.geometry.attributes) as BufferAttribute[];
   }
-}
-
-/** Metres at which the colours of ranges end. */
-const FARTHEST = 8;
-/** Turbo's colours (A. Mikhailov, 2019) at equal distances, and between them straight lines. */
-const TURBO = [
-  [48, 18, 59],
-  [70, 98, 217],
-  [54, 170, 249],
-  [26, 228, 182],
-  [114, 254, 94],
-  [200, 239, 52],
-  [250, 186, 57],
-  [246, 107, 25],
-  [203, 42, 4],
-  [122, 4, 3],
-] as const;
-
-/** The colour of a share from 0 to 1, with its opacity. */
-export function turbo(share: number): [number, number, number, number] {
-  // The first and the last are too dark for a dark page.
-  const at = 1 + Math.max(0, Math.min(1, share)) * (TURBO.length - 3);
-  const low = Math.min(Math.floor(at), TURBO.length - 2);
-  const [one, other] = [TURBO[low], TURBO[low + 1]];
-  const mix = (part: 0 | 1 | 2) =>
-    (one?.[part] ?? 0) + ((other?.[part] ?? 0) - (one?.[part] ?? 0)) * (at - low);
-  return [mix(0), mix(1), mix(2), 255];
 }
 
 /** Leave out what would make a screen's colours of numbers of light: they are a screen's already. */
@@ -102,21 +98,129 @@ function asTheyAre(shader: { fragmentShader: string }): void {
   shader.fragmentShader = shader.fragmentShader.replace("#include <colorspace_fragment>", "");
 }
 
-/** sensor_msgs/LaserScan. */
-export class ScanLayer extends Layer {
-  private readonly buffer = new PointBuffer(0.06);
+/** Clouds that are kept at a time, however long they stay. */
+const MOST_KEPT = 100;
+/** Centimetres of the library's own measure of points. */
+const CENTIMETRE = 0.01 * METRE_OF_POINTS;
+
+/** Points that may stay for a while where they were. */
+abstract class PointsLayer extends Layer {
+  private readonly buffers: { buffer: PointBuffer; at: number }[] = [];
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private most = Number.POSITIVE_INFINITY;
 
   constructor(context: LayerContext) {
     super(context);
-    this.group.add(this.buffer.points);
+    this.until(() => {
+      clearTimeout(this.timer);
+      for (const { buffer } of this.buffers) buffer.dispose();
+    });
+  }
+
+  override get objects(): readonly Object3D[] {
+    return this.buffers.map(({ buffer }) => buffer.points);
+  }
+
+  override prepare({ points }: Detail): void {
+    this.most = points;
+    for (const { buffer } of this.buffers) buffer.draw(points / this.buffers.length);
+  }
+
+  protected override configured(): void {
+    for (const { buffer } of this.buffers) buffer.resize(this.size);
+    this.forget();
+  }
+
+  /** Draw points of a frame; those before them stay where they are in the fixed frame, for as long as is set. */
+  protected draw(
+    frame: string,
+    count: number,
+    fill: (positions: Float32Array, colours: Uint8Array) => void,
+  ): void {
+    const { frames } = this.context;
+    const last = this.buffers.at(-1)?.buffer;
+    const now = Date.now();
+    this.moveTo(frame);
+    if (last && Number(this.setting("decay")) > 0) {
+      const pose = frames.inFixed(this.lastFrame);
+      if (pose) {
+        last.points.applyMatrix4(pose);
+        frames.place(frames.fixed.peek()).add(last.points);
+      }
+    }
+    this.lastFrame = frame;
+    const reused = Number(this.setting("decay")) > 0 ? undefined : this.buffers.pop()?.buffer;
+    const buffer = reused ?? new PointBuffer(this.size);
+    buffer.set(count, fill);
+    buffer.draw(this.most);
+    this.group.add(buffer.points);
+    this.buffers.push({ buffer, at: now });
+    this.forget();
+  }
+  private lastFrame = "";
+
+  private get size(): number {
+    return Number(this.setting("size")) * CENTIMETRE;
+  }
+
+  /** Remove what has been there for long enough; the newest points stay. */
+  private forget(): void {
+    clearTimeout(this.timer);
+    const decay = Number(this.setting("decay")) * 1000;
+    while (this.buffers.length > 1) {
+      const [first] = this.buffers as [{ buffer: PointBuffer; at: number }];
+      const left = first.at + decay - Date.now();
+      if (left > 0 && this.buffers.length <= MOST_KEPT) {
+        this.timer = setTimeout(() => {
+          this.forget();
+          this.context.view.redraw();
+        }, left);
+        return;
+      }
+      first.buffer.dispose();
+      this.buffers.shift();
+    }
+  }
+
+  /** Options of all points. */
+  protected pointOptions(colours: readonly string[], size: number): LayerOption[] {
+    return [
+      { kind: "choice", name: "colour", values: colours, usual: colours[0] as string },
+      { kind: "choice", name: "palette", values: PALETTES, usual: "turbo" },
+      { kind: "number", name: "size", least: 0.5, most: 20, step: 0.5, unit: "cm", usual: size },
+      { kind: "number", name: "decay", least: 0, most: 30, step: 0.5, unit: "s", usual: 0 },
+    ];
+  }
+}
+
+/** Metres at which the colours of ranges end. */
+const FARTHEST = 8;
+
+/** sensor_msgs/LaserScan. */
+export class ScanLayer extends PointsLayer {
+  private last: Message | null = null;
+
+  constructor(context: LayerContext) {
+    super(context);
+    this.options.value = this.pointOptions(["range", "intensity", "flat"], 3);
     this.hear((message) => this.take(message), { throttle: 50 });
   }
+
+  protected override configured(): void {
+    super.configured();
+    if (this.last && !this.setting("decay")) this.take(this.last);
+  }
+
+  override describe({ index = -1 }: Intersection): [TextKey, string][] {
+    const range = Number((this.last?.ranges as ArrayLike<number> | undefined)?.[this.found[index] ?? -1]);
+    return Number.isFinite(range) ? [["scene.range", `${range.toFixed(2)} m`]] : [];
+  }
+  private found: number[] = [];
 
   private take(message: Message): void {
     const ranges = message.ranges as ArrayLike<number | null>;
     within("the number of ranges", ranges.length, 0, MOST_RANGES);
     const { angle_min, angle_increment, range_min, range_max } = message as Record<string, number>;
-    this.moveTo(frameOf(message));
     const found: number[] = [];
     for (let at = 0; at < ranges.length; at++) {
       const range = ranges[at];
@@ -129,42 +233,82 @@ export class ScanLayer extends Layer {
       )
         found.push(at);
     }
+    this.last = message;
+    this.found = found;
+    const colour = this.setting("colour");
+    const palette = paletteOf(this.setting("palette"));
+    const intensities = (message.intensities ?? []) as ArrayLike<number>;
+    const byIntensity = colour === "intensity" && intensities.length === ranges.length;
+    const values = found.map((at) => Number((byIntensity ? intensities : ranges)[at]));
     const most = Math.min(Number(range_max), FARTHEST) || FARTHEST;
-    this.buffer.set(found.length, (positions, colours) => {
+    const span = byIntensity ? (rangeOf(values) ?? [0, 1]) : ([0, most] as const);
+    const isFlat = colour === "flat";
+    this.legend.value = isFlat ? null : { palette, by: byIntensity ? "intensity" : "range", range: span };
+    this.draw(frameOf(message), found.length, (positions, colours) => {
       found.forEach((at, index) => {
         const angle = Number(angle_min) + at * Number(angle_increment);
         const range = ranges[at] as number;
         positions[index * 3] = range * Math.cos(angle);
         positions[index * 3 + 1] = range * Math.sin(angle);
         positions[index * 3 + 2] = 0;
-        colours.set(turbo(range / most), index * 4);
       });
+      if (isFlat) flatten(colours, found.length);
+      else paint(colours, values, palette, span);
     });
   }
 }
 
+/** Paint points in one colour that is readable on dark and light pages. */
+function flatten(colours: Uint8Array, count: number): void {
+  for (let at = 0; at < count; at++) colours.set([54, 150, 240, 255], at * 4);
+}
+
 /** sensor_msgs/PointCloud2, decoded by the worker. */
-export class CloudLayer extends Layer {
-  private readonly buffer = new PointBuffer(0.025);
+export class CloudLayer extends PointsLayer {
+  private end: () => void = () => undefined;
+  private decoding = "";
 
   constructor(context: LayerContext) {
     super(context);
-    this.group.add(this.buffer.points);
-    this.hear((message) => this.take(message), { throttle: 100, decoding: "cloud" });
+    this.options.value = this.pointOptions(["auto", "flat"], 1);
+    this.listen();
   }
 
-  override prepare({ points }: Detail): void {
-    this.buffer.draw(points);
+  protected override configured(): void {
+    super.configured();
+    this.listen();
+  }
+
+  /** Have the worker colour the points as is set. */
+  private listen(): void {
+    const colour = String(this.setting("colour"));
+    const by = colour === "auto" || colour === "flat" ? "" : colour;
+    const decoding = `cloud:${paletteOf(this.setting("palette"))}:${by}` as const;
+    if (decoding === this.decoding) return;
+    this.decoding = decoding;
+    const before = this.end;
+    this.end = this.hear((message) => this.take(message), { throttle: 100, decoding });
+    before();
   }
 
   private take(message: Message): void {
     if (typeof message.$error === "string") throw new Error(message.$error);
     const decoded = message.$points as DecodedPoints | undefined;
     if (!decoded) return;
-    this.moveTo(frameOf(message));
-    this.buffer.set(decoded.count, (positions, colours) => {
+    const isFlat = this.setting("colour") === "flat";
+    const { by, range, fields } = decoded;
+    const colours = ["auto", "flat", ...fields];
+    if (colours.join() !== this.colours) {
+      this.colours = colours.join();
+      this.options.value = this.pointOptions(colours, 1);
+    }
+    const palette = paletteOf(this.setting("palette"));
+    this.legend.value = range && !isFlat ? { palette, by, range } : null;
+    this.draw(frameOf(message), decoded.count, (positions, colours) => {
       positions.set(decoded.positions);
-      colours.set(decoded.colors);
+      if (isFlat) flatten(colours, decoded.count);
+      else colours.set(decoded.colors);
     });
   }
+  private colours = "";
 }

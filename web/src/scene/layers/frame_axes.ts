@@ -10,12 +10,24 @@ const MOST = 300;
 
 interface Drawn {
   holder: Object3D;
+  axes: Object3D;
+  label: HTMLElement;
   line: Line;
 }
+
+/** What is drawn of frames, and metres of their axes. */
+export interface AxesSettings {
+  axes: boolean;
+  names: boolean;
+  ages: boolean;
+  size: number;
+}
+export const USUAL_AXES: AxesSettings = { axes: true, names: true, ages: false, size: 0.25 };
 
 export class FrameAxes {
   private readonly drawn = new Map<string, Drawn>();
   private shown = false;
+  private settings = USUAL_AXES;
 
   constructor(
     private readonly frames: Frames,
@@ -32,6 +44,11 @@ export class FrameAxes {
     this.view.redraw();
   }
 
+  configure(settings: AxesSettings): void {
+    this.settings = settings;
+    this.view.redraw();
+  }
+
   /** Follow the frames; called before each drawn frame. */
   update(): void {
     if (!this.shown) {
@@ -41,12 +58,18 @@ export class FrameAxes {
     const names = this.frames.names.slice(0, MOST);
     for (const name of [...this.drawn.keys()]) if (!names.includes(name)) this.remove(name);
     for (const name of names) {
-      const { holder, line } = this.drawn.get(name) ?? this.add(name);
-      const parent = this.frames.tree.get(name)?.parent;
+      const { holder, axes, label, line } = this.drawn.get(name) ?? this.add(name);
+      const frame = this.frames.tree.get(name);
+      const parent = frame?.parent;
+      axes.visible = this.settings.axes;
+      axes.scale.setScalar(this.settings.size);
+      const age = this.settings.ages && frame && !frame.isStatic ? ageText(frame.at) : "";
+      label.textContent = [this.settings.names ? name : "", age].filter(Boolean).join(" ");
+      label.hidden = label.textContent === "";
       const here = this.frames.inFixed(name);
       const there = parent === undefined ? null : this.frames.inFixed(parent);
       holder.visible = here !== null;
-      line.visible = here !== null && there !== null;
+      line.visible = this.settings.axes && here !== null && there !== null;
       if (here && there) {
         const ends = [here, there].map((matrix) => new Vector3().setFromMatrixPosition(matrix));
         line.geometry.setFromPoints(ends);
@@ -63,13 +86,13 @@ export class FrameAxes {
     const holder = new Object3D();
     const label = document.createElement("span");
     label.className = "scene-name";
-    label.textContent = name;
-    holder.add(new AxesHelper(0.25), new CSS2DObject(label));
+    const axes = new AxesHelper(1);
+    holder.add(axes, new CSS2DObject(label));
     this.frames.place(name).add(holder);
     const line = new Line(new BufferGeometry(), new LineBasicMaterial({ color: 0xd9a514 }));
     line.frustumCulled = false;
     this.view.scene.add(line);
-    const drawn = { holder, line };
+    const drawn = { holder, axes, label, line };
     this.drawn.set(name, drawn);
     return drawn;
   }
@@ -83,4 +106,9 @@ export class FrameAxes {
     }
     this.drawn.delete(name);
   }
+}
+
+/** Time since a transform arrived. */
+function ageText(at: number): string {
+  return `${((Date.now() - at) / 1000).toFixed(1)} s`;
 }

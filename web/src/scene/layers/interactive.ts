@@ -124,11 +124,6 @@ export class InteractiveLayer extends Layer {
     });
   }
 
-  override show(shown: boolean): void {
-    super.show(shown);
-    for (const { object } of this.markers.values()) object.visible = shown;
-  }
-
   private ask(): () => void {
     const { session } = this.context;
     const service = `${this.namespace}/get_interactive_markers`;
@@ -180,7 +175,6 @@ export class InteractiveLayer extends Layer {
       }
     }
     if (!placeAt(object, marker.pose)) throw new Error(`the pose of ${marker.name} is no place`);
-    object.visible = this.isShown;
     frames.place(marker.header.frame_id).add(object);
     this.markers.set(marker.name, shown);
   }
@@ -251,7 +245,7 @@ export class InteractiveLayer extends Layer {
   }
 
   private down(event: PointerEvent): void {
-    if (!this.may || !this.isShown || event.button !== 0) return;
+    if (!this.may || event.button !== 0) return;
     const hit = this.hit(event);
     if (!hit || hit.control.interaction_mode === 0) return;
     event.stopImmediatePropagation();

@@ -1,13 +1,35 @@
 /** Layer of the scene: one topic, drawn. */
 
 import { type Signal, signal } from "@preact/signals-core";
-import { Group } from "three";
+import { Group, type Intersection, type Object3D } from "three";
+import type { Palette } from "../../decode/palette";
+import type { TextKey } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import type { Message, SubscribeOptions } from "../../robot/subscriptions";
 import type { Frames } from "../frames";
 import type { Detail } from "../governor";
 import { disposeTree, type View } from "../view";
 import type { Handle } from "./handles";
+
+/** Settings of a layer by choice, as plain JSON. */
+export type LayerSettings = Readonly<Record<string, string | number | boolean>>;
+
+/** One thing that can be set of a layer. */
+export type LayerOption = { name: OptionName; label?: string } & (
+  | { kind: "choice"; values: readonly string[]; usual: string }
+  | { kind: "number"; least: number; most: number; step: number; unit: string; usual: number }
+  | { kind: "switch"; usual: boolean }
+);
+export type OptionName =
+  | ("colour" | "palette" | "size" | "decay" | "opacity" | "history" | "trail" | "shape")
+  | ("visual" | "collision" | "axes" | "names" | "ages" | `namespace ${string}`);
+
+/** Colours of a layer from its least to its greatest value. */
+export interface Legend {
+  palette: Palette;
+  by: string;
+  range: readonly [least: number, most: number];
+}
 
 /** Context of a layer. */
 export interface LayerContext {
@@ -17,6 +39,7 @@ export interface LayerContext {
   topic: string;
   /** As the robot writes it. */
   type: string;
+  settings: LayerSettings;
 }
 
 /** One topic in the scene. Its objects hang in a frame; a fault in a message is said and breaks nothing. */
@@ -24,38 +47,80 @@ export abstract class Layer {
   readonly problem: Signal<string> = signal("");
   /** Handles, which the keyboard can hold, too. */
   readonly handles: Signal<readonly Handle[]> = signal([]);
+  readonly options: Signal<readonly LayerOption[]> = signal([]);
+  readonly legend: Signal<Legend | null> = signal(null);
   protected readonly group = new Group();
   private readonly ends: (() => void)[] = [];
-  private shown = true;
   private frame = "";
+  private settings: LayerSettings;
 
-  constructor(protected readonly context: LayerContext) {}
+  constructor(protected readonly context: LayerContext) {
+    this.settings = context.settings;
+  }
 
-  /** Hear the layer's topic, or another one. */
+  /** Follow other settings. */
+  configure(settings: LayerSettings): void {
+    if (settings === this.settings) return;
+    this.settings = settings;
+    this.configured();
+    this.context.view.redraw();
+  }
+
+  /** Called after the settings have changed. */
+  protected configured(): void {
+    // Most layers read them at the next message.
+  }
+
+  /** The value of an option: the chosen one, or else the usual one. */
+  protected setting(name: OptionName): string | number | boolean {
+    const option = this.options.peek().find((each) => each.name === name);
+    const chosen = this.settings[name];
+    if (!option) return chosen ?? "";
+    if (typeof chosen !== typeof option.usual) return option.usual;
+    if (option.kind === "number") return Math.min(option.most, Math.max(option.least, Number(chosen)));
+    return chosen ?? option.usual;
+  }
+
+  /** Say of what kind a drawn object is, as rows of a name and a value. */
+  describe(_hit: Intersection): readonly (readonly [name: TextKey, value: string])[] {
+    return [];
+  }
+
+  /** Objects of this layer, for the pointer. */
+  get objects(): readonly Object3D[] {
+    return [this.group];
+  }
+
+  /** Frame of the layer's objects. */
+  get frameName(): string {
+    return this.frame;
+  }
+
+  /** Hear the layer's topic, or another one; returns what ends it before the layer does. */
   protected hear(
     listener: (message: Message) => void,
     options: SubscribeOptions = {},
     topic = this.context.topic,
-  ): void {
+  ): () => void {
     const { session } = this.context;
     const type =
       topic === this.context.topic ? this.context.type : (session.graph.peek().topics.get(topic) ?? "");
-    this.ends.push(
-      session.subscribe(
-        topic,
-        type,
-        (message) => {
-          try {
-            listener(message);
-            this.problem.value = "";
-          } catch (error) {
-            this.problem.value = (error as Error).message;
-          }
-          this.context.view.redraw();
-        },
-        options,
-      ),
+    const end = session.subscribe(
+      topic,
+      type,
+      (message) => {
+        try {
+          listener(message);
+          this.problem.value = "";
+        } catch (error) {
+          this.problem.value = (error as Error).message;
+        }
+        this.context.view.redraw();
+      },
+      options,
     );
+    this.ends.push(end);
+    return end;
   }
 
   /** Something that ends with the layer. */
@@ -74,17 +139,6 @@ export abstract class Layer {
   /** Called before each frame that is drawn. */
   prepare(_detail: Detail): void {
     // Most layers cost the same however finely they are drawn.
-  }
-
-  /** Show or hide it. */
-  show(shown: boolean): void {
-    this.shown = shown;
-    this.group.visible = shown;
-    this.context.view.redraw();
-  }
-
-  get isShown(): boolean {
-    return this.shown;
   }
 
   /** Remove what is drawn, and give it back. */

@@ -9,6 +9,7 @@ import {
   DoubleSide,
   Group,
   InstancedMesh,
+  type Intersection,
   Matrix4,
   Mesh,
   MeshLambertMaterial,
@@ -23,6 +24,7 @@ import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
+import type { TextKey } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import type { Message } from "../../robot/subscriptions";
 import { disposeTree, METRE_OF_POINTS } from "../view";
@@ -63,6 +65,8 @@ export interface Marker {
 const MOST_MARKERS = 10_000;
 const MOST_POINTS = 200_000;
 const MOST_LABEL = 500;
+/** Namespaces that can be switched. */
+const MOST_NAMESPACES = 50;
 /** Metres, of lines without a width. */
 const THINNEST = 0.01;
 const Y_TO_X = new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), new Vector3(1, 0, 0));
@@ -253,9 +257,33 @@ export class MarkersLayer extends Layer {
     this.until(() => this.removeAll());
   }
 
-  override show(shown: boolean): void {
-    super.show(shown);
-    for (const { object } of this.markers.values()) object.visible = shown;
+  override get objects(): readonly Object3D[] {
+    return [...this.markers.values()].map(({ object }) => object);
+  }
+
+  override describe({ object }: Intersection): [TextKey, string][] {
+    for (let at: Object3D | null = object; at; at = at.parent) {
+      const found = [...this.markers].find(([, marker]) => marker.object === at);
+      if (found) return [["scene.marker", found[0].replace("\u0000", " · ")]];
+    }
+    return [];
+  }
+
+  protected override configured(): void {
+    for (const [key, { object }] of this.markers) object.visible = this.shows(key);
+  }
+
+  /** True if the namespace of a marker is shown. */
+  private shows(key: string): boolean {
+    return this.setting(`namespace ${key.slice(0, key.indexOf("\u0000"))}`) !== false;
+  }
+
+  /** Offer a switch for each namespace. */
+  private know(ns: string): void {
+    const options = this.options.peek();
+    const name = `namespace ${ns}` as const;
+    if (options.length >= MOST_NAMESPACES || options.some((each) => each.name === name)) return;
+    this.options.value = [...options, { kind: "switch", name, label: ns || "–", usual: true }];
   }
 
   private take(marker: Marker): void {
@@ -272,7 +300,8 @@ export class MarkersLayer extends Layer {
       drawMarker(marker, session, () => view.redraw()),
       marker.pose,
     );
-    object.visible = this.isShown;
+    this.know(String(marker.ns));
+    object.visible = this.shows(key);
     frames.place(marker.header.frame_id).add(object);
     const { sec, secs, nanosec, nsecs } = marker.lifetime ?? {};
     const lifetime = Number(sec ?? secs ?? 0) * 1000 + Number(nanosec ?? nsecs ?? 0) / 1e6;

@@ -2,6 +2,7 @@
 
 import {
   ArrowHelper,
+  AxesHelper,
   BufferAttribute,
   BufferGeometry,
   Group,
@@ -23,6 +24,8 @@ export interface Pose {
 const MOST_POSES = 2000;
 const MOST_PATH = 20_000;
 const ARROW = 0.6;
+/** Metres between the arrows of a history. */
+const BETWEEN = 0.2;
 
 /** Put an object at a pose; false where the pose is none. */
 export function placeAt(object: Object3D, pose: Pose): boolean {
@@ -50,10 +53,16 @@ export class OdometryLayer extends Layer {
   private readonly trail = new BufferAttribute(new Float32Array(MOST_POSES * 3), 3);
   private readonly line: Line;
   private readonly arrow = arrow(0xd9342b);
+  /** Arrows where it was, the oldest first. */
+  private readonly earlier: Object3D[] = [];
   private count = 0;
 
   constructor(context: LayerContext) {
     super(context);
+    this.options.value = [
+      { kind: "number", name: "trail", least: 0, most: MOST_POSES, step: 50, unit: "", usual: MOST_POSES },
+      { kind: "number", name: "history", least: 0, most: 100, step: 1, unit: "", usual: 0 },
+    ];
     this.line = new Line(new BufferGeometry(), new LineBasicMaterial({ color: 0xd9342b }));
     this.line.geometry.setAttribute("position", this.trail);
     this.line.geometry.setDrawRange(0, 0);
@@ -61,6 +70,12 @@ export class OdometryLayer extends Layer {
     this.arrow.visible = false;
     this.group.add(this.line, this.arrow);
     this.hear((message) => this.take(message), { throttle: 100 });
+  }
+
+  protected override configured(): void {
+    const shown = Math.min(this.count, Number(this.setting("trail")));
+    this.line.geometry.setDrawRange(this.count - shown, shown);
+    this.keep();
   }
 
   private take(message: Message): void {
@@ -78,7 +93,23 @@ export class OdometryLayer extends Layer {
     }
     this.trail.setXYZ(this.count++, x, y, z);
     this.trail.needsUpdate = true;
-    this.line.geometry.setDrawRange(0, this.count);
+    const before = this.earlier.at(-1)?.position;
+    if (this.setting("history") && (!before || before.distanceTo(this.arrow.position) >= BETWEEN)) {
+      const kept = arrow(0xd98a2b, ARROW * 0.6);
+      placeAt(kept, pose);
+      this.group.add(kept);
+      this.earlier.push(kept);
+    }
+    this.configured();
+  }
+
+  /** Remove arrows beyond the history. */
+  private keep(): void {
+    while (this.earlier.length > Number(this.setting("history"))) {
+      const gone = this.earlier.shift() as Object3D;
+      disposeTree(gone);
+      gone.removeFromParent();
+    }
   }
 }
 
@@ -102,23 +133,34 @@ export class PathLayer extends Layer {
   }
 }
 
-/** geometry_msgs/PoseStamped, PoseWithCovarianceStamped and PoseArray: an arrow for each pose. */
+/** geometry_msgs/PoseStamped, PoseWithCovarianceStamped and PoseArray: an arrow or axes for each pose. */
 export class PosesLayer extends Layer {
+  private last: Message | null = null;
+
   constructor(context: LayerContext) {
     super(context);
-    this.hear(
-      (message) => {
-        const poses = posesOf(message.poses ?? message.pose);
-        this.clear();
-        this.moveTo(frameOf(message));
-        for (const each of poses.slice(0, MOST_POSES)) {
-          const shape = arrow(0x8a4fd3);
-          if (placeAt(shape, each)) this.group.add(shape);
-          else disposeTree(shape);
-        }
-      },
-      { throttle: 100 },
-    );
+    this.options.value = [
+      { kind: "choice", name: "shape", values: ["arrow", "axes"], usual: "arrow" },
+      { kind: "number", name: "size", least: 5, most: 200, step: 5, unit: "cm", usual: ARROW * 100 },
+    ];
+    this.hear((message) => this.take(message), { throttle: 100 });
+  }
+
+  protected override configured(): void {
+    if (this.last) this.take(this.last);
+  }
+
+  private take(message: Message): void {
+    const poses = posesOf(message.poses ?? message.pose);
+    const size = Number(this.setting("size")) / 100;
+    this.last = message;
+    this.clear();
+    this.moveTo(frameOf(message));
+    for (const each of poses.slice(0, MOST_POSES)) {
+      const shape = this.setting("shape") === "axes" ? new AxesHelper(size) : arrow(0x8a4fd3, size);
+      if (placeAt(shape, each)) this.group.add(shape);
+      else disposeTree(shape);
+    }
   }
 }
 

@@ -1,6 +1,6 @@
 /** The robot's model: a URDF with its meshes, moved by /joint_states. */
 
-import { Group, LoadingManager } from "three";
+import { Group, LoadingManager, type Mesh, type Object3D } from "three";
 import URDFLoader, { type URDFRobot } from "urdf-loader";
 import type { Message } from "../../robot/subscriptions";
 import { Layer, type LayerContext } from "./layer";
@@ -11,9 +11,16 @@ const MOST_TEXT = 16 * 1024 * 1024;
 export class RobotLayer extends Layer {
   private robot: URDFRobot | null = null;
   private text = "";
+  /** Collision shapes are loaded when they are wanted first. */
+  private parsesCollision = false;
 
   constructor(context: LayerContext) {
     super(context);
+    this.options.value = [
+      { kind: "switch", name: "visual", usual: true },
+      { kind: "switch", name: "collision", usual: false },
+      { kind: "number", name: "opacity", least: 10, most: 100, step: 5, unit: "%", usual: 100 },
+    ];
     this.hear((message) => this.build(String(message.data ?? "")));
     if (context.session.graph.peek().topics.has("/joint_states")) {
       this.hear((message) => this.move(message), { throttle: 50 }, "/joint_states");
@@ -45,12 +52,14 @@ export class RobotLayer extends Layer {
       },
     );
     const loader = new URDFLoader(manager);
+    loader.parseCollision = this.parsesCollision;
     loader.packages = (name) => new URL(`packages/${name}`, session.httpBase).href;
     // The library's own loaders show no token.
     loader.loadMeshCb = (url, _, material, done) => {
       readMesh(new URL(url, session.httpBase), session, material).then(
         (mesh) => {
           done(mesh);
+          this.configured();
           view.redraw();
         },
         (error: Error) => {
@@ -62,7 +71,30 @@ export class RobotLayer extends Layer {
     const robot = loader.parse(document);
     this.robot = robot;
     this.group.add(robot);
+    this.configured();
     this.moveTo(rootLink(document));
+  }
+
+  protected override configured(): void {
+    if (this.setting("collision") && !this.parsesCollision) {
+      const { text } = this;
+      this.parsesCollision = true;
+      this.text = "";
+      if (text) this.build(text);
+    }
+    const shown = { isURDFVisual: this.setting("visual"), isURDFCollider: this.setting("collision") };
+    const opacity = Number(this.setting("opacity")) / 100;
+    this.robot?.traverse((object) => {
+      for (const [kind, isShown] of Object.entries(shown))
+        if (kind in object) object.visible = isShown === true;
+      const isCollider = hasAbove(object, "isURDFCollider");
+      for (const material of [(object as Mesh).material ?? []].flat()) {
+        if (isCollider) Object.assign(material, { wireframe: true });
+        material.userData.opacity ??= material.opacity;
+        material.opacity = material.userData.opacity * opacity;
+        material.transparent = material.opacity < 1;
+      }
+    });
   }
 
   private move(message: Message): void {
@@ -74,6 +106,11 @@ export class RobotLayer extends Layer {
         this.robot?.joints[name]?.setJointValue(position);
     });
   }
+}
+
+/** True if an object or one above it has a mark. */
+function hasAbove(object: Object3D | null, mark: string): boolean {
+  return object !== null && (mark in object || hasAbove(object.parent, mark));
 }
 
 /** The link that is no joint's child. */

@@ -9,12 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import anyio
+
 from rwt.cli.commands.bag.recording import add_chunk_bytes, chunk_bytes
 from rwt.cli.commands.config import add_settings_options, settings_of
 from rwt.cli.commands.serve import command_errors
 from rwt.cli.console.key_presses import Key, key_presses
 from rwt.cli.console.logs import log_to_stderr
 from rwt.cli.console.output import note
+from rwt.cli.console.progress import ProgressLine, share
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import add_globs, number_within, seconds_or_none
@@ -34,6 +37,7 @@ examples:
 keys, in a terminal: space pauses and resumes, right plays the next message, up and down change the speed
 """
 _CLOCK_HZ = 40.0
+_PROGRESS_SECONDS = 1.0
 _FASTER = 1.1
 
 
@@ -126,6 +130,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
             def on_up(up: Server) -> str:
                 up.graph.spawn(partial(_follow_keys, server.player), "key presses")
+                up.graph.spawn(partial(_show_progress, server.player), "progress")
                 return listening(up)
 
             def announce(text: str) -> None:
@@ -169,6 +174,13 @@ async def _follow_keys(player: Player) -> None:
             print(f"\r{_status_line(player)}", end="", file=sys.stderr, flush=True)
 
 
+async def _show_progress(player: Player) -> None:
+    progress = ProgressLine()
+    while progress.is_terminal:
+        await anyio.sleep(_PROGRESS_SECONDS)
+        progress.show(partial(_status_line, player))
+
+
 def press(player: Player, key: Key) -> None:
     """Apply a key press to the player."""
     from rwt.nodes.playback.player import FASTEST, SLOWEST
@@ -186,7 +198,8 @@ def _status_line(player: Player) -> str:
     position = (player.position_ns - player.start_ns) / 1e9
     length = (player.end_ns - player.start_ns) / 1e9
     state = "paused" if player.paused else "playing"
-    return f"{state} at {position:.3f} of {length:.3f} s, speed {player.rate:.3g}   "
+    bar = share(round(position * 1e3), round(length * 1e3))
+    return f"{bar} {state} at {position:.3f} of {length:.3f} s, speed {player.rate:.3g}   "
 
 
 def _announce(recording: Recording) -> None:

@@ -6,7 +6,6 @@ import argparse
 import logging
 import re
 import sys
-import time
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
@@ -18,6 +17,7 @@ import anyio.to_thread
 
 from rwt.cli.console.logs import quiet
 from rwt.cli.console.output import log_notes, note
+from rwt.cli.console.progress import ProgressLine
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
@@ -62,7 +62,6 @@ examples:
 the file opens in Foxglove and Lichtblick, and `rwt bag play` serves it as a robot
 """
 _LOOK_SECONDS = 1.0
-_PLAIN_PROGRESS_SECONDS = 10.0
 _UNITS = {"kb": 1e3, "mb": 1e6, "gb": 1e9, "s": 1.0, "m": 60.0, "h": 3600.0}
 _MOST_SPLIT = 1e9
 _SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
@@ -223,16 +222,23 @@ async def _look(recorder: Recorder) -> None:
 
 
 async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
-    progress = Progress(recorder.writer)
+    progress = ProgressLine()
     while not over.is_set() and recorder.writer.failure is None:
         with anyio.move_on_after(_LOOK_SECONDS):
             await over.wait()
             return
-        progress.print(recorder.topics)
+        progress.show(partial(_progress, recorder))
         try:
             await _look(recorder)
         except RobotError as error:
             logger.warning("the robot does not list its topics: %s", error)
+
+
+def _progress(recorder: Recorder) -> str:
+    writer = recorder.writer
+    lost = f", {writer.dropped} dropped" if writer.dropped else ""
+    topics, size = recorder.topics, writer.content_bytes / 1e6
+    return f"{writer.messages} messages of {topics} topics, {size:.1f} MB{lost}"
 
 
 def _finish(writer: RecordingWriter, verbose: bool) -> None:
@@ -247,26 +253,3 @@ def _finish(writer: RecordingWriter, verbose: bool) -> None:
         print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
     for channel in writer.channels if verbose else ():
         note(f"  {channel.messages:8}  {channel.form.topic}")
-
-
-class Progress:
-    """Progress line on stderr: rewritten each second on a terminal, every ten seconds a new one in a log."""
-
-    def __init__(self, writer: RecordingWriter) -> None:
-        self._writer = writer
-        self._told_at = time.monotonic()
-
-    def print(self, topics: int) -> None:
-        """Print the progress if it is due."""
-        is_terminal = sys.stderr.isatty()
-        now = time.monotonic()
-        if not is_terminal and now - self._told_at < _PLAIN_PROGRESS_SECONDS:
-            return
-        self._told_at = now
-        writer = self._writer
-        text = f"{writer.messages} messages of {topics} topics, {writer.content_bytes / 1e6:.1f} MB"
-        if writer.dropped:
-            text += f", {writer.dropped} dropped"
-        print(
-            f"\r{text}" if is_terminal else text, end="" if is_terminal else "\n", file=sys.stderr, flush=True
-        )

@@ -191,9 +191,11 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
 def _add_graph_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--graph",
+        action="append",
         metavar="{memory,zenoh,ros2,ros1://HOST:PORT}",
         help="keep the graph in this process (default), connect it to others over Zenoh, join the"
-        " installed ROS 2, or join a ROS 1 master (`ros1`: that of ROS_MASTER_URI)",
+        " installed ROS 2, or join a ROS 1 master (`ros1`: that of ROS_MASTER_URI); further ones are bridged"
+        " with the first, which clients use",
     )
     parser.add_argument(
         "--zenoh-listen",
@@ -290,7 +292,8 @@ def _settings(arguments: argparse.Namespace) -> LoadedSettings:
         "dial.urls": tuple(arguments.dial or ()) or None,
         "tls.auto": True if arguments.tls == "auto" else None,
         "webrtc.enabled": arguments.webrtc,
-        "graph": arguments.graph,
+        "graph": next(iter(arguments.graph or ()), None),
+        "bridge": tuple((arguments.graph or ())[1:]) or None,
         "zenoh.listen": tuple(arguments.zenoh_listen or ()) or None,
         "zenoh.connect": tuple(arguments.zenoh_connect or ()) or None,
         "zenoh.config": arguments.zenoh_config,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -47,6 +48,11 @@ class TypeHash:
         """Return the hash of a text ``RIHS01_…``."""
         version, _, digits = text.partition("_")
         return cls(int(version.removeprefix("RIHS")), bytes.fromhex(digits))
+
+
+def endpoint_gid(node: str, topic: str, kind: TopicEndpointTypeEnum, number: int = 0) -> bytes:
+    """Return the id of an endpoint, the `number`th of its kind that the node has on the topic."""
+    return hashlib.sha256(f"{node} {topic} {int(kind)} {number}".encode()).digest()[:16]
 
 
 @dataclass

@@ -1,0 +1,139 @@
+"""Panels for data: plots, recordings and layouts of the dashboard."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from rwt import Server
+from rwt_participant.qos import LATCHED
+from tests.browser.driver import Browser, Page
+from tests.browser.test_panels import open_panels, text, violations
+
+pytestmark = pytest.mark.anyio
+
+
+async def write(page: Page, selector: str, value: str) -> None:
+    """Have a field contain a text, as if it was typed."""
+    await page.evaluate(
+        "((i, value) => { i.focus(); i.value = value; i.dispatchEvent(new Event('input', {bubbles: true})) })"
+        f"(document.querySelector({json.dumps(selector)}), {json.dumps(value)})"
+    )
+
+
+def address(server: Server) -> str:
+    return server.urls[0].replace("ws", "http", 1) + "/"
+
+
+async def test_a_plot_has_derived_series_and_every_topic_is_found(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        node = server.node("many")
+        for number in range(600):
+            node.advertise(f"/many/topic_{number:03}", "std_msgs/Float64")
+        speed = node.advertise("/zz/speed", "geometry_msgs/Vector3", qos=LATCHED)
+        speed.publish({"x": 3.0, "y": 4.0})
+        async with browser.page(f"{address(server)}healthz", 900, 700) as page:
+            await open_panels(page, address(server), [("plot", {"lines": [], "statistics": True})])
+            await page.wait("document.querySelector('.add-field input')")
+            await write(page, ".add-field input", "speed zz")
+            option = ".suggest-list:popover-open [role=option]"
+            await page.wait(f"{text(option)} === '/zz/speed'")
+            assert await violations(page) == []
+            await page.click(option)
+            field = ".add-field label:nth-of-type(2) input"
+            await page.wait(f"!document.querySelector({json.dumps(field)}).disabled")
+            await write(page, field, "@nonsense(1)")
+            await page.wait(f"{text('.add-field .problem')}.includes('unknown function')")
+            await write(page, field, "@norm.@mul(2)")
+            await page.click(".add-field [type=submit]")
+            await page.wait(f"{text('.plot-table .now')} === '10.0'")
+            # Mean and standard deviation; a latched message comes once for each subscription.
+            row = "[...document.querySelectorAll('.plot-table tbody .number')].map((it) => it.textContent)"
+            assert (await page.evaluate(row))[2:4] == ["10.0", "0.00"]
+
+
+async def test_plots_share_cursor_and_zoom(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        browser.page(f"{address(server)}healthz", 1300, 800) as page,
+    ):
+        position = {"lines": [{"topic": "/odom", "path": "pose.pose.position.x"}], "marks": [0.5]}
+        speed = {"lines": [{"topic": "/odom", "path": "twist.twist.linear.x"}]}
+        await page.evaluate("localStorage.setItem('rwt-side', 'false')")
+        key = f"rwt-last-layout{server.urls[0]}/"
+        panels = [
+            {"id": f"plot {at}", "kind": "plot", "config": each} for at, each in enumerate([position, speed])
+        ]
+        grid = [
+            {
+                "type": "leaf",
+                "size": 650,
+                "data": {"id": str(at), "views": [each["id"]], "activeView": each["id"]},
+            }
+            for at, each in enumerate(panels)
+        ]
+        dock = {
+            "grid": {
+                "root": {"type": "branch", "size": 700, "data": grid},
+                **{"width": 1300, "height": 700, "orientation": "HORIZONTAL"},
+            },
+            "panels": {
+                each["id"]: {"id": each["id"], "contentComponent": "plot", "title": "Plot"} for each in panels
+            },
+            "activeGroup": "0",
+        }
+        layout = json.dumps({"version": 1, "panels": panels, "dock": dock})
+        await page.evaluate(f"localStorage.setItem({json.dumps(key)}, {json.dumps(layout)})")
+        await page.goto(address(server))
+        await page.wait("document.querySelectorAll('.plot-chart canvas').length === 2")
+        now = "[...document.querySelectorAll('.plot-table .now')].filter((it) => it.textContent !== '\u2013')"
+        await page.wait(f"{now}.length === 2")
+        zoomed = "document.querySelectorAll('.plot-tools output').length"
+        # There is nothing to zoom until two values have come.
+        while not await page.evaluate(zoomed):
+            await page.click(".plot-tools >> text=Zoom in")
+        assert await page.evaluate(zoomed) == 2
+        await page.evaluate("document.querySelector('.plot-chart').focus()")
+        await page.keyboard("press", "ArrowLeft")
+        await page.wait("document.querySelectorAll('.plot-cursor:not([hidden])').length === 2")
+        spoken = "[...document.querySelectorAll('.plot-chart')].map((it) => it.ariaValueText).join()"
+        assert "/odom pose.pose.position.x: 0" in await page.evaluate(spoken)
+        await page.click(".plot-tools >> text=All")
+        await page.wait(f"{zoomed} === 0")
+
+
+async def test_a_layout_with_an_unknown_panel_opens_and_keeps_it(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        browser.page(f"{address(server)}healthz") as page,
+    ):
+        await open_panels(page, address(server), [("of the future", {"a": 1}), ("battery", {})])
+        await page.wait(f"{text('[class*=future]')}.includes('does not know the panel of the future')")
+        await page.click("[role=tab] >> text=Battery")
+        await page.wait(f"{text('.panel-battery')}.includes('V')")
+        saved = f"localStorage.getItem({json.dumps('rwt-last-layout' + server.urls[0] + '/')})"
+        layout = json.loads(await page.evaluate(saved))
+        assert layout["panels"][0] == {"id": "of the future", "kind": "of the future", "config": {"a": 1}}
+
+
+async def test_the_node_graph_marks_dead_ends_and_zooms(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        browser.page(f"{address(server)}healthz", 900, 700) as page,
+    ):
+        server.node("quiet").advertise("/unheard", "std_msgs/String")
+        await open_panels(page, address(server), [("nodes", {})])
+        await page.wait(f"{text('.nodes-picture svg')}.includes('/tf')")
+        assert "/unheard" not in await page.evaluate(text(".nodes-picture svg"))
+        await page.click("text=Show dead ends")
+        dead = (
+            "[...document.querySelectorAll('.nodes-picture .dead')]"
+            ".find((it) => it.textContent.includes('/unheard'))"
+        )
+        await page.wait(f"{dead}?.textContent.startsWith('no subscriber')")
+        width = "document.querySelector('.nodes-picture svg').getBoundingClientRect().width"
+        before = await page.evaluate(width)
+        await page.click(".nodes >> text=Zoom in")
+        await page.wait(f"{width} > 1.3 * {before}")
+        assert await violations(page) == []
