@@ -207,7 +207,7 @@ def test_a_failing_test_shows_what_came_and_what_went_over_the_wire(suite: Suite
     assert "- rosbridge transcript -" in said
     transcript = said.partition("- rosbridge transcript -")[2]
     assert "earlier lines" in transcript
-    assert 'client 1 → {"op":"publish","topic":"/cmd_vel"' in transcript
+    assert 'client 1 → {"op":"publish","id":"publish:/cmd_vel:' in transcript
     assert "expectations.py" not in said, "only the test's own line is shown"
 
 
