@@ -35,6 +35,7 @@ CONFIGS: dict[str, dict[str, object]] = {
     "parameters": {"node": "/demo_robot"},
     "values": {"fields": [{"topic": "/battery_state", "path": "percentage"}]},
 }
+HAS_ROBOT = "document.querySelector('.scene-view')?.robotScene?.base"
 
 
 def squares(picture: Image.Image) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
@@ -69,7 +70,7 @@ async def test_the_page_looks_as_in_the_documentation(browser: Browser, size: st
             page.forgive(LEFT_MESH, LEFT_STREAM)
             await page.evaluate(f"localStorage.setItem('rwt-theme', {theme!r})")
             await page.goto(url)
-            await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
+            await page.wait(HAS_ROBOT)
             if size == "phone":
                 await page.click("[role=tab] >> text=Drive")
             await anyio.sleep(6)  # Rates of topics are known after a while.
@@ -91,6 +92,8 @@ async def test_every_panel_looks_as_in_the_documentation(browser: Browser, theme
                 await page.goto(f"{url}healthz")
                 await open_panels(page, url, [(kind, CONFIGS.get(kind, {}))])
                 await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
+                if kind == "scene":
+                    await page.wait(HAS_ROBOT)
                 await anyio.sleep(2)
                 name = f"{kind}-{theme}"
                 await page.picture_when(f"look {name}", looks_like(IMAGES / f"{name}.png"))

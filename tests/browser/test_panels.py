@@ -197,7 +197,7 @@ async def test_the_log_is_filtered(browser: Browser, distro: str) -> None:
         ("diagnostics", ".diagnostics", "demo_robot: motors"),
         ("battery", ".battery", "/battery_state"),
         ("frames", ".frames", "base_link"),
-        ("nodes", ".nodes svg", "/demo_robot"),
+        ("nodes", ".nodes-picture svg", "/demo_robot"),
         ("server", ".server", "ws://127.0.0.1"),
         ("server", ".server", "Loop lag"),
     ],
