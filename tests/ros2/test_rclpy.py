@@ -80,8 +80,8 @@ def execute(handle):
         handle.succeed()
     return Fibonacci.Result(sequence=sequence)
 
-server = ActionServer(node, Fibonacci, f'/done_by_{NAME}', execute, goal_callback=respond, cancel_callback=cancel,
-    callback_group=ReentrantCallbackGroup())
+server = ActionServer(node, Fibonacci, f'/done_by_{NAME}', execute, goal_callback=respond,
+    cancel_callback=cancel, callback_group=ReentrantCallbackGroup())
 """
 _ACTION_CLIENT = """
 from action_msgs.msg import GoalStatus
@@ -120,9 +120,10 @@ def ours() -> Iterator[Program]:
     python = Path(sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}")
     hidden = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "ROS_DISTRO", "RMW_IMPLEMENTATION")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    options = ("--interfaces", "rwt-rclpy/differential/interfaces")
     node = ("tests/ros2/program.py", "--ros-args", "-r", "__node:=ours")
     with serving() as (_, url):
-        command = ("rwt.cli", "run", "--graph", url, "--interfaces", "rwt-rclpy/differential/interfaces", *node)
+        command = ("rwt.cli", "run", "--graph", url, *options, *node)
         with closing(Program(str(python), *command, environment=environment)) as running:
             yield running
 
