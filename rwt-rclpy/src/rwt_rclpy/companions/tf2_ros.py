@@ -120,7 +120,7 @@ class Buffer(BufferInterface):
         self._feed = Feed(self._frames)
         self._keeper = timekeeper.current()
         self._condition = self._keeper.condition()
-        self._waiting: list[tuple[Future, Callable[[], bool], Callable[[], Any]]] = []
+        self._waiting: list[tuple[Future, Callable[[], bool]]] = []
         self._lock = threading.RLock()
         if node is not None:
             service = classes().service("tf2_msgs/FrameGraph")
@@ -163,10 +163,10 @@ class Buffer(BufferInterface):
         with self._condition:
             self._condition.notify_all()
         for entry in tuple(self._waiting):
-            future, ready, answer = entry
+            future, ready = entry
             if ready():
                 self._waiting.remove(entry)
-                future.set_result(answer())
+                future.set_result(True)
 
     # Asking
 
@@ -249,23 +249,37 @@ class Buffer(BufferInterface):
             verdict = self._frames.can_transform_full(*arguments)
         return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
 
-    def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
-        """Return a future that is done once the transform is available."""
+    def _when(self, ready: Callable[[], bool]) -> Future:
         future = Future()
-
-        def ready() -> bool:
-            return bool(self._verdict(target_frame, source_frame, time))
-
         if ready():
             future.set_result(True)
         else:
-            self._waiting.append((future, ready, lambda: True))
+            self._waiting.append((future, ready))
         return future
+
+    def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
+        """Return a future that is done once the transform is available."""
+        return self._when(lambda: self.can_transform(target_frame, source_frame, time))
+
+    def wait_for_transform_full_async(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> Future:
+        """Return a future that is done once :meth:`lookup_transform_full` has a result."""
+        arguments = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        return self._when(lambda: self.can_transform_full(*arguments))
 
     async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Any:
         """Return :meth:`lookup_transform` in a coroutine."""
         await self.wait_for_transform_async(target_frame, source_frame, time)
         return self.lookup_transform(target_frame, source_frame, time)
+
+    async def lookup_transform_full_async(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> Any:
+        """Return :meth:`lookup_transform_full` in a coroutine."""
+        arguments = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        await self.wait_for_transform_full_async(*arguments)
+        return self.lookup_transform_full(*arguments)
 
     def get_latest_common_time(self, source_frame: str, dest_frame: str) -> Time:
         """Return the latest common time of both frames. Raises LookupException."""
@@ -296,7 +310,10 @@ class _as_tf2:
         if isinstance(error, NoChain):
             raise ConnectivityException(str(error)) from None
         if isinstance(error, OutOfReach):
-            raise ExtrapolationException(str(error)) from None
+            side = "future" if error.future else "past"  # Programs search the text for tf2's phrase.
+            raise ExtrapolationException(
+                f"Lookup would require extrapolation into the {side}: {error}"
+            ) from None
         if isinstance(error, LookupFailed):
             raise LookupException(str(error)) from None
 
@@ -345,14 +362,10 @@ class TransformListener:
         self.group = ReentrantCallbackGroup()
         message = message_class("tf2_msgs/TFMessage")
         self.tf_sub = node.create_subscription(
-            message, tf_topic, lambda each: buffer.take(each, static=False), qos, callback_group=self.group
+            message, tf_topic, self.callback, qos, callback_group=self.group
         )
         self.tf_static_sub = node.create_subscription(
-            message,
-            tf_static_topic,
-            lambda each: buffer.take(each, static=True),
-            static_qos,
-            callback_group=self.group,
+            message, tf_static_topic, self.static_callback, static_qos, callback_group=self.group
         )
         if spin_thread:
             from rwt_rclpy.execution.executors import SingleThreadedExecutor
@@ -361,6 +374,14 @@ class TransformListener:
             self.executor.add_node(node)
             self.dedicated_listener_thread = threading.Thread(target=self.executor.spin, daemon=True)
             self.dedicated_listener_thread.start()
+
+    def callback(self, data: Any) -> None:
+        """Add the transforms of a message of `/tf`."""
+        self.buffer.take(data, static=False)
+
+    def static_callback(self, data: Any) -> None:
+        """Add the transforms of a message of `/tf_static`."""
+        self.buffer.take(data, static=True)
 
     def unregister(self) -> None:
         """Stop listening."""
