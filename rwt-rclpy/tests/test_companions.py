@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from rwt_rclpy.companions import ament_index_python, cv_bridge, message_filters, rosidl_runtime_py
 from rwt_rclpy.companions import sensor_msgs_py as clouds
-from rwt_rclpy.messages.loaded import message_class
+from rwt_rclpy.messages.loaded import classes, message_class
 
 if TYPE_CHECKING:
     from rwt_rclpy.middleware.link import VirtualDomain
@@ -75,6 +76,51 @@ def test_a_listener_fills_the_buffer_that_it_has_now(rclpy_graph: VirtualDomain)
             tf2_ros.ExtrapolationException, match=f"would require extrapolation into the {side}"
         ):
             buffer.lookup_transform("map", "base", rclpy.time.Time(seconds=seconds))
+
+
+def test_a_buffer_client_raises_what_its_server_names() -> None:
+    import rclpy
+    import tf2_ros
+    from rclpy.action import ActionServer
+
+    LookupTransform: Any = classes().action("tf2_msgs/LookupTransform")
+    buffer = tf2_ros.Buffer()
+    transform: Any = message_class("geometry_msgs/TransformStamped")(child_frame_id="base")
+    transform.header.frame_id = "map"
+    buffer.set_transform_static(transform, "test")
+
+    def answer(handle: Any) -> Any:
+        asked, result = handle.request, LookupTransform.Result()
+        try:
+            result.transform = buffer.lookup_transform_core(
+                asked.target_frame, asked.source_frame, asked.source_time
+            )
+        except tf2_ros.LookupException as error:
+            result.error.error, result.error.error_string = 1, str(error)
+        handle.succeed()
+        return result
+
+    rclpy.init(args=[])
+    node, executor = rclpy.create_node("frames"), rclpy.executors.SingleThreadedExecutor()
+    executor.add_node(node)
+    client = tf2_ros.BufferClient(node, "lookup")
+    with pytest.raises(tf2_ros.TimeoutException, match="not ready"):
+        client.lookup_transform("map", "base", rclpy.time.Time())
+    ActionServer(node, LookupTransform, "lookup", answer)
+    spinning = threading.Thread(target=executor.spin)
+    spinning.start()
+    try:
+        timeout = rclpy.duration.Duration(seconds=60)  # An answer comes at once.
+        assert client.action_client.wait_for_server(60)
+        assert client.lookup_transform("map", "base", rclpy.time.Time(), timeout) == transform
+        with pytest.raises(tf2_ros.LookupException, match="nowhere"):
+            client.lookup_transform("map", "nowhere", rclpy.time.Time(), timeout)
+        assert not client.can_transform("map", "nowhere", rclpy.time.Time(), timeout)
+    finally:
+        executor.shutdown()
+        spinning.join()
+        node.destroy_node()
+        rclpy.shutdown()
 
 
 def test_messages_of_the_same_time_come_together() -> None:
