@@ -30,6 +30,7 @@ from bench.traffic.processes import Server, cpu_time
 from tests.processes import free_port, running
 from tests.ros2.domains import free_domain
 from tests.statements import Program
+from tools.upstream.ros2_workspace import ROSBRIDGE, environment
 
 
 class Case(NamedTuple):
@@ -114,17 +115,9 @@ _SETTLE_SECONDS: Final = 3.0
 @contextmanager
 def rosbridge_suite(workspace: Path) -> Iterator[tuple[int, str]]:
     """rosbridge_websocket of a workspace: its process, and its address."""
-    python = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    environment = {
-        **os.environ,
-        "AMENT_PREFIX_PATH": f"{workspace}:{os.environ['AMENT_PREFIX_PATH']}",
-        "LD_LIBRARY_PATH": f"{workspace}/lib:{os.environ['LD_LIBRARY_PATH']}",
-        "PYTHONPATH": f"{workspace}/lib/{python}/site-packages",
-    }
     port = free_port()
     parameters = ("--ros-args", "-p", f"port:={port}", "-p", "address:=127.0.0.1")
-    program = str(workspace / "lib/rosbridge_server/rosbridge_websocket")
-    with _process([sys.executable, program, *parameters], environment) as pid:
+    with _process([sys.executable, str(workspace / ROSBRIDGE), *parameters], environment(workspace)) as pid:
         yield pid, f"ws://127.0.0.1:{port}"
 
 

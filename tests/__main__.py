@@ -80,6 +80,7 @@ LONG: Final = (
     "docs",
     "clients",
     "faults",
+    "ros2",
     "release",
     "rwt",
     "rwt/gateways/mcp",
