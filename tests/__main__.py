@@ -82,6 +82,7 @@ LONG: Final = (
     "docs",
     "clients",
     "faults",
+    "ros2",
     "release",
     "rwt",
     "rwt/gateways/mcp",

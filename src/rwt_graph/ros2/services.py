@@ -296,6 +296,8 @@ class Ros2Services:
         client.close()
 
     def _note_once(self, type_name: str, what: str, error: Exception) -> None:
-        if type_name not in self._unavailable:
-            self._unavailable.add(type_name)
-            logger.info("%s: %s", what, error)
+        """Log the first type of each package; the others with debugging only."""
+        package = type_name.partition("/")[0]
+        level = logging.DEBUG if package in self._unavailable else logging.INFO
+        self._unavailable.add(package)
+        logger.log(level, "%s: %s", what, error)
