@@ -68,7 +68,7 @@ class Journey:
     """Replay of one journey.
 
     Attributes:
-        code: exit code of the script; 77: something that it needs is not installed.
+        code: exit code of the script; 77: something that it needs is not installed; 124: it took 300 seconds.
         commands: number of commands that were run.
         seconds: duration.
         cpu: CPU seconds of all its programs, which depend less on other programs of the machine.
@@ -99,13 +99,12 @@ def replay(name: str, folder: Path, path: str) -> Journey:
         environment["PYTHONPATH"] = os.environ["PYTHONPATH"]
     began, cpu = time.monotonic(), _cpu_seconds()
     done = subprocess.run(
-        ["bash", "-c", script],
+        ["timeout", "300", "bash", "-c", script],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=300,
         check=False,
     )
     took, cpu = time.monotonic() - began, _cpu_seconds() - cpu
