@@ -2,7 +2,7 @@
 server rwt serve ws://127.0.0.1:9090 --demo
 block README.md 'nearest wall' > first.py
 python first.py
-for words in 'std_msgs/String' 'repeat=True' 'camera.jpg' 'tf.lookup' '/fibonacci' 'Payload.from_cdr'; do
+for words in camera.jpg tf.lookup /fibonacci; do
   block docs/how-to/cookbook.md "$words" > recipe.py
   python recipe.py
 done
