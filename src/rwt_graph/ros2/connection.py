@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import time
 from collections import Counter
@@ -17,7 +18,7 @@ from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.raw_services import RawClient, RawService
 from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw
-from rwt_graph.ros2.type_supports import message_class, service_class
+from rwt_graph.ros2.type_supports import NotInstalled, message_class, service_class
 from rwt_graph.ros2.wakeups import Wakeups
 from rwt_participant.qos import QoS
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
     from rwt_graph.memory.tables import NodeResources
     from rwt_interfaces.structs import MessageType, ServiceType
+
+logger = logging.getLogger(__name__)
 
 #: Profile of services and clients; the depth is only this side's.
 _CALLS = QoS(depth=1000)
@@ -65,12 +68,14 @@ class Connection:
             self._context.init(args=[], initialize_logging=False, domain_id=domain)
         except RuntimeError as error:
             raise Ros2Error(f"cannot join ROS 2: {error}") from error
-        self._nodes: dict[NodeResources, Any] = {}
+        # Nodes by name, each with its participants.
+        self._nodes: dict[str, tuple[Any, set[NodeResources]]] = {}
         self.node = self._make_node(f"/_rwt_graph_{os.getpid()}")
         self.run_on_graph = graph.run_on_graph
         self.own_gids: dict[bytes, float] = {}
         self.own_subscriptions: dict[object, tuple[tuple[str, str], float]] = {}
         self.own_services: dict[tuple[str, str], float] = {}
+        self._missing: set[str] = set()
         self.take = raw_take()
         self.wakeups = Wakeups(graph, self._context, self.node, on_graph_change, use_callbacks=use_callbacks)
 
@@ -89,21 +94,28 @@ class Connection:
     # Nodes
 
     def node_of(self, owner: NodeResources) -> Any:
-        """Return the node of a participant, made on first use."""
-        node = self._nodes.get(owner)
-        if node is None:
-            node = self._nodes[owner] = self._make_node(owner.name)
+        """Return the node of a participant, made on first use.
+
+        Participants with the same name share it: ROS 2 warns of two nodes with one name.
+        """
+        found = self._nodes.get(owner.name)
+        if found is None:
+            found = self._nodes[owner.name] = (self._make_node(owner.name), set())
+        node, participants = found
+        participants.add(owner)
         return node
 
     def forget_node(self, owner: NodeResources) -> None:
-        """Remove the node of a participant that left, after its endpoints."""
-        node = self._nodes.pop(owner, None)
-        if node is not None:
+        """Remove the node of a participant that left, after its endpoints, unless others share it."""
+        node, participants = self._nodes.get(owner.name, (None, set()))
+        participants.discard(owner)
+        if node is not None and not participants:
+            del self._nodes[owner.name]
             node.destroy_when_not_in_use()
 
     def own_nodes(self) -> Counter[str]:
         """Return the number of nodes of this process, by name."""
-        return Counter(owner.name for owner in self._nodes)
+        return Counter(self._nodes.keys())
 
     # Endpoints
 
@@ -111,7 +123,7 @@ class Connection:
         """Make a raw publisher; return it with its GID.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         node = self.node_of(owner)
         publisher = _rclpy.Publisher(node, message_class(type), topic, profiles.to_ros(qos))
@@ -121,7 +133,7 @@ class Connection:
         """Make a raw subscription.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         return _rclpy.Subscription(self.node_of(owner), message_class(type), topic, profiles.to_ros(qos))
 
@@ -129,7 +141,7 @@ class Connection:
         """Make a raw service.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         full = type.request.registry.type_name(type)
         endpoint = _rclpy.Service(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
@@ -139,11 +151,18 @@ class Connection:
         """Make a raw client of a service.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         full = type.request.registry.type_name(type)
         endpoint = _rclpy.Client(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
         return RawClient(endpoint, full)
+
+    def note_missing(self, name: str, error: NotInstalled) -> None:
+        """Log that a topic or service is not exchanged with ROS 2; once for each package that it lacks."""
+        if error.package not in self._missing:
+            self._missing.add(error.package)
+            others = f"{name}, with all others of {error.package},"
+            logger.info("%s is only for clients of this server: %s", others, error)
 
     def forget_closed(self, before: float) -> None:
         """Forget endpoints that were closed before a time: the graph read since then does not list them."""
@@ -156,8 +175,9 @@ class Connection:
     def close(self) -> None:
         """Leave ROS 2; all endpoints have been closed."""
         self.wakeups.close()
-        for owner in tuple(self._nodes):
-            self.forget_node(owner)
+        for node, _ in self._nodes.values():
+            node.destroy_when_not_in_use()
+        self._nodes.clear()
         self.node.destroy_when_not_in_use()
         self._context.try_shutdown()
         self._context.destroy()
