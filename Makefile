@@ -90,7 +90,7 @@ ROS2 := build/rclpy-$(ROS2_DISTRO)
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp rpyutils std-srvs $(addsuffix -msgs,std geometry nav sensor test)
 build/rclpy-%/.installed:
 	python3.11 -m venv build/rclpy-$*
-	build/rclpy-$*/bin/python -m pip install --quiet numpy $(addprefix ros-$*-,$(ROS2_PACKAGES))
+	build/rclpy-$*/bin/python -m pip install --quiet numpy pytest pytest-timeout $(addprefix ros-$*-,$(ROS2_PACKAGES))
 	touch $@
 
 # The command of a program beside real ROS 2, with the project and its test requirements on that Python's path.

@@ -97,6 +97,32 @@ def test_a_wrong_command_would_be_found(line: str, mistake: str) -> None:
     assert _mistake(line) == mistake
 
 
+_BESIDE = re.compile(r"\s+[#|&><]|\s{2,}")
+"""What follows a command in its line: a comment, another command, a file."""
+
+
+@pytest.mark.parametrize("page", _READ, ids=_name)
+def test_a_command_in_a_block_that_is_not_run_is_one(page: Path) -> None:
+    code = "\n".join(block.code for block in blocks_of(page) if not _is_run(block))
+    lines = [_BESIDE.split(line)[0] for line in re.sub(r" *\\\n *", " ", code).splitlines()]
+    # Options with a dot are LeRobot's; the command `hello` is that of an extension.
+    own = [re.sub(r" --robot\.\S*", "", line) for line in lines if re.match(r"rwt (?!hello)\S", line)]
+    assert [(line, mistake) for line in own if (mistake := _mistake(line))] == []
+
+
+def test_processes_are_not_signalled_by_name() -> None:
+    """Client commands have the name of the server's process."""
+    by_name = re.compile(r"\b(?:pidof|pkill|killall)\b[^|\n]*\brwt\b")
+    assert [_name(page) for page in PAGES if by_name.search(page.read_text(encoding="utf-8"))] == []
+
+
+def test_programs_check_the_status_of_an_answer() -> None:
+    """An error's text would be used as the answer."""
+    fetching = [block for block in ALL_BLOCKS if "await fetch(" in block.code]
+    assert fetching
+    assert [block.name for block in fetching if ".ok)" not in block.code] == []
+
+
 # -- events --------------------------------------------------------------------------------------------------
 
 

@@ -11,7 +11,9 @@ text. A script whose needs are not installed exits with 77 and is skipped, as wi
 from __future__ import annotations
 
 import argparse
+import io
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -66,15 +68,17 @@ class Journey:
     """Replay of one journey.
 
     Attributes:
-        code: exit code of the script; 77: something that it needs is not installed.
+        code: exit code of the script; 77: something that it needs is not installed; 124: it took 300 seconds.
         commands: number of commands that were run.
         seconds: duration.
+        cpu: CPU seconds of all its programs, which depend less on other programs of the machine.
         output: what the commands printed.
     """
 
     code: int
     commands: int
     seconds: float
+    cpu: float
     output: str
 
 
@@ -93,23 +97,27 @@ def replay(name: str, folder: Path, path: str) -> Journey:
     }
     if str(ROOT / "src") in os.environ.get("PYTHONPATH", ""):
         environment["PYTHONPATH"] = os.environ["PYTHONPATH"]
-    began = time.monotonic()
+    began, cpu = time.monotonic(), _cpu_seconds()
     done = subprocess.run(
-        ["bash", "-c", script],
+        ["timeout", "300", "bash", "-c", script],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=300,
         check=False,
     )
-    took = time.monotonic() - began
+    took, cpu = time.monotonic() - began, _cpu_seconds() - cpu
     trace = (folder / "trace").read_text(encoding="utf-8").splitlines()
     commands = [line for line in trace if line.startswith("+ ")]
     log = folder / "server.log"
     output = done.stdout + (f"\nserver:\n{log.read_text()}" if done.returncode and log.exists() else "")
-    return Journey(done.returncode, len(commands), took, output)
+    return Journey(done.returncode, len(commands), took, cpu, output)
+
+
+def _cpu_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def local_path(folder: Path) -> str:
@@ -148,6 +156,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(JOURNEYS)} (default: all)")
     parser.add_argument("--clone", action="store_true", help="in a fresh clone and environment")
     arguments = parser.parse_args(argv)
+    assert isinstance(sys.stdout, io.TextIOWrapper)
+    sys.stdout.reconfigure(line_buffering=True)
     failed = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -159,7 +169,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             place.mkdir()
             journey = replay(each, place, path)
             failed += journey.code not in (0, SKIPPED)
-            words = f"{journey.seconds:6.1f} s  {journey.commands:3} commands  exit code {journey.code}"
+            took = f"{journey.seconds:6.1f} s {journey.cpu:6.1f} s CPU"
+            words = f"{took}  {journey.commands:3} commands  exit code {journey.code}"
             sys.stdout.write(f"{each:14} {words}\n{journey.output if journey.code else ''}")
     return 1 if failed else 0
 

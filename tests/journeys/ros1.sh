@@ -3,7 +3,7 @@ master=$(python -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0))
 export ROS_IP=127.0.0.1
 rwt serve tcp://127.0.0.1:0 --demo --graph "ros1-master://127.0.0.1:$master" >robot.log 2>&1 & echo $! > robot.pid
 trap 'kill "$(cat rwt.pid)" "$(cat robot.pid)" || true; wait' EXIT
-until grep -q "listening on" robot.log; do kill -0 "$(cat robot.pid)"; sleep 0.1; done
+logged "listening on" robot.log
 server rwt serve ws://127.0.0.1:9090 --graph "ros1://127.0.0.1:$master"
 rwt doctor "ros1://127.0.0.1:$master"
 rwt topic echo /odom --once --timeout 30

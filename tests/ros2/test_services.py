@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -221,3 +222,19 @@ async def test_services_of_other_processes_are_listed(graph: Ros2Graph, program:
     await until(lambda: program.run(seen) == {"/ours": ["std_srvs/srv/Trigger"]})
     service.close()
     await until(lambda: not program.run(seen))
+
+
+async def test_what_is_not_installed_is_logged_once_for_each_package(
+    graph: Ros2Graph, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "rwt_graph.ros2")
+    for name in ("Water", "Cut"):
+        graph.registry.add_text("---\n", f"garden_msgs/{name}", "srv")
+    graph.registry.add_text("", "garden_msgs/Plant")
+    node = graph.node("/garden")
+    for name in ("Water", "Cut"):
+        node.advertise_service(f"/{name.lower()}", f"garden_msgs/{name}", lambda request: {})
+    node.advertise("/plants", "garden_msgs/Plant")
+    node.advertise_service("/trigger", "std_srvs/Trigger", lambda request: {})
+    (line,) = caplog.messages
+    assert "/water, with all others of garden_msgs, is only for clients of this server" in line

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import time
 from collections import Counter
@@ -17,7 +18,7 @@ from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.raw_services import RawClient, RawService
 from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw, share_arenas
-from rwt_graph.ros2.type_supports import message_class, service_class
+from rwt_graph.ros2.type_supports import NotInstalled, message_class, service_class
 from rwt_graph.ros2.wakeups import Wakeups
 from rwt_participant.qos import QoS
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
     from rwt_graph.memory.tables import NodeResources
     from rwt_interfaces.structs import MessageType, ServiceType
+
+logger = logging.getLogger(__name__)
 
 #: Profile of services and clients; the depth is only this side's.
 _CALLS = QoS(depth=1000)
@@ -73,6 +76,7 @@ class Connection:
         self.own_gids: dict[bytes, float] = {}
         self.own_subscriptions: dict[object, tuple[tuple[str, str], float]] = {}
         self.own_services: dict[tuple[str, str], float] = {}
+        self._missing: set[str] = set()
         self.take = raw_take()
         self.wakeups = Wakeups(graph, self._context, self.node, on_graph_change, use_callbacks=use_callbacks)
 
@@ -120,7 +124,7 @@ class Connection:
         """Make a raw publisher; return it with its GID.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         node = self.node_of(owner)
         publisher = _rclpy.Publisher(node, message_class(type), topic, profiles.to_ros(qos))
@@ -130,7 +134,7 @@ class Connection:
         """Make a raw subscription.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         return _rclpy.Subscription(self.node_of(owner), message_class(type), topic, profiles.to_ros(qos))
 
@@ -138,7 +142,7 @@ class Connection:
         """Make a raw service.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         full = type.request.registry.type_name(type)
         endpoint = _rclpy.Service(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
@@ -148,11 +152,18 @@ class Connection:
         """Make a raw client of a service.
 
         Raises:
-            Ros2Error: its type is not installed with ROS 2.
+            NotInstalled: its type is not installed with ROS 2.
         """
         full = type.request.registry.type_name(type)
         endpoint = _rclpy.Client(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
         return RawClient(endpoint, full)
+
+    def note_missing(self, name: str, error: NotInstalled) -> None:
+        """Log that a topic or service is not exchanged with ROS 2; once for each package that it lacks."""
+        if error.package not in self._missing:
+            self._missing.add(error.package)
+            others = f"{name}, with all others of {error.package},"
+            logger.info("%s is only for clients of this server: %s", others, error)
 
     def forget_closed(self, before: float) -> None:
         """Forget endpoints that were closed before a time: the graph read since then does not list them."""

@@ -14,6 +14,7 @@ from rwt_graph.memory.remote_services import RemoteServiceTable
 from rwt_graph.memory.services import MemoryCall
 from rwt_graph.memory.tables import NodeResources
 from rwt_graph.ros2.connection import now
+from rwt_graph.ros2.type_supports import NotInstalled
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.serialise.unpack import compile_decoder
@@ -209,7 +210,7 @@ class Ros2Services:
         self._found: frozenset[tuple[str, str, str]] = frozenset()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
-        self._unavailable: set[str] = set()
+        self._unknown: set[str] = set()
 
     def open(self, connection: Connection) -> None:
         """Offer every service of this process."""
@@ -235,8 +236,8 @@ class Ros2Services:
             return
         try:
             self._servers[provider] = Server(connection, provider, self._services)
-        except Ros2Error as error:
-            self._note_once(self._registry.type_name(provider.type), f"{provider.name} is not offered", error)
+        except NotInstalled as error:
+            connection.note_missing(provider.name, error)
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         server = self._servers.pop(provider, None)
@@ -253,7 +254,9 @@ class Ros2Services:
             try:
                 type = self._registry.service(type_name)
             except InterfaceError as error:
-                self._note_once(type_name, f"service {name} of node {node} is left out", error)
+                if type_name not in self._unknown:
+                    self._unknown.add(type_name)
+                    logger.info("service %s of node %s is left out: %s", name, node, error)
             else:
                 self._remote.found(key, ServiceInfo(name, type, node), None)
         for key in self._found - found:
@@ -294,10 +297,3 @@ class Ros2Services:
         client = self._clients.pop(identity)
         identity[0].drop(client)
         client.close()
-
-    def _note_once(self, type_name: str, what: str, error: Exception) -> None:
-        """Log the first type of each package; the others with debugging only."""
-        package = type_name.partition("/")[0]
-        level = logging.DEBUG if package in self._unavailable else logging.INFO
-        self._unavailable.add(package)
-        logger.log(level, "%s: %s", what, error)

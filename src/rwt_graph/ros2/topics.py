@@ -17,6 +17,7 @@ from rwt_graph.errors import Ros2Error
 from rwt_graph.ros2.connection import now
 from rwt_graph.ros2.history import ALL_RETAINED, Probe, RemoteHistory
 from rwt_graph.ros2.rcl import NO_NUMBER
+from rwt_graph.ros2.type_supports import NotInstalled
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS, Reliability
@@ -190,7 +191,7 @@ class Ros2Topics:
         self._is_simulated = not clock.is_real
         self._connection: Connection | None = None
         self._channels: dict[str, Channel] = {}
-        self._unavailable: set[str] = set()
+        self._warned: set[str] = set()
 
     def open(self, connection: Connection) -> None:
         """Offer every topic of this process."""
@@ -229,17 +230,15 @@ class Ros2Topics:
             self._follow_publishers(connection, topic, channel)
             self._follow_subscribers(connection, topic, channel)
         except Ros2Error as error:
-            self._warn_once(topic, error)
+            is_used = topic.remote_publishers or topic.remote_subscribers
+            if isinstance(error, NotInstalled) and not is_used:
+                # Only this process uses the topic, such as the server's own nodes.
+                connection.note_missing(topic.name, error)
+            elif topic.name not in self._warned:
+                self._warned.add(topic.name)
+                logger.warning("%s is not exchanged with ROS 2: %s", topic.name, error)
         if channel.empty:
             self._channels.pop(topic.name, None)
-
-    def _warn_once(self, topic: Topic, error: Ros2Error) -> None:
-        text = f"{topic.name} is not exchanged with ROS 2: {error}"
-        if text not in self._unavailable:
-            self._unavailable.add(text)
-            # Only this process may use the topic, such as the server's own nodes.
-            is_expected = not (topic.remote_publishers or topic.remote_subscribers)
-            logger.log(logging.INFO if is_expected else logging.WARNING, "%s", text)
 
     def _follow_publishers(self, connection: Connection, topic: Topic, channel: Channel) -> None:
         for publisher in channel.writers.keys() - set(topic.publishers):

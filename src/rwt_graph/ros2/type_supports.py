@@ -24,6 +24,16 @@ _new_capsule.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
 _CAPSULE_NAME = ctypes.c_char_p(b"rosidl_message_type_support_t")
 
 
+class NotInstalled(Ros2Error):
+    """The package of a type is not installed with ROS 2, or is older than the type."""
+
+    def __init__(self, name: str, package: str) -> None:
+        super().__init__(
+            f"type {name} is not installed with ROS 2: install the package {package}, or source its workspace"
+        )
+        self.package = package
+
+
 @cache
 def _library(package: str) -> ctypes.CDLL:
     return ctypes.CDLL(library(f"lib{package}__rosidl_typesupport_c.so"))
@@ -33,16 +43,14 @@ def type_support(name: str, kind: str) -> int:
     """Return the address of the type support of a `message` or `service`, by its full name.
 
     Raises:
-        Ros2Error: its package is not installed with ROS 2.
+        NotInstalled: its package is not installed with ROS 2.
     """
     package, folder, short = name.split("/")
     symbol = f"rosidl_typesupport_c__get_{kind}_type_support_handle__{package}__{folder}__{short}"
     try:
         function = getattr(_library(package), symbol)
     except (OSError, AttributeError) as error:
-        raise Ros2Error(
-            f"type {name} is not installed with ROS 2: install the package {package}, or source its workspace"
-        ) from error
+        raise NotInstalled(name, package) from error
     function.restype = ctypes.c_void_p
     return int(function())
 
@@ -61,7 +69,7 @@ def message_class(type: MessageType) -> Any:
     """Return the class of a message for raw publishers and subscriptions.
 
     Raises:
-        Ros2Error: its package is not installed with ROS 2.
+        NotInstalled: its package is not installed with ROS 2.
     """
     return _class(type.registry.type_name(type), "message")
 
@@ -70,6 +78,6 @@ def service_class(name: str) -> Any:
     """Return the class of a service, by its full name, for services and clients.
 
     Raises:
-        Ros2Error: its package is not installed with ROS 2.
+        NotInstalled: its package is not installed with ROS 2.
     """
     return _class(name, "service")
