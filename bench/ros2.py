@@ -30,10 +30,11 @@ from bench.traffic.processes import Server, cpu_time
 from tests.processes import free_port, running
 from tests.ros2.domains import free_domain
 from tests.statements import Program
+from tools.upstream.ros2_workspace import ROSBRIDGE, environment
 
 
 class Case(NamedTuple):
-    """Traffic of one row.
+    """Traffic of one row: a topic, or calls of a service.
 
     Attributes:
         limit: largest accepted quotient of the CPU time of this server and that of rosbridge_suite.
@@ -45,6 +46,11 @@ class Case(NamedTuple):
     hertz: int
     clients: int
     limit: float
+
+    @property
+    def is_service(self) -> bool:
+        """True if clients call a service instead of subscribing; the floor has none."""
+        return "/srv/" in self.type
 
 
 CASES: Final = {
@@ -89,6 +95,7 @@ CASES: Final = {
         10,
         1 / 15,
     ),
+    "calls": Case("calls of a service", "std_srvs/srv/Trigger", "", 100, 1, 1 / 3),
     "fan": Case("Twist, ten clients", "geometry_msgs/msg/Twist", "message.linear.x = 0.25", 50, 10, 1 / 10),
 }
 
@@ -98,6 +105,11 @@ message = {name}()
 {fill}
 publisher = node.create_publisher({name}, '/measured', 10)
 timer = node.create_timer(1 / {hertz}, lambda: publisher.publish(message))
+"""
+
+_SERVE: Final = """
+from std_srvs.srv import Trigger
+service = node.create_service(Trigger, '/measured', lambda request, response: response)
 """
 
 _COLUMNS: Final = ("rwt", "floor", "other", "suite")
@@ -114,17 +126,9 @@ _SETTLE_SECONDS: Final = 3.0
 @contextmanager
 def rosbridge_suite(workspace: Path) -> Iterator[tuple[int, str]]:
     """rosbridge_websocket of a workspace: its process, and its address."""
-    python = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    environment = {
-        **os.environ,
-        "AMENT_PREFIX_PATH": f"{workspace}:{os.environ['AMENT_PREFIX_PATH']}",
-        "LD_LIBRARY_PATH": f"{workspace}/lib:{os.environ['LD_LIBRARY_PATH']}",
-        "PYTHONPATH": f"{workspace}/lib/{python}/site-packages",
-    }
     port = free_port()
     parameters = ("--ros-args", "-p", f"port:={port}", "-p", "address:=127.0.0.1")
-    program = str(workspace / "lib/rosbridge_server/rosbridge_websocket")
-    with _process([sys.executable, program, *parameters], environment) as pid:
+    with _process([sys.executable, str(workspace / ROSBRIDGE), *parameters], environment(workspace)) as pid:
         yield pid, f"ws://127.0.0.1:{port}"
 
 
@@ -169,16 +173,24 @@ async def _connect(url: str) -> websockets.ClientConnection:
 
 
 class _Client:
-    """Client that counts what it receives."""
+    """Client that counts what it receives of a topic, or the answers to its calls, one after the other."""
 
-    def __init__(self, connection: websockets.ClientConnection) -> None:
+    def __init__(self, connection: websockets.ClientConnection, case: Case) -> None:
         self.count = 0
         self._connection = connection
-        self._reading = asyncio.ensure_future(self._read())
+        self._reading = asyncio.ensure_future(self._call(case) if case.is_service else self._read(case))
 
-    async def _read(self) -> None:
+    async def _read(self, case: Case) -> None:
+        await self._connection.send(json.dumps({"op": "subscribe", "topic": "/measured", "type": case.type}))
         async for _ in self._connection:
             self.count += 1
+
+    async def _call(self, case: Case) -> None:
+        request = json.dumps({"op": "call_service", "service": "/measured", "type": case.type})
+        while True:
+            await self._connection.send(request)
+            self.count += json.loads(await self._connection.recv())["result"]
+            await asyncio.sleep(1 / case.hertz)
 
     async def close(self) -> None:
         self._reading.cancel()
@@ -189,16 +201,14 @@ async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: floa
     """Return the microseconds of CPU time per delivered message of each server that delivers."""
     package, _, name = case.type.split("/")
     with closing(Program(sys.executable, "tests.ros2.program", environment=dict(os.environ))) as program:
-        program.run(_PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz))
+        publish = _PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz)
+        program.run(_SERVE if case.is_service else publish)
         async with AsyncExitStack() as stack:
             clients: dict[str, list[_Client]] = {}
             for server, (_, url) in servers.items():
                 clients[server] = []
                 for _ in range(case.clients):
-                    connection = await _connect(url)
-                    request = {"op": "subscribe", "topic": "/measured", "type": case.type}
-                    await connection.send(json.dumps(request))
-                    clients[server].append(_Client(connection))
+                    clients[server].append(_Client(await _connect(url), case))
                     stack.push_async_callback(clients[server][-1].close)
             await asyncio.sleep(_SETTLE_SECONDS)
             before = {
@@ -229,7 +239,9 @@ async def run(cases: list[str], workspace: Path | None, other: str, seconds: flo
             process, url = stack.enter_context(
                 running(*arguments, environment=environment, real=True, stderr=subprocess.DEVNULL)
             )
-            servers = {"rwt": (process.pid, url), "floor": stack.enter_context(_floor(case))}
+            servers = {"rwt": (process.pid, url)}
+            if not case.is_service:
+                servers["floor"] = stack.enter_context(_floor(case))
             if workspace is not None:
                 servers["suite"] = stack.enter_context(rosbridge_suite(workspace))
             if other:

@@ -22,6 +22,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from pathlib import Path
 from threading import Timer
 from typing import Final
@@ -31,6 +32,7 @@ from packaging.requirements import Requirement
 
 TESTS: Final = Path(__file__).parent
 ROOT: Final = TESTS.parent
+BROWSER_TESTS: Final = Path("tests/browser")
 LEROBOT_TESTS: Final = ROOT / "rwt-lerobot" / "tests"
 RCLPY_TESTS: Final = ROOT / "rwt-rclpy" / "tests"
 
@@ -80,6 +82,7 @@ LONG: Final = (
     "docs",
     "clients",
     "faults",
+    "ros2",
     "release",
     "rwt",
     "rwt/gateways/mcp",
@@ -285,7 +288,10 @@ def show_list(heading: str, lines: Iterable[str]) -> None:
 
 
 def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[Outcome]:
-    """Run some files, `processes` at a time."""
+    """Run some files, `processes` at a time, of which one drives a browser.
+
+    Chromium draws without a graphics card: several at a time starve each other, and their tests.
+    """
     outcomes: list[Outcome] = []
 
     def done(batch: tuple[str, ...]) -> None:
@@ -293,8 +299,11 @@ def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[O
         outcome.show()
         outcomes.append(outcome)
 
-    with ThreadPoolExecutor(processes) as pool:
-        list(pool.map(done, batches(files)))
+    waiting = batches(files)
+    drawing = [each for each in waiting if Path(each[0]).is_relative_to(BROWSER_TESTS)]
+    others = [each for each in waiting if each not in drawing]
+    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(max(1, processes - bool(drawing))) as pool:
+        list(chain(first.map(done, drawing), pool.map(done, others)))
     return outcomes
 
 

@@ -11,15 +11,15 @@ from collections.abc import Iterator
 from typing import Final
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from tests.processes import running
 
-# Property tests have no deadline: on a busy machine a slow example says nothing about the code.
-settings.register_profile("no deadline", deadline=None)
-settings.load_profile("no deadline")
+# On a busy machine, slow examples of property tests say nothing about the code.
+settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
 
 #: A day in 2026, so that stamps are neither 0 nor small.
 START_NS: Final = 1_767_225_600_000_000_000

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -199,6 +200,17 @@ class Result:
     def ok(self) -> bool:
         """True if every difference is reviewed, and every review is of a difference."""
         return not self.unreviewed and not self.stale
+
+    def table(self) -> str:
+        """Return the counts by area as a table."""
+        columns = [self.same, *([one.name for one in each] for each in (self.reviewed, self.unreviewed))]
+        counts = [Counter(name.partition(".")[0] for name in each) for each in columns]
+        rows = [
+            ("area", "the same", "reviewed", "differ"),
+            ("---", *("---:" for _ in counts)),
+            *((area, *(each[area] for each in counts)) for area in sorted(set().union(*counts))),
+        ]
+        return "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
 
     def summary(self) -> str:
         """Return the counts as one line."""

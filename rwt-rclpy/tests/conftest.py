@@ -6,11 +6,16 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 import rwt_rclpy
 
 if TYPE_CHECKING:
     from rwt_rclpy.middleware.link import VirtualDomain
+
+# As in `tests/conftest.py`, which these tests do not load.
+settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
 
 
 @pytest.fixture(autouse=True, scope="module")

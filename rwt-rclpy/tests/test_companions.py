@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from rwt_rclpy.companions import ament_index_python, cv_bridge, message_filters, rosidl_runtime_py
 from rwt_rclpy.companions import sensor_msgs_py as clouds
-from rwt_rclpy.messages.loaded import message_class
+from rwt_rclpy.messages.loaded import classes, message_class
 
 if TYPE_CHECKING:
     from rwt_rclpy.middleware.link import VirtualDomain
@@ -53,6 +54,75 @@ def test_transforms_travel_and_move_points(rclpy_graph: VirtualDomain) -> None:
         buffer.lookup_transform("map", "nowhere", rclpy.time.Time())
 
 
+def test_a_listener_fills_the_buffer_that_it_has_now(rclpy_graph: VirtualDomain) -> None:
+    import rclpy
+    import tf2_ros
+
+    node = rclpy.create_node("frames")
+    listener = tf2_ros.TransformListener(tf2_ros.Buffer(), node)
+    listener.buffer = buffer = tf2_ros.Buffer()
+    time = rclpy.time.Time(seconds=2)
+    waiting = buffer.lookup_transform_full_async("map", time, "base", time, "map")
+    waiting.send(None)
+    transform: Any = message_class("geometry_msgs/TransformStamped")(child_frame_id="base")
+    transform.header.frame_id, transform.header.stamp = "map", time.to_msg()
+    tf2_ros.TransformBroadcaster(node).sendTransform(transform)
+    rclpy.spin_once(node, timeout_sec=1.0)
+    with pytest.raises(StopIteration) as found:
+        waiting.send(None)
+    assert found.value.value == transform
+    for seconds, side in ((1, "past"), (3, "future")):
+        with pytest.raises(
+            tf2_ros.ExtrapolationException, match=f"would require extrapolation into the {side}"
+        ):
+            buffer.lookup_transform("map", "base", rclpy.time.Time(seconds=seconds))
+
+
+def test_a_buffer_client_raises_what_its_server_names() -> None:
+    import rclpy
+    import tf2_ros
+    from rclpy.action import ActionServer
+
+    LookupTransform: Any = classes().action("tf2_msgs/LookupTransform")
+    buffer = tf2_ros.Buffer()
+    transform: Any = message_class("geometry_msgs/TransformStamped")(child_frame_id="base")
+    transform.header.frame_id = "map"
+    buffer.set_transform_static(transform, "test")
+
+    def answer(handle: Any) -> Any:
+        asked, result = handle.request, LookupTransform.Result()
+        try:
+            result.transform = buffer.lookup_transform_core(
+                asked.target_frame, asked.source_frame, asked.source_time
+            )
+        except tf2_ros.LookupException as error:
+            result.error.error, result.error.error_string = 1, str(error)
+        handle.succeed()
+        return result
+
+    rclpy.init(args=[])
+    node, executor = rclpy.create_node("frames"), rclpy.executors.SingleThreadedExecutor()
+    executor.add_node(node)
+    client = tf2_ros.BufferClient(node, "lookup")
+    with pytest.raises(tf2_ros.TimeoutException, match="not ready"):
+        client.lookup_transform("map", "base", rclpy.time.Time())
+    ActionServer(node, LookupTransform, "lookup", answer)
+    spinning = threading.Thread(target=executor.spin)
+    spinning.start()
+    try:
+        timeout = rclpy.duration.Duration(seconds=60)  # An answer comes at once.
+        assert client.action_client.wait_for_server(60)
+        assert client.lookup_transform("map", "base", rclpy.time.Time(), timeout) == transform
+        with pytest.raises(tf2_ros.LookupException, match="nowhere"):
+            client.lookup_transform("map", "nowhere", rclpy.time.Time(), timeout)
+        assert not client.can_transform("map", "nowhere", rclpy.time.Time(), timeout)
+    finally:
+        executor.shutdown()
+        spinning.join()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
 def test_messages_of_the_same_time_come_together() -> None:
     first, second = message_filters.SimpleFilter(), message_filters.SimpleFilter()
     together: list[Any] = []
@@ -73,23 +143,52 @@ def test_messages_of_about_the_same_time_come_together() -> None:
     second.signalMessage(stamped(1.2))
     second.signalMessage(stamped(1.05))
     assert len(together) == 1 and together[0][1].header.stamp.nanosec == 50_000_000
-    with pytest.raises(ValueError, match="without a header"):
-        first.signalMessage(message_class("std_msgs/String")())
+    first.signalMessage(stamped(3.0))
+    second.signalMessage(stamped(3.1))
+    assert len(together) == 1, "the difference is not less than the limit"
+
+
+def test_an_old_message_that_a_full_queue_drops_is_not_combined() -> None:
+    first, second = message_filters.SimpleFilter(), message_filters.SimpleFilter()
+    together: list[Any] = []
+    message_filters.ApproximateTimeSynchronizer([first, second], 1, 0.5).registerCallback(
+        lambda *pair: together.append(pair)
+    )
+    first.signalMessage(stamped(5.0))
+    first.signalMessage(stamped(4.0))
+    second.signalMessage(stamped(4.1))
+    assert not together
+    second.signalMessage(stamped(5.1))
+    assert len(together) == 1
 
 
 def test_the_cache_finds_by_time() -> None:
-    from rwt_rclpy.clocks.time import Time
+    from rwt_rclpy.clocks.time import ClockType, Time
+
+    def at(seconds: float) -> Time:
+        return Time(seconds=seconds, clock_type=ClockType.ROS_TIME)
 
     source = message_filters.SimpleFilter()
     cache = message_filters.Cache(source, 2)
     for seconds in (1, 2, 3):
         source.signalMessage(stamped(seconds))
-    assert cache.getElemBeforeTime(Time(seconds=1.5)) is None
-    assert cache.getElemAfterTime(Time(seconds=1.5)).header.stamp.sec == 2
-    assert (
-        len(cache.getInterval(Time(seconds=2), Time(seconds=3))) == 2
-        and cache.getLast().header.stamp.sec == 3
-    )
+    assert cache.getElemBeforeTime(at(1.5)) is None
+    assert cache.getElemAfterTime(at(1.5)).header.stamp.sec == 2
+    assert len(cache.getInterval(at(2), at(3))) == 2 and cache.getLast().header.stamp.sec == 3
+    assert (cache.getOldestTime(), cache.getLastestTime()) == (at(2), at(3))
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_messages_without_a_header_have_their_time_of_arrival_if_allowed(allowed: bool) -> None:
+    text = message_class("std_msgs/String")()
+    first, second = message_filters.SimpleFilter(), message_filters.SimpleFilter()
+    together: list[Any] = []
+    synchronizer = message_filters.ApproximateTimeSynchronizer([first, second], 5, 60.0, allowed)
+    synchronizer.registerCallback(lambda *pair: together.append(pair))
+    cache = message_filters.Cache(first, 5, allowed)
+    first.signalMessage(text)
+    second.signalMessage(text)
+    assert (together, cache.getLast()) == (([(text, text)], text) if allowed else ([], None))
 
 
 def test_messages_from_and_to_dictionaries() -> None:

@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import msgspec
 
@@ -156,7 +156,8 @@ def call_handler(
         answer = handler(request)
         if (took := time.perf_counter() - began) >= HELD_SECONDS:
             warn_of_held_loop(handler, "service handler", took)
-        if not inspect.isawaitable(answer):
+        # Like `inspect.isawaitable`, in a tenth of the time, and without generators of `types.coroutine`.
+        if not hasattr(answer, "__await__"):
             reply(to_payload(response, {} if answer is None else answer, now))
             return
     except Exception as error:
@@ -165,7 +166,7 @@ def call_handler(
 
     async def finish() -> None:
         try:
-            value = await answer
+            value = await cast("Awaitable[MessageLike | None]", answer)
             reply(to_payload(response, {} if value is None else value, now))
         except Exception as error:
             fail(error)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import mimetypes
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rwt import Server
 from rwt.settings.models import WebRtcSettings
@@ -51,7 +52,13 @@ def files(folder: Path, prefix: str) -> Route:
 
 @asynccontextmanager
 async def stand(
-    distro: str, built: Path, *, robot: bool = True, http: Iterable[HttpExtension] = (), webrtc: bool = False
+    distro: str,
+    built: Path,
+    *,
+    robot: bool = True,
+    http: Iterable[HttpExtension] = (),
+    webrtc: bool = False,
+    gate: Mapping[str, Any] | None = None,
 ) -> AsyncIterator[Stand]:
     """Serve a graph, with the demo robot on request, and beside it pages for the browser."""
     folders = {"/lib/": NODE / "node_modules", "/built/": built, "/test/": HERE / "pages"}
@@ -62,5 +69,6 @@ async def stand(
         http=served,
         demo=robot,
         webrtc=WebRtcSettings(enabled=webrtc),
+        gate=gate,
     ) as server:
         yield Stand(server.urls[0].replace("ws", "http", 1) + "/", server.graph, server.node("test"))

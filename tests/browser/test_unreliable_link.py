@@ -40,9 +40,9 @@ GAMEPAD = """(() => {
 class Robot:
     """Commands that reach the robot, with their times."""
 
-    def __init__(self, server: Server) -> None:
+    def __init__(self, wheels: Node) -> None:
         self.heard: list[tuple[float, float]] = []
-        server.node("wheels").subscribe("/cmd_vel", self._hear, TWIST)
+        wheels.subscribe("/cmd_vel", self._hear, TWIST)
 
     def _hear(self, twist: Any) -> None:
         self.heard.append((time.monotonic(), twist.linear.x))
@@ -92,7 +92,7 @@ async def test_after_a_stall_the_robot_moves_only_with_a_new_grip(
         Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server,
         stalling_proxy(int(server.urls[0].rsplit(":", 1)[1].strip("/"))) as link,
     ):
-        robot = Robot(server)
+        robot = Robot(server.node("wheels"))
         url = f"http://127.0.0.1:{link.port}/"
         async with browser.page(f"{url}healthz", 700, 600) as page:
             page.forgive("WebSocket", "Failed to load", "ERR_")
@@ -129,7 +129,7 @@ async def test_after_a_suspension_the_robot_moves_only_with_a_new_grip(
     browser: Browser, control: str
 ) -> None:
     async with Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server:
-        robot = Robot(server)
+        robot = Robot(server.node("wheels"))
         url = server.urls[0].replace("ws", "http", 1) + "/"
         async with browser.page(f"{url}healthz", 700, 600) as page:
             page.forgive("WebSocket", "Failed to load", "ERR_")
@@ -156,7 +156,7 @@ async def test_after_a_suspension_the_robot_moves_only_with_a_new_grip(
 @CONTROLS
 async def test_in_the_background_a_page_does_not_drive(browser: Browser, control: str) -> None:
     async with Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server:
-        robot = Robot(server)
+        robot = Robot(server.node("wheels"))
         url = server.urls[0].replace("ws", "http", 1) + "/"
         async with browser.page(f"{url}healthz", 700, 600) as page:
             grip = Grip(page, control)
@@ -194,7 +194,7 @@ async def test_without_a_gate_old_commands_end_in_a_standstill(browser: Browser)
         Server("ws://127.0.0.1:0", demo=True) as server,
         stalling_proxy(int(server.urls[0].rsplit(":", 1)[1].strip("/"))) as link,
     ):
-        robot = Robot(server)
+        robot = Robot(server.node("wheels"))
         url = f"http://127.0.0.1:{link.port}/"
         async with browser.page(f"{url}healthz", 700, 600) as page:
             page.forgive("WebSocket", "Failed to load", "ERR_")

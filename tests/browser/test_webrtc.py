@@ -197,11 +197,13 @@ async def test_a_camera_comes_by_mjpeg_where_no_path_is_found(browser: Browser) 
         await _sees(page, RED)
 
 
-async def test_the_picture_goes_on_when_the_video_ends(browser: Browser) -> None:
+async def test_the_picture_goes_on_when_the_video_ends_and_the_video_begins_again(browser: Browser) -> None:
     settings = {"webrtc": WebRtcSettings(enabled=True)}
     async with _watching(browser, NOTE_PEER, **settings) as (page, picture):
         await page.wait(f"{STATE}?.includes('WebRTC')")
+        page.forgive("404")  # The page ends the video, too.
         await page.evaluate("fetch(peer, {method: 'DELETE'}).then((answer) => answer.status)")
         await page.wait(f"{STATE}?.includes('MJPEG')")
         picture.colour = BLUE
         await _sees(page, BLUE)
+        await page.wait(f"{STATE}?.includes('WebRTC')")

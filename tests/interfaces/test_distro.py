@@ -14,6 +14,7 @@ from rwt_interfaces.distro import closest_distro
 SRC = Path(__file__).parents[2] / "src"
 
 REPORTS = {
+    "rwt/composition/graphs.py": "chooses the distribution of a bridged graph",
     "rwt/composition/pages.py": "the index page names it",
     "rwt/cli/commands/bag/recording.py": "`rwt bag info` prints it",
     "rwt/gateways/http/gateway.py": "`/version` and the page of the API name it",

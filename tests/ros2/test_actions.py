@@ -148,6 +148,25 @@ async def test_a_goal_ends_when_its_server_leaves(graph: Ros2Graph, program: Pro
     program.kill()  # Its goal is still running.
 
 
+async def test_an_action_is_known_with_all_its_services(graph: Ros2Graph, program: Program) -> None:
+    program.run(
+        """
+from test_msgs.action import Fibonacci
+from action_msgs.srv import CancelGoal
+impl = Fibonacci.Impl
+node.create_service(impl.SendGoalService, '/part/_action/send_goal', lambda request, response: response)
+node.create_service(impl.GetResultService, '/part/_action/get_result', lambda request, response: response)
+"""
+    )
+    await until(lambda: graph.service("/part/_action/send_goal"))
+    await until(lambda: graph.service("/part/_action/get_result"))
+    assert graph.action("/part") is None
+    assert "/part" not in [each.name for each in graph.actions()]
+    program.run("node.create_service(CancelGoal, '/part/_action/cancel_goal', lambda _, response: response)")
+    await until(lambda: graph.action("/part"))
+    assert "/part" in [each.name for each in graph.actions()]
+
+
 async def test_many_goals_at_once(graph: Ros2Graph, program: Program) -> None:
     program.run(_SERVER)
     ours = graph.participant("/ours")

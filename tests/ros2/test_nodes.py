@@ -46,13 +46,15 @@ async def test_a_node_that_does_not_answer_is_left_out(
 ) -> None:
     monkeypatch.setattr("rwt_graph.parameters.client.ANSWER_TIMEOUT", 0.3)
     ours = graph.node("ours")
+    program.run("silent = rclpy.create_node('silent')")  # No executor runs it.
+    await until(lambda: graph.service("/silent/list_parameters"))
     await until(lambda: graph.service(f"{NODE}/list_parameters"))
-    program.run("executor.remove_node(node)")
     with caplog.at_level(logging.WARNING):
         names = await ours.params.names()
-    program.run("executor.add_node(node)")
-    assert names == ("/ours:use_sim_time",)
-    assert f"the parameters of node {NODE} are not listed" in caplog.text
+    program.run("silent.destroy_node()")
+    assert "/ours:use_sim_time" in names
+    assert not [name for name in names if name.startswith("/silent:")]
+    assert "the parameters of node /silent are not listed" in caplog.text
 
 
 async def test_ros_2_reads_and_sets_our_parameters(graph: Ros2Graph, program: Program) -> None:
@@ -77,6 +79,19 @@ parameters = AsyncParameterClient(node, '/fleet/ours')
     setting = "set_parameters([Parameter('speed', value=2.5)])"
     assert await ask(setting, "future.result().results[0].successful")
     assert ours.parameters.get("speed") == 2.5
+
+
+async def test_nodes_with_one_name_are_one_node_of_ros_2(graph: Ros2Graph, program: Program) -> None:
+    names = "result = [name for name in node.get_node_names() if name == 'twice']"
+    first, second = graph.node("twice"), graph.node("twice")
+    await until(lambda: program.run(names))
+    assert program.run(names) == ["twice"]
+    first.close()
+    second.advertise("/said", "std_msgs/String")
+    await until(lambda: program.run("result = node.count_publishers('/said')") == 1)
+    assert program.run(names) == ["twice"]
+    second.close()
+    await until(lambda: not program.run(names))
 
 
 async def test_logs_reach_rosout(graph: Ros2Graph, program: Program) -> None:

@@ -52,6 +52,66 @@ future = client.call_async(Trigger.Request())
 wait(future.done)
 result = [future.result().success, future.result().message]
 """
+_ACTION_SERVER = """
+import threading
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from test_msgs.action import Fibonacci
+
+canceling = threading.Event()
+
+def respond(goal):
+    return GoalResponse.REJECT if goal.order < 0 else GoalResponse.ACCEPT
+
+def cancel(handle):
+    canceling.set()
+    return CancelResponse.ACCEPT
+
+def execute(handle):
+    sequence = list(range(handle.request.order))
+    handle.publish_feedback(Fibonacci.Feedback(sequence=sequence[:1]))
+    if not sequence:  # Until it is canceled.
+        canceling.wait(20)
+        wait(lambda: handle.is_cancel_requested)
+        handle.canceled()
+    elif len(sequence) == 1:
+        handle.abort()
+    else:
+        handle.succeed()
+    return Fibonacci.Result(sequence=sequence)
+
+server = ActionServer(node, Fibonacci, f'/done_by_{NAME}', execute, goal_callback=respond,
+    cancel_callback=cancel, callback_group=ReentrantCallbackGroup())
+"""
+_ACTION_CLIENT = """
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+actions = ActionClient(node, Fibonacci, f'/done_by_{OTHER}')
+
+def finish(future):
+    wait(future.done)
+    return future.result()
+
+def send(order, then=lambda handle: None):
+    feedback = []
+    goal = Fibonacci.Goal(order=order)
+    handle = finish(actions.send_goal_async(goal, lambda m: feedback.append(list(m.feedback.sequence))))
+    assert handle.accepted
+    if order >= 0:
+        wait(lambda: feedback)
+    then(handle)
+    done = finish(handle.get_result_async())
+    return [done.status, list(done.result.sequence), feedback]
+
+assert actions.wait_for_server(20)
+result = [
+    send(3),
+    send(1),
+    send(0, lambda handle: finish(handle.cancel_goal_async())),
+    send(-1),
+    [GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED],
+]
+"""
 
 
 @pytest.fixture
@@ -60,10 +120,11 @@ def ours() -> Iterator[Program]:
     python = Path(sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}")
     hidden = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "ROS_DISTRO", "RMW_IMPLEMENTATION")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    options = ("--graph", "", "tests/ros2/program.py", "--ros-args", "-r", "__node:=ours")
+    options = ("--interfaces", "rwt-rclpy/differential/interfaces")
+    node = ("tests/ros2/program.py", "--ros-args", "-r", "__node:=ours")
     with serving() as (_, url):
-        command = [url if each == "" else each for each in options]
-        with closing(Program(str(python), "rwt.cli", "run", *command, environment=environment)) as running:
+        command = ("rwt.cli", "run", "--graph", url, *options, *node)
+        with closing(Program(str(python), *command, environment=environment)) as running:
             yield running
 
 
@@ -76,6 +137,20 @@ def test_topics_and_services_reach_the_other_rclpy(program: Program, ours: Progr
         assert receiver.run(_RECEIVED) == [f"{name} {number}" for number in range(3)]
     assert program.run(_CALL) == [True, "ours"]
     assert ours.run(_CALL) == [True, "real"]
+
+
+def test_goals_reach_the_other_rclpy(program: Program, ours: Program) -> None:
+    for each, name, other in ((program, "real", "ours"), (ours, "ours", "real")):
+        each.run(f"NAME, OTHER = '{name}', '{other}'\n{_COMMON}{_ACTION_SERVER}")
+    for client in (program, ours):
+        *results, (succeeded, aborted, canceled) = client.run(_ACTION_CLIENT)
+        # The last goal is rejected, for which rosbridge has no message.
+        assert results == [
+            [succeeded, [0, 1, 2], [[0]]],
+            [aborted, [0], [[0]]],
+            [canceled, [], [[]]],
+            [aborted, [], []],
+        ]
 
 
 def test_parameters_of_a_real_node_are_set(program: Program, ours: Program) -> None:

@@ -218,6 +218,7 @@ async def test_services_of_other_processes_are_listed(graph: Ros2Graph, program:
     ours = graph.participant("/ours")
     service = ours.advertise_service("/ours", info.type, lambda _: None)
     seen = "result = dict(node.get_service_names_and_types_by_node('ours', '/'))"
+    await until(lambda: "ours" in program.run("result = node.get_node_names()"))
     await until(lambda: program.run(seen) == {"/ours": ["std_srvs/srv/Trigger"]})
     service.close()
     await until(lambda: not program.run(seen))

@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ROS_VERSION", "2")
     sys.path[:0] = [str(checkout / each) for each in _SOURCES]
     if rwt_rclpy.install([checkout / each for each in _INTERFACES]) == "ros":
-        print("ROS is installed: start rosbridge_server by ros2 run", file=sys.stderr)
+        print("ROS is installed: use tools.upstream.ros2_workspace", file=sys.stderr)
         return 2
     websocket, rosapi = (runpy.run_path(str(checkout / each)) for each in _NEEDED)
     own = ["--ros-args", "-p", f"port:={options.port}", "-p", "address:=127.0.0.1"]

@@ -127,6 +127,7 @@ MODULES: Final = {
     "tf2_py": f"{_HERE}.companions.tf2_ros",
     "tf2_ros": f"{_HERE}.companions.tf2_ros",
     "tf2_ros.buffer": f"{_HERE}.companions.tf2_ros",
+    "tf2_ros.buffer_client": f"{_HERE}.companions.tf2_ros",
     "tf2_ros.buffer_interface": f"{_HERE}.companions.tf2_ros",
     "tf2_ros.transform_broadcaster": f"{_HERE}.companions.tf2_ros",
     "tf2_ros.static_transform_broadcaster": f"{_HERE}.companions.tf2_ros",

@@ -36,11 +36,24 @@ def in_memory() -> Iterator[None]:
 
 
 @contextmanager
-def on_a_server() -> Iterator[None]:
+def on_a_server(graph: MemoryGraph | None = None) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         url = f"unix://{Path(folder) / 'robot.sock'}"
-        with Server(url, graph=MemoryGraph()), rwt_rclpy.join(url):
+        with Server(url, graph=graph or MemoryGraph()), rwt_rclpy.join(url):
             yield
+
+
+@contextmanager
+def beside_a_server_of_actions() -> Iterator[None]:
+    graph = MemoryGraph()
+
+    def offer() -> None:
+        kind = graph.registry.action("example_interfaces/Fibonacci")
+        graph.participant("/robot").advertise_action("/rejecting", kind, lambda goal: goal.reject("no way"))
+
+    with on_a_server(graph):
+        graph.run_on_graph(offer)
+        yield
 
 
 @contextmanager
@@ -220,6 +233,20 @@ def test_actions_with_feedback_and_result(rclpy: Any, executor: Any) -> None:
     assert list(result.result().result.sequence) == [0, 1, 1, 2, 3, 5]
     assert result.result().status == 4
     spin_until(executor, lambda: feedback)
+
+
+@pytest.mark.parametrize("rclpy", [beside_a_server_of_actions], indirect=True)
+def test_a_goal_that_a_server_rejects_ends_as_aborted(rclpy: Any, executor: Any) -> None:
+    from rclpy.action import ActionClient
+
+    Fibonacci = interface("example_interfaces/action/Fibonacci")
+    client = ActionClient(node(rclpy, executor, "caller"), Fibonacci, "/rejecting")
+    spin_until(executor, client.server_is_ready)
+    sent = client.send_goal_async(Fibonacci.Goal(order=1))
+    spin_until(executor, sent.done)
+    result = sent.result().get_result_async()
+    spin_until(executor, result.done)
+    assert (result.result().status, result.result().result) == (6, Fibonacci.Result())
 
 
 @pytest.mark.parametrize("rclpy", [on_a_server], indirect=True)

@@ -29,7 +29,7 @@ _STATES = {status.value: status for status in GoalStatus}
 
 
 class Ros2Actions:
-    """Actions of other processes: a node that offers `<action>/_action/send_goal` offers the action.
+    """Actions of other processes, known as soon as their three services are: DDS announces each by itself.
 
     Args:
         remote: services of other processes.
@@ -54,8 +54,9 @@ class Ros2Actions:
         self._readers: dict[tuple[NodeResources, str], FeedbackReader] = {}
 
     def info(self, name: str) -> ActionInfo | None:
-        service = self._remote.info(f"{name}{SEND_GOAL}")
-        if service is None:
+        names = ActionNames(name)
+        service, *others = map(self._remote.info, (names.send_goal, names.get_result, names.cancel_goal))
+        if service is None or None in others:
             return None
         try:
             type = self.registry.action(service.type.name.removesuffix("_SendGoal"))

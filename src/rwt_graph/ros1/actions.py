@@ -35,6 +35,9 @@ _CONNECT_SECONDS: Final = 10.0
 _CONNECT_LOOKS: Final = 0.02
 _GONE_LOOKS: Final = 1.0
 
+#: Seconds for which a result waits for feedback that was sent before it, over a connection of its own.
+_FEEDBACK_SECONDS: Final = 0.02
+
 _RECALLED, _LOST = 8, 9
 
 #: States of the graph by status of actionlib; the cancelled and lost ones have several.
@@ -222,6 +225,15 @@ class ActionClient:
         goal = self._goals.get(message.status.goal_id.id)
         if goal is None:
             return
+        if goal.wants_feedback:
+            self._clock.call_later(_FEEDBACK_SECONDS, partial(self._end, goal, message))
+        else:
+            self._end(goal, message)
+
+    def _end(self, goal: Ros1Goal, message: Any) -> None:
+        """End a goal with its result, unless it has ended meanwhile."""
+        if goal.id not in self._goals:
+            return
         goal.reason = message.status.text
         if message.status.status == ActionlibStatus.REJECTED:
             goal.end(GoalStatus.UNKNOWN, GoalRejected(goal.reason or f"{goal.action} rejected the goal"))
@@ -255,6 +267,10 @@ class Ros1Goal(ClientGoal):
         was_unknown, self.status = self.status is GoalStatus.UNKNOWN, status
         if was_unknown and self._events is not None and self._events.on_accepted is not None:
             self._run_callback(self._events.on_accepted)
+
+    @property
+    def wants_feedback(self) -> bool:
+        return self._events is not None and self._events.on_feedback is not None
 
     def on_feedback(self, feedback: Payload) -> None:
         """Pass feedback on."""

@@ -68,7 +68,8 @@ class Connection:
             self._context.init(args=[], initialize_logging=False, domain_id=domain)
         except RuntimeError as error:
             raise Ros2Error(f"cannot join ROS 2: {error}") from error
-        self._nodes: dict[NodeResources, Any] = {}
+        # Nodes by name, each with its participants.
+        self._nodes: dict[str, tuple[Any, set[NodeResources]]] = {}
         self.node = self._make_node(f"/_rwt_graph_{os.getpid()}")
         self.run_on_graph = graph.run_on_graph
         self.own_gids: dict[bytes, float] = {}
@@ -93,21 +94,28 @@ class Connection:
     # Nodes
 
     def node_of(self, owner: NodeResources) -> Any:
-        """Return the node of a participant, made on first use."""
-        node = self._nodes.get(owner)
-        if node is None:
-            node = self._nodes[owner] = self._make_node(owner.name)
+        """Return the node of a participant, made on first use.
+
+        Participants with the same name share it: ROS 2 warns of two nodes with one name.
+        """
+        found = self._nodes.get(owner.name)
+        if found is None:
+            found = self._nodes[owner.name] = (self._make_node(owner.name), set())
+        node, participants = found
+        participants.add(owner)
         return node
 
     def forget_node(self, owner: NodeResources) -> None:
-        """Remove the node of a participant that left, after its endpoints."""
-        node = self._nodes.pop(owner, None)
-        if node is not None:
+        """Remove the node of a participant that left, after its endpoints, unless others share it."""
+        node, participants = self._nodes.get(owner.name, (None, set()))
+        participants.discard(owner)
+        if node is not None and not participants:
+            del self._nodes[owner.name]
             node.destroy_when_not_in_use()
 
     def own_nodes(self) -> Counter[str]:
         """Return the number of nodes of this process, by name."""
-        return Counter(owner.name for owner in self._nodes)
+        return Counter(self._nodes.keys())
 
     # Endpoints
 
@@ -167,8 +175,9 @@ class Connection:
     def close(self) -> None:
         """Leave ROS 2; all endpoints have been closed."""
         self.wakeups.close()
-        for owner in tuple(self._nodes):
-            self.forget_node(owner)
+        for node, _ in self._nodes.values():
+            node.destroy_when_not_in_use()
+        self._nodes.clear()
         self.node.destroy_when_not_in_use()
         self._context.try_shutdown()
         self._context.destroy()

@@ -20,7 +20,7 @@ from rwt_participant.errors import CallFailed
 from rwt_participant.goals import GoalStatus
 from rwt_participant.messages import Message
 from tests.contract.graph.paired import PairedGraph
-from tests.contract.graph.ros2_pair import DIFFERENCES, HAS_ROS, Ros2Pair
+from tests.contract.graph.ros2_pair import DIFFERENCES, HAS_ROS, UNSTABLE, Ros2Pair
 from tests.processes import free_port
 from tests.zenoh_links import QUICK, Counting, Ripple, free_endpoint
 
@@ -160,6 +160,8 @@ async def harness(
 ) -> AsyncIterator[Harness]:
     # Everything in the order in which it came, so that `settle` can tell when it has.
     monkeypatch.setattr(zenoh_topics, "belongs_to_action", lambda _topic: True)
+    if request.param == "ros2" and (why := UNSTABLE.get(request.node.originalname)):
+        pytest.skip(why)
     if request.param == "ros2" and (why := DIFFERENCES.get(_case(request.node))):
         request.applymarker(pytest.mark.xfail(reason=why))
     if request.param == "ros1-alone" and (why := OF_ROS2.get(request.node.originalname)):

@@ -1,6 +1,6 @@
 /** Pictures of a camera, by the best way that the robot has: WebRTC, else a stream over HTTP, else messages. */
 
-import { type Signal, signal } from "@preact/signals-core";
+import { effect, type Signal, signal } from "@preact/signals-core";
 import { bytesOf } from "../decode/bytes";
 import type { Pixels } from "../decode/protocol";
 import { Delay } from "./delay";
@@ -73,7 +73,8 @@ export class Camera {
   private delay = new Delay();
   private viewer: WhepViewer | null = null;
   private attempts = 0;
-  private retry: ReturnType<typeof setTimeout> | undefined;
+  /** Ends the wait for the next attempt by WebRTC. */
+  private endWait = () => {};
   private silence: ReturnType<typeof setTimeout> | undefined;
   /** Ends the way beside WebRTC; null while there is none. */
   private end: (() => void) | null = null;
@@ -99,7 +100,7 @@ export class Camera {
   /** Look no longer. */
   dispose(): void {
     this.ended = true;
-    clearTimeout(this.retry);
+    this.endWait();
     clearTimeout(this.silence);
     this.viewer?.close();
     this.end?.();
@@ -118,10 +119,24 @@ export class Camera {
         console.debug("no WebRTC:", error.message);
         this.besides();
         if (error instanceof WhepRefused && !error.isForNow) return;
-        const wait = TRY_AGAIN[Math.min(this.attempts++, TRY_AGAIN.length - 1)] as number;
-        this.retry = setTimeout(() => this.watch(), wait);
+        this.watchAgain();
       },
     );
+  }
+
+  /** Try WebRTC again after a while; while the robot does not answer at all, as soon as it does. */
+  private watchAgain(): void {
+    if (this.session.isAnswering) {
+      const wait = TRY_AGAIN[Math.min(this.attempts++, TRY_AGAIN.length - 1)] as number;
+      const timer = setTimeout(() => this.watch(), wait);
+      this.endWait = () => clearTimeout(timer);
+      return;
+    }
+    this.endWait = effect(() => {
+      if (!this.session.isAnswering) return;
+      this.endWait();
+      this.watch();
+    });
   }
 
   private watched(picture: CanvasImageSource, width: number, height: number, time: number): void {

@@ -216,9 +216,10 @@ export class WhepViewer {
 
   private changed(): void {
     const { connectionState } = this.connection;
-    if (connectionState === "connected") clearTimeout(this.patience);
-    if (connectionState === "failed" || connectionState === "disconnected" || connectionState === "closed") {
-      this.fail(new Error(`the connection for video is ${connectionState}`));
-    }
+    const end = () => this.fail(new Error(`the connection for video is ${connectionState}`));
+    if (connectionState === "connected" || connectionState === "disconnected") clearTimeout(this.patience);
+    // A short outage ends by itself, without another offer.
+    if (connectionState === "disconnected") this.patience = setTimeout(end, CONNECT);
+    if (connectionState === "failed" || connectionState === "closed") end();
   }
 }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_graph.api import ClientGoal, GoalEvents
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed
+from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.client import Client, wait_until
@@ -358,7 +358,10 @@ class ActionClient(Entity):
             self._node.get_logger().warning(f"{self._name}: {outcome}")
             self._hand_over(goal_id, response, handed)
             return
-        if isinstance(outcome, CallFailed):
+        if isinstance(outcome, GoalRejected):  # rosbridge reports a rejection only as the end of the goal.
+            self._node.get_logger().warning(f"{self._name}: {outcome}")
+            record.response = self._action_type.Impl.GetResultService.Response(status=int(status))
+        elif isinstance(outcome, CallFailed):
             record.response = outcome
         else:
             record.response = self._action_type.Impl.GetResultService.Response(

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rwt_rclpy.clocks.duration import S_TO_NS
+from rwt_rclpy.clocks.clock import ROSClock
+from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.clocks.time import Time
+from rwt_rclpy.logs.logger import get_logger
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.node import Node
 
 
-def _stamp(message: Any) -> int:
-    return int(message.header.stamp.sec * S_TO_NS + message.header.stamp.nanosec)
+def _time_of(message: Any, allow_headerless: bool) -> Time | None:
+    """Return the stamp of a message, for one without the current time, or None if that is not allowed."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is not None:
+        return stamp if isinstance(stamp, Time) else Time.from_msg(stamp)
+    if allow_headerless:
+        return ROSClock().now()
+    get_logger("message_filters").warning(
+        f"{type(message).__name__} has no header and is dropped: allow_headerless is False"
+    )
+    return None
 
 
 class SimpleFilter:
@@ -36,17 +48,25 @@ class SimpleFilter:
 
 
 class Subscriber(SimpleFilter):
-    """Filter with the messages of a topic; arguments as of `create_subscription`, without a callback."""
+    """Filter with the messages of a topic; options as of `create_subscription`, and its attributes."""
 
-    def __init__(self, node: Node, msg_type: Any, topic: str, qos_profile: Any = 10, **kwargs: Any) -> None:
+    def __init__(self, node: Node, msg_type: Any, topic: str, /, **kwargs: Any) -> None:
         super().__init__()
         self.node = node
         self.topic = topic
-        self.sub = node.create_subscription(msg_type, topic, self.signalMessage, qos_profile, **kwargs)
+        kwargs.setdefault("qos_profile", 10)
+        self.sub = node.create_subscription(msg_type, topic, self.callback, **kwargs)
+
+    def callback(self, msg: Any) -> None:
+        """Pass a message to the callbacks."""
+        self.signalMessage(msg)
 
     def getTopic(self) -> str:  # message_filters' name
         """Return the topic."""
         return self.topic
+
+    def __getattr__(self, key: str) -> Any:
+        return getattr(self.sub, key)
 
 
 class Cache(SimpleFilter):
@@ -58,45 +78,55 @@ class Cache(SimpleFilter):
         allow_headerless: True to keep messages without a header, by their time of arrival.
     """
 
-    def __init__(
-        self, f: SimpleFilter | None = None, cache_size: int = 1, allow_headerless: bool = False
-    ) -> None:
+    def __init__(self, f: SimpleFilter, cache_size: int = 1, allow_headerless: bool = False) -> None:
         super().__init__()
         self.cache_size = cache_size
         self.allow_headerless = allow_headerless
-        self._kept: list[tuple[int, Any]] = []
-        if f is not None:
-            f.registerCallback(self.add)
+        self.cache_msgs: list[Any] = []
+        self.cache_times: list[Time] = []
+        self.connectInput(f)
+
+    def connectInput(self, f: SimpleFilter) -> None:  # message_filters' name
+        """Connect to a filter."""
+        self.incoming_connection = f.registerCallback(self.add)
 
     def add(self, msg: Any) -> None:
         """Store a message."""
-        if hasattr(msg, "header"):
-            stamp = _stamp(msg)
-        elif self.allow_headerless:
-            from rwt_rclpy.clocks.timekeeper import current
-
-            stamp = current().system_ns()
-        else:
-            raise ValueError("Cannot use message_filters with messages without a header")
-        self._kept.append((stamp, msg))
-        del self._kept[: -self.cache_size]
+        time = _time_of(msg, self.allow_headerless)
+        if time is None:
+            return
+        self.cache_msgs.append(msg)
+        self.cache_times.append(time)
+        del self.cache_msgs[: -self.cache_size], self.cache_times[: -self.cache_size]
         self.signalMessage(msg)
 
+    def _where(self, chosen: Callable[[Time], bool]) -> list[Any]:
+        return [msg for msg, time in zip(self.cache_msgs, self.cache_times, strict=True) if chosen(time)]
+
     def getInterval(self, from_stamp: Time, to_stamp: Time) -> list[Any]:  # message_filters' name
-        """Return the messages between two times, inclusive."""
-        return [msg for stamp, msg in self._kept if from_stamp.nanoseconds <= stamp <= to_stamp.nanoseconds]
+        """Return the messages between two times, inclusive. Raises AssertionError if the first is later."""
+        assert from_stamp <= to_stamp
+        return self._where(lambda time: from_stamp <= time <= to_stamp)
 
     def getElemAfterTime(self, stamp: Time) -> Any:  # message_filters' name
         """Return the first message at or after a time, or None."""
-        return next((msg for at, msg in self._kept if at >= stamp.nanoseconds), None)
+        return next(iter(self._where(lambda time: time >= stamp)), None)
 
     def getElemBeforeTime(self, stamp: Time) -> Any:  # message_filters' name
         """Return the last message at or before a time, or None."""
-        return next((msg for at, msg in reversed(self._kept) if at <= stamp.nanoseconds), None)
+        return next(reversed(self._where(lambda time: time <= stamp)), None)
+
+    def getLastestTime(self) -> Time | None:  # message_filters' name
+        """Return the time of the last message, or None."""
+        return self.cache_times[-1] if self.cache_times else None
+
+    def getOldestTime(self) -> Time | None:  # message_filters' name
+        """Return the time of the first message, or None."""
+        return self.cache_times[0] if self.cache_times else None
 
     def getLast(self) -> Any:  # message_filters' name
-        """Return the last message, or None."""
-        return self._kept[-1][1] if self._kept else None
+        """Return the first message that is not older than the last one, or None."""
+        return self.getElemAfterTime(self.cache_times[-1]) if self.cache_times else None
 
 
 class TimeSynchronizer(SimpleFilter):
@@ -110,16 +140,16 @@ class TimeSynchronizer(SimpleFilter):
     def __init__(self, fs: Sequence[SimpleFilter], queue_size: int) -> None:
         super().__init__()
         self.queue_size = queue_size
+        self.lock = threading.Lock()
         self.connectInput(fs)
 
     def connectInput(self, fs: Sequence[SimpleFilter]) -> None:  # message_filters' name
         """Connect to filters."""
         self.queues: list[dict[int, Any]] = [{} for _ in fs]
-        for number, each in enumerate(fs):
-            each.registerCallback(self._added, number)
-
-    def _added(self, msg: Any, number: int) -> None:
-        self.add(msg, self.queues[number], number)
+        self.input_connections = [
+            each.registerCallback(self.add, queue, number)
+            for number, (each, queue) in enumerate(zip(fs, self.queues, strict=True))
+        ]
 
     def _keep(self, msg: Any, queue: dict[int, Any], stamp: int) -> None:
         queue[stamp] = msg
@@ -128,10 +158,11 @@ class TimeSynchronizer(SimpleFilter):
 
     def add(self, msg: Any, my_queue: dict[int, Any], my_queue_index: int | None = None) -> None:
         """Store a message, and pass on complete sets."""
-        stamp = _stamp(msg)
-        self._keep(msg, my_queue, stamp)
-        if all(stamp in queue for queue in self.queues):
-            self.signalMessage(*(queue.pop(stamp) for queue in self.queues))
+        stamp = Time.from_msg(msg.header.stamp).nanoseconds
+        with self.lock:
+            self._keep(msg, my_queue, stamp)
+            if all(stamp in queue for queue in self.queues):
+                self.signalMessage(*(queue.pop(stamp) for queue in self.queues))
 
 
 class ApproximateTimeSynchronizer(TimeSynchronizer):
@@ -140,7 +171,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
     Args:
         fs: filters.
         queue_size: maximum number of queued messages per filter.
-        slop: maximum difference of stamps in seconds.
+        slop: limit of the difference of stamps in seconds; they differ by less.
         allow_headerless: True to use the time of arrival for messages without a header.
     """
 
@@ -148,25 +179,26 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         self, fs: Sequence[SimpleFilter], queue_size: int, slop: float, allow_headerless: bool = False
     ) -> None:
         super().__init__(fs, queue_size)
-        self.slop_ns = round(slop * S_TO_NS)
+        self.slop = Duration(seconds=slop)
         self.allow_headerless = allow_headerless
 
     def add(self, msg: Any, my_queue: dict[int, Any], my_queue_index: int | None = None) -> None:
         """Store a message, and pass on the closest matching set."""
-        if hasattr(msg, "header"):
-            stamp = _stamp(msg)
-        elif self.allow_headerless:
-            from rwt_rclpy.clocks.timekeeper import current
-
-            stamp = current().system_ns()
-        else:
-            raise ValueError("Cannot use message_filters with messages without a header")
-        self._keep(msg, my_queue, stamp)
-        near: list[list[int]] = []
-        for queue in self.queues:
-            stamps = [stamp] if queue is my_queue else [at for at in queue if abs(at - stamp) <= self.slop_ns]
-            near.append(sorted(stamps, key=lambda at: abs(at - stamp)))
-        for chosen in itertools.product(*near):
-            if max(chosen) - min(chosen) <= self.slop_ns:
-                self.signalMessage(*(queue.pop(at) for queue, at in zip(self.queues, chosen, strict=True)))
-                return
+        time = _time_of(msg, self.allow_headerless)
+        if time is None:
+            return
+        stamp, slop = time.nanoseconds, self.slop.nanoseconds
+        with self.lock:
+            self._keep(msg, my_queue, stamp)
+            near = []
+            for queue in self.queues:
+                limit = 0 if queue is my_queue else slop
+                near.append(
+                    sorted((at for at in queue if abs(at - stamp) <= limit), key=lambda at: abs(at - stamp))
+                )
+            for chosen in itertools.product(*near):
+                if max(chosen) - min(chosen) < slop:
+                    self.signalMessage(
+                        *(queue.pop(at) for queue, at in zip(self.queues, chosen, strict=True))
+                    )
+                    return

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from rwt_rclpy.clocks import timekeeper
-from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.clocks.duration import S_TO_NS, Duration
 from rwt_rclpy.clocks.time import Time
 from rwt_rclpy.endpoints.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rwt_rclpy.execution.blocking import Wait
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.messages.loaded import classes, message_class
 from rwt_tf2 import Buffer as Frames
@@ -54,6 +55,17 @@ class TypeException(Exception):  # tf2_ros's name
 
 class NotImplementedException(Exception):
     """The buffer cannot do this."""
+
+
+#: Exceptions by the codes of `tf2_msgs/TF2Error`.
+_ERRORS: Final[dict[int, type[TransformException]]] = {
+    1: LookupException,
+    2: ConnectivityException,
+    3: ExtrapolationException,
+    4: InvalidArgumentException,
+    5: TimeoutException,
+}
+_PADDING: Final = Duration(seconds=2.0)
 
 
 def _ns(time: Any) -> int:
@@ -120,7 +132,7 @@ class Buffer(BufferInterface):
         self._feed = Feed(self._frames)
         self._keeper = timekeeper.current()
         self._condition = self._keeper.condition()
-        self._waiting: list[tuple[Future, Callable[[], bool], Callable[[], Any]]] = []
+        self._waiting: list[tuple[Future, Callable[[], bool]]] = []
         self._lock = threading.RLock()
         if node is not None:
             service = classes().service("tf2_msgs/FrameGraph")
@@ -163,10 +175,10 @@ class Buffer(BufferInterface):
         with self._condition:
             self._condition.notify_all()
         for entry in tuple(self._waiting):
-            future, ready, answer = entry
+            future, ready = entry
             if ready():
                 self._waiting.remove(entry)
-                future.set_result(answer())
+                future.set_result(True)
 
     # Asking
 
@@ -249,23 +261,37 @@ class Buffer(BufferInterface):
             verdict = self._frames.can_transform_full(*arguments)
         return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
 
-    def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
-        """Return a future that is done once the transform is available."""
+    def _when(self, ready: Callable[[], bool]) -> Future:
         future = Future()
-
-        def ready() -> bool:
-            return bool(self._verdict(target_frame, source_frame, time))
-
         if ready():
             future.set_result(True)
         else:
-            self._waiting.append((future, ready, lambda: True))
+            self._waiting.append((future, ready))
         return future
+
+    def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
+        """Return a future that is done once the transform is available."""
+        return self._when(lambda: self.can_transform(target_frame, source_frame, time))
+
+    def wait_for_transform_full_async(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> Future:
+        """Return a future that is done once :meth:`lookup_transform_full` has a result."""
+        arguments = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        return self._when(lambda: self.can_transform_full(*arguments))
 
     async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Any:
         """Return :meth:`lookup_transform` in a coroutine."""
         await self.wait_for_transform_async(target_frame, source_frame, time)
         return self.lookup_transform(target_frame, source_frame, time)
+
+    async def lookup_transform_full_async(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> Any:
+        """Return :meth:`lookup_transform_full` in a coroutine."""
+        arguments = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        await self.wait_for_transform_full_async(*arguments)
+        return self.lookup_transform_full(*arguments)
 
     def get_latest_common_time(self, source_frame: str, dest_frame: str) -> Time:
         """Return the latest common time of both frames. Raises LookupException."""
@@ -282,8 +308,111 @@ class Buffer(BufferInterface):
         with self._lock:
             return self._frames.tree()
 
+    lookup_transform_core = lookup_transform
+    lookup_transform_full_core = lookup_transform_full
+
 
 BufferCore = Buffer
+
+
+class BufferClient(BufferInterface):
+    """Queries of a buffer in another process, which answers goals of `tf2_msgs/LookupTransform`.
+
+    An executor must spin the node in another thread.
+
+    Args:
+        node: node of the action client.
+        ns: name of the action.
+        check_frequency: accepted as by tf2; nothing is polled.
+        timeout_padding: time for the answer beyond the timeout of a query.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        ns: str,
+        check_frequency: float = 10.0,
+        timeout_padding: Duration = _PADDING,
+    ) -> None:
+        from rwt_rclpy.actions.client import ActionClient
+
+        super().__init__()
+        self.node = node
+        self.action_client = ActionClient(node, classes().action("tf2_msgs/LookupTransform"), ns)
+        self.check_frequency = check_frequency
+        self.timeout_padding = timeout_padding
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None
+    ) -> Any:
+        """Return the transform of `source_frame` in `target_frame`.
+
+        Raises:
+            TransformException: it is not available, of the class that the server names.
+            TimeoutException: the server is missing or does not answer in time.
+        """
+        return self._result(timeout, target_frame=target_frame, source_frame=source_frame, source_time=time)
+
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+    ) -> Any:
+        """Return `source_frame` at one time in `target_frame` at another time, over a fixed frame.
+
+        Raises:
+            TransformException: as :meth:`lookup_transform`.
+        """
+        return self._result(
+            timeout,
+            target_frame=target_frame,
+            target_time=target_time.to_msg(),
+            source_frame=source_frame,
+            source_time=source_time,
+            fixed_frame=fixed_frame,
+            advanced=True,
+        )
+
+    def can_transform(self, *arguments: Any, **options: Any) -> bool:
+        """True if :meth:`lookup_transform` returns a transform."""
+        return self._works(self.lookup_transform, *arguments, **options)
+
+    def can_transform_full(self, *arguments: Any, **options: Any) -> bool:
+        """True if :meth:`lookup_transform_full` returns a transform."""
+        return self._works(self.lookup_transform_full, *arguments, **options)
+
+    def destroy(self) -> None:
+        """Destroy the action client."""
+        self.action_client.destroy()
+
+    @staticmethod
+    def _works(lookup: Callable[..., Any], *arguments: Any, **options: Any) -> bool:
+        try:
+            lookup(*arguments, **options)
+        except TransformException:
+            return False
+        return True
+
+    def _result(self, timeout: Duration | None, *, source_time: Any, **fields: Any) -> Any:
+        if not self.action_client.server_is_ready():
+            raise TimeoutException("The BufferServer is not ready.")
+        span = timeout or Duration()
+        time = source_time.to_msg() if isinstance(source_time, Time) else source_time
+        goal = self.action_client._action_type.Goal(source_time=time, timeout=span.to_msg(), **fields)
+        sent = self.action_client.send_goal_async(goal)
+        wait = Wait(self.node.context)
+        sent._rwt_resume_with(wait.wake)
+        limit_ns = span.nanoseconds + self.timeout_padding.nanoseconds
+        if not wait.until(sent.done, limit_ns / S_TO_NS) or not sent.result().accepted:
+            raise TimeoutException("The BufferServer did not accept the query in time.")
+        result = sent.result().get_result().result
+        if result.error.error != result.error.NO_ERROR:
+            raise _ERRORS.get(result.error.error, TransformException)(result.error.error_string)
+        return result.transform
 
 
 class _as_tf2:
@@ -296,7 +425,10 @@ class _as_tf2:
         if isinstance(error, NoChain):
             raise ConnectivityException(str(error)) from None
         if isinstance(error, OutOfReach):
-            raise ExtrapolationException(str(error)) from None
+            side = "future" if error.future else "past"  # Programs search the text for tf2's phrase.
+            raise ExtrapolationException(
+                f"Lookup would require extrapolation into the {side}: {error}"
+            ) from None
         if isinstance(error, LookupFailed):
             raise LookupException(str(error)) from None
 
@@ -345,14 +477,10 @@ class TransformListener:
         self.group = ReentrantCallbackGroup()
         message = message_class("tf2_msgs/TFMessage")
         self.tf_sub = node.create_subscription(
-            message, tf_topic, lambda each: buffer.take(each, static=False), qos, callback_group=self.group
+            message, tf_topic, self.callback, qos, callback_group=self.group
         )
         self.tf_static_sub = node.create_subscription(
-            message,
-            tf_static_topic,
-            lambda each: buffer.take(each, static=True),
-            static_qos,
-            callback_group=self.group,
+            message, tf_static_topic, self.static_callback, static_qos, callback_group=self.group
         )
         if spin_thread:
             from rwt_rclpy.execution.executors import SingleThreadedExecutor
@@ -361,6 +489,14 @@ class TransformListener:
             self.executor.add_node(node)
             self.dedicated_listener_thread = threading.Thread(target=self.executor.spin, daemon=True)
             self.dedicated_listener_thread.start()
+
+    def callback(self, data: Any) -> None:
+        """Add the transforms of a message of `/tf`."""
+        self.buffer.take(data, static=False)
+
+    def static_callback(self, data: Any) -> None:
+        """Add the transforms of a message of `/tf_static`."""
+        self.buffer.take(data, static=True)
 
     def unregister(self) -> None:
         """Stop listening."""

@@ -116,6 +116,8 @@ class TopicTrack(MediaStreamTrack):
                 packets = len(encoded.data) // PACKET_BYTES + 1
                 self._resendable = min(self._resendable + packets, RESENDABLE)
                 viewer.count_sent(len(encoded.data))
+                if encoded.key and self._sender is not None:
+                    self._sender.begin_anew()
                 return _packet(encoded)
             if encoded is None:
                 self._end(str(viewer.failure or "the topic's pictures have ended"))

@@ -6,9 +6,11 @@ receiver without transport-wide feedback reports an estimate of its own (REMB).
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import islice, takewhile
 from typing import Final
 
 from rwt_transports.webrtc.congestion.delay import OveruseDetector, QueueDelay, Usage
@@ -38,9 +40,11 @@ QUEUE_SECONDS: Final = 0.06
 """Standing queue above which less is sent, so that it drains."""
 LONG_QUEUE_SECONDS: Final = 0.25
 """Standing queue that counts as overuse, however slowly it grew."""
+DELIVERIES: Final = 8
+"""Number of the last arrivals whose rate is that at which the link delivers."""
 DRAIN: Final = 1.5
 """Reduction of the rate per second of the queue."""
-LEAST_DRAIN: Final = 0.4
+LEAST_DRAIN: Final = 0.1
 SILENCE_SECONDS: Final = 0.6
 """Time without feedback after which the link counts as lost."""
 NOTICE_SECONDS: Final = 0.05
@@ -101,7 +105,8 @@ class CongestionController:
     """Rate of one sender.
 
     * History: ``_history`` (packets without feedback), ``_missing`` (reported missing).
-    * Receiver: ``_received`` (sizes by time of arrival), ``_capacity`` (received rate during overuse).
+    * Receiver: ``_received`` (sizes by time of arrival), ``_capacity`` (received rate during overuse),
+      ``_growth_s`` (seconds by which the queue grows with what is in flight).
     * Loss: ``_lost``, ``_delivered`` of the present window, ``_fractions`` of those before.
     * Probes: ``_probe`` (being sent or reported), ``_probe_at`` (time of the next), ``_is_in_doubt`` (the
       last decrease may have been for a short stall).
@@ -122,6 +127,7 @@ class CongestionController:
         self._received: deque[tuple[float, int]] = deque()
         self._received_bytes = 0
         self._capacity: float | None = None
+        self._growth_s = 0.0
         self._reference: int | None = None
         self._lost = self._delivered = 0
         self._fractions: deque[float] = deque([0.0] * LOSS_WINDOWS, maxlen=LOSS_WINDOWS)
@@ -158,8 +164,12 @@ class CongestionController:
         """
         if self._is_silent(now):
             return self._least
-        drain = 1 - DRAIN * max(0.0, self._queue.seconds - QUEUE_SECONDS)
+        drain = 1 - DRAIN * max(0.0, self._expected_queue_s - QUEUE_SECONDS)
         return max(self._least, self._target * max(LEAST_DRAIN, drain))
+
+    @property
+    def _expected_queue_s(self) -> float:
+        return self._queue.seconds + self._growth_s
 
     def _is_silent(self, now: float) -> bool:
         # Silence counts from the first packet after the last feedback: there is none about nothing.
@@ -236,7 +246,7 @@ class CongestionController:
 
     def _take(self, base: int, arrivals: Sequence[float | None], origin: float, now: float) -> int:
         """Move packets from the history to what has arrived; returns their number."""
-        found = 0
+        found, newest = 0, -math.inf
         for offset, since in enumerate(arrivals):
             number = (base + offset) % 65536
             if number not in self._history:
@@ -248,6 +258,7 @@ class CongestionController:
             self._missing.pop(number, None)
             arrived = origin + since
             found += 1
+            newest = max(newest, sent)
             self._delivered += 1
             self._detector.add(sent, arrived)
             self._queue.add(sent, arrived)
@@ -258,9 +269,30 @@ class CongestionController:
             del self._missing[number]
             if self._history.pop(number, None) is not None:
                 self._lost += 1
+        if found:
+            self._growth_s = self._growth(newest, now)
         if self._probe is not None and self._probe.is_complete:
             self._judge(self._probe, now)
         return found
+
+    def _growth(self, newest: float, now: float) -> float:
+        """Return the seconds by which the queue grows with the packets after the newest that has arrived.
+
+        In balance, what is in flight takes as long as that one took. After a cut of the link it takes longer,
+        which shows before it arrives.
+        """
+        later = takewhile(lambda packet: packet[0] > newest, reversed(self._history.values()))
+        return max(0.0, 8 * sum(size for _, size in later) / self._delivery_rate - (now - newest))
+
+    @property
+    def _delivery_rate(self) -> float:
+        """Bits per second of the last arrivals; infinite if there are too few."""
+        last = list(islice(reversed(self._received), DELIVERIES))
+        times = [arrived for arrived, _ in last]
+        seconds = max(times) - min(times)
+        return (
+            8 * sum(size for _, size in last) / seconds if len(last) == DELIVERIES and seconds else math.inf
+        )
 
     def _count_received(self, arrived: float, size: int) -> None:
         received = self._received
@@ -280,9 +312,13 @@ class CongestionController:
         is_overused = self._detector.usage is Usage.OVERUSED and self._queue.seconds > LEAST_QUEUE_SECONDS
         if is_overused or long_queue:
             if now - self._decreased_at >= DECREASE_SECONDS and not self._is_probing(now):
+                if self._growth_s > LONG_QUEUE_SECONDS:
+                    received = min(
+                        received, self._delivery_rate
+                    )  # The cut is more recent than what is counted.
                 self._capacity = received
                 self._is_in_doubt = not long_queue
-                is_short = self._queue.seconds < SHORT_QUEUE_SECONDS
+                is_short = self._expected_queue_s < SHORT_QUEUE_SECONDS
                 self._lower(max(DECREASE * received, LEAST_DECREASE * self._target * is_short), now)
             return
         if self._is_in_doubt and now - self._decreased_at >= SETTLE_SECONDS:

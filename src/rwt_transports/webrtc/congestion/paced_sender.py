@@ -151,7 +151,7 @@ class PacedSender(RTCRtpSender):
     _again: TokenBucket
     _recent: deque[RtpPacket]
     _wanted: dict[int, float]  # Time of the request for each packet to repeat, in order.
-    _given_up: int | None  # Number of the last packet before the key frame that replaces repetitions.
+    _given_up: int | None  # Number of the last packet before a key frame, which replaces repetitions.
     _repeated_at: dict[int, float]
     _repeated: RateMeter
 
@@ -159,6 +159,15 @@ class PacedSender(RTCRtpSender):
     def repeated_rate(self) -> float:
         """Bits per second of repeated packets."""
         return self._repeated.rate(monotonic())
+
+    def begin_anew(self) -> None:
+        """Give up repetitions of what was sent before: the next frame is a key frame.
+
+        Browsers, which give transport-wide feedback, continue at it. aiortc waits for the packets.
+        """
+        if self._recent and self._controller.has_feedback:
+            self._wanted.clear()
+            self._given_up = self._recent[-1].sequence_number
 
     def release(self) -> None:
         """Forget the track, which refers to its peer."""
@@ -285,14 +294,11 @@ class PacedSender(RTCRtpSender):
     def _replace_stale(self) -> None:
         """Request a key frame in place of repetitions that have waited too long: they would arrive behind it,
         with images that are old.
-
-        Browsers, which give transport-wide feedback, continue at a key frame. aiortc waits for the packets.
         """
-        if not self._wanted or not self._recent or not self._controller.has_feedback:
+        if not self._wanted or not self._controller.has_feedback:
             return
         if monotonic() - next(iter(self._wanted.values())) > STALE_SECONDS:
-            self._wanted.clear()
-            self._given_up = self._recent[-1].sequence_number
+            self.begin_anew()
             self._on_keyframe()
 
     def _repetition(self, packet: RtpPacket) -> RtpPacket | None:

@@ -28,6 +28,14 @@ def test_a_cut_lowers_the_rate_within_two_seconds_and_its_end_raises_it_within_f
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_a_cut_is_noticed_by_what_is_in_flight(seed: int) -> None:
+    run = Simulation(Link(_cut, delay=0.02, queue=0.5), seed=seed).run(30)
+    # More than the link carries in that time, and its queue, is lost.
+    assert run.rate(20, 21) < 1e6
+    assert run.rate(20.4, 20.9) < 5e5
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_an_unlimited_link_keeps_the_best_rate(seed: int) -> None:
     run = Simulation(Link(lambda now: 1e8), seed=seed).run(60)
     assert min(run.targets_of(2, 60)) == 2e6

@@ -84,6 +84,22 @@ async def test_a_key_frame_replaces_repetitions_that_have_waited_too_long(
 
 
 @pytest.mark.anyio
+@pytest.mark.parametrize("is_browser", [True, False])
+async def test_packets_before_a_key_frame_are_not_repeated(
+    monkeypatch: pytest.MonkeyPatch, is_browser: bool
+) -> None:
+    link = Link(monkeypatch)
+    if is_browser:
+        link.controller.acknowledged(Feedback(0, 0, (0.0,)), link.now)
+    link.sender.begin_anew()
+    link.sender._count(RtpPacket(sequence_number=3, payload=bytes(1000)))
+    for number in (2, 3):
+        await link.sender._retransmit(number)
+    assert link.sent == ([3] if is_browser else [2, 3])
+    assert not link.keys_asked
+
+
+@pytest.mark.anyio
 async def test_a_packet_is_repeated_once_within_its_travel_time(monkeypatch: pytest.MonkeyPatch) -> None:
     link = Link(monkeypatch)
     for _ in range(3):
