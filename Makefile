@@ -104,7 +104,7 @@ WITH_ROS2 = AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS
 test-ros2: $(STAMP)-dev $(ROS2)/.installed
 	$(WITH_ROS2) tests $(or $(FILES),tests/ros2 tests/contract/graph) $(if $(ARGS),-- $(ARGS))
 
-# Those that CI runs, without the thousand clients in turn: four minutes on two cores.
+# Those that CI runs, without the thousand clients in turn: 3.5 minutes of CPU.
 test-ros2-ci:
 	@if $(MAKE) --silent $(ROS2)/.installed; then $(MAKE) test-ros2 ARGS='-k "not thousand"'; \
 	else echo 'SKIPPED: tests beside real ROS 2. Its wheels, for Linux on x86-64 and CPython 3.11, cannot be installed.'; fi

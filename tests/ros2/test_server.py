@@ -55,6 +55,14 @@ def descriptors_of(process: subprocess.Popen[str]) -> int:
     return len(os.listdir(f"/proc/{process.pid}/fd"))
 
 
+def arenas_of(process: subprocess.Popen[str]) -> list[int]:
+    """Addresses of the arenas of glibc's allocator but the main one; they begin at multiples of 64 MiB."""
+    maps = Path(f"/proc/{process.pid}/maps").read_text().splitlines()
+    private = [line.split() for line in maps if " rw-p 00000000 00:00 0 " in f"{line} "]
+    addresses = [int(fields[0].partition("-")[0], 16) for fields in private]
+    return [each for each in addresses if each % 2**26 == 0]
+
+
 async def test_a_client_exchanges_topics_with_a_ros_2_program(program: Program) -> None:
     program.run(
         """
@@ -120,6 +128,15 @@ async def test_a_thousand_clients_leave_nothing_behind(program: Program) -> None
     (memory, descriptors), (memory_later, descriptors_later) = figures
     assert descriptors_later == descriptors
     assert memory_later - memory < 8 * 2**20
+
+
+async def test_threads_of_the_middleware_share_memory(program: Program) -> None:
+    program.run(_IMAGES)
+    with serving() as (process, url), connect(url, max_size=None) as client:
+        client.send(_SUBSCRIBE)
+        for _ in range(20):
+            client.recv(10)
+        assert len(arenas_of(process)) <= 2
 
 
 async def test_a_stalled_client_of_large_images(program: Program) -> None:

@@ -17,7 +17,7 @@ from rwt_graph.errors import Ros2Error
 from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.raw_services import RawClient, RawService
-from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw
+from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw, share_arenas
 from rwt_graph.ros2.type_supports import NotInstalled, message_class, service_class
 from rwt_graph.ros2.wakeups import Wakeups
 from rwt_participant.qos import QoS
@@ -63,6 +63,7 @@ class Connection:
         *,
         use_callbacks: bool,
     ) -> None:
+        share_arenas()
         self._context = Context()
         try:
             self._context.init(args=[], initialize_logging=False, domain_id=domain)
