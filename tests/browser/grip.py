@@ -23,6 +23,8 @@ class Grip:
             await self._page.evaluate("document.querySelector('.drive-left').focus()")
             await self._page.keyboard("down", "ArrowUp")
         elif self._control == "stick":
+            # Notices of a lost connection move it below the bar of the page.
+            await self._page.evaluate("document.querySelector('.stick').scrollIntoView({block: 'center'})")
             box = "document.querySelector('.stick').getBoundingClientRect()"
             x, y, width = await self._page.evaluate(f"(b => [b.left, b.top, b.width])({box})")
             await self._page.mouse("move", x + width / 2, y + width / 2)
