@@ -79,6 +79,7 @@ LONG: Final = (
     "conformance",
     "browser",
     "rwt/cli",
+    "journeys",
     "docs",
     "clients",
     "faults",

@@ -242,6 +242,17 @@ class Payload(msgspec.Struct, eq=False):
         return cls(message_type, None, message_type.deserialise(data))
 
     @classmethod
+    def from_cbor(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
+        """Decode a message in CBOR, as :meth:`cbor` writes it; raises only InvalidMessage.
+
+        Zero stamps stay zero. Only for bytes of a trusted program: :func:`rwt_protocol.parse` reads those of
+        others within limits.
+        """
+        from rwt_interfaces.serialise import cbor
+
+        return cls.from_value(message_type, cbor.decode(data), lambda: 0)
+
+    @classmethod
     def from_cdr(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Decode a message in CDR, with its encapsulation header; raises only InvalidMessage."""
         return cls(message_type, None, message_type.from_cdr(data))

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from rwt import Server
@@ -58,7 +59,7 @@ async def stand(
     robot: bool = True,
     http: Iterable[HttpExtension] = (),
     webrtc: bool = False,
-    gate: Mapping[str, Any] | None = None,
+    gate: Mapping[str, Any] = MappingProxyType({}),
 ) -> AsyncIterator[Stand]:
     """Serve a graph, with the demo robot on request, and beside it pages for the browser."""
     folders = {"/lib/": NODE / "node_modules", "/built/": built, "/test/": HERE / "pages"}
@@ -69,6 +70,6 @@ async def stand(
         http=served,
         demo=robot,
         webrtc=WebRtcSettings(enabled=webrtc),
-        gate=gate,
+        gate=dict(gate),
     ) as server:
         yield Stand(server.urls[0].replace("ws", "http", 1) + "/", server.graph, server.node("test"))

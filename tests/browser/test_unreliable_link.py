@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 import time
@@ -14,6 +15,7 @@ import pytest
 from PIL import Image
 
 from rwt import Server
+from rwt.nodes.video.responses import VIDEO_SCRIPT
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Page
@@ -291,3 +293,31 @@ async def test_a_video_that_stays_shows_its_age(browser: Browser) -> None:
             link.stall()
             await page.wait(f"{video}.style.filter && /is [1-9][.0-9]+ s old/.test({state})")
             link.resume()
+
+
+SLOW_VIDEO = """((script) => {
+  document.body.innerHTML = '<video></video><p></p>';
+  globalThis.delay = 0.1;
+  const begun = performance.now();
+  const received = () => (performance.now() - begun) / 1000 - delay;
+  Object.defineProperties(document.querySelector('video'), {
+    buffered: { value: { length: 1, end: received } }, currentTime: { get: received },
+  });
+  new Function(script)();
+})(%s)"""
+"""A video that is shown as soon as it is received."""
+
+
+async def test_a_video_that_arrives_late_shows_its_age(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0") as server,
+        browser.page(f"{server.urls[0].replace('ws', 'http', 1)}/healthz") as page,
+    ):
+        page.forgive("404")
+        await page.evaluate(SLOW_VIDEO % json.dumps(VIDEO_SCRIPT))
+        await page.evaluate("new Promise((later) => setTimeout(later, 1000, true))")
+        assert await page.evaluate(text("p")) == ""
+        await page.evaluate("delay = 2")
+        await page.wait(f"document.querySelector('video').style.filter && /is 1[.]9 s old/.test({text('p')})")
+        await page.evaluate("delay = 0.1")
+        await page.wait(f"{text('p')} === ''")

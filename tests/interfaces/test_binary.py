@@ -41,6 +41,7 @@ REGISTRIES[1].add_text("", "t_msgs/Nothing")
 REGISTRIES[1].add_text("Nothing n\nNothing[] ns", "t_msgs/Holder")
 
 FORMS: dict[str, tuple[Callable[[Payload], bytes], Callable[[MessageType, bytes], Payload]]] = {
+    "cbor": (Payload.cbor, Payload.from_cbor),
     "cdr": (Payload.cdr, Payload.from_cdr),
     "ros1": (lambda payload: payload.type.to_ros1(payload.value()), Payload.from_ros1),
 }
@@ -345,6 +346,10 @@ def test_an_empty_string_may_come_without_its_zero() -> None:
 @pytest.mark.parametrize(
     ("form", "name", "data", "text"),
     [
+        ("cbor", "std_msgs/String", "a1", "not CBOR with typed arrays"),
+        ("cbor", "std_msgs/String", "a16464617461d04100", "not CBOR with typed arrays"),
+        ("cbor", "std_msgs/String", "a1646461746101", "data: expected string, got 1"),
+        ("cbor", "sensor_msgs/LaserScan", "a16672616e676573d8554100", "not CBOR with typed arrays"),
         ("cdr", "std_msgs/String", "00000000 03000000686900", "expected little-endian CDR"),
         ("cdr", "std_msgs/String", "00010000 03000000686961", "data: a string without its closing zero"),
         ("cdr", "std_msgs/String", "00010000 02000000ff00", "data: text that is not valid UTF-8"),

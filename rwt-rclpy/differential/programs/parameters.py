@@ -322,6 +322,9 @@ FILES = (
     "node:\n  ros__parameters:\n    a: '1'\n    b: \"true\"\n    c: [ '1' ]\n",
     "node:\n  ros__parameters:\n    a: 1e3\n    b: .5\n    c: 5.\n    d: 0x10\n    e: +1\n    f: 1e400\n",
     "node:\n  ros__parameters:\n    qos_overrides:\n      /topic:\n        publisher:\n          depth: 3\n",
+    "node:\n  ros__parameters:\n    a: [1:30]\n",
+    "node:\n  ros__parameters:\n    a: ['1:30']\n    b: 1:30\n",
+    "node:\n  ros__parameters: {a: b:c}\n",
 )
 
 

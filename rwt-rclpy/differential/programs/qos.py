@@ -21,7 +21,7 @@ from rclpy.qos import (
 )
 from std_msgs.msg import Int32, String
 
-from differential.steps import QUIET_S, node, spinner, tell, wait, with_logs
+from differential.steps import PATIENCE_S, QUIET_S, node, spinner, tell, wait, with_logs
 
 RELIABILITY = (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)
 DURABILITY = (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL)
@@ -218,7 +218,7 @@ def incompatible_warnings() -> None:
         made.create_publisher(Int32, "topic", qos_profile_sensor_data)
         spin(seconds=0.1)
         made.create_subscription(Int32, "topic", print, 10)
-        spin(seconds=0.5)
+        spin(seconds=PATIENCE_S)
 
 
 @with_logs
@@ -239,7 +239,7 @@ def incompatible_warning_in_namespace() -> None:
         made.create_publisher(Int32, "~/image", qos_profile_sensor_data)
         spin(seconds=0.1)
         made.create_subscription(Int32, "camera/image", print, 10)
-        spin(seconds=0.5)
+        spin(seconds=PATIENCE_S)
 
 
 def matched_events() -> None:

@@ -15,10 +15,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator
 from functools import partial
+from io import BytesIO
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, long_items
 from rwt_interfaces.serialise.long_strings import JoinedParts, Parts
@@ -39,6 +41,7 @@ _UNSIGNED, _NEGATIVE, _BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(7)
 
 #: Typed array tags by letter of :mod:`struct`; all little-endian.
 _TAGS = {"B": 64, "H": 69, "I": 70, "Q": 71, "b": 72, "h": 77, "i": 78, "q": 79, "f": 85, "d": 86}
+_CODES = {tag: code for code, tag in _TAGS.items()}
 _float64 = struct.Struct(">Bd").pack
 
 
@@ -225,3 +228,30 @@ def _array(field_type: field_types.Array) -> _Encode:
         return lambda items: tag + _octets(little_endian(items, code))
     each = _encoder(element)
     return lambda items: head(_ARRAY, len(items)) + b"".join([each(item) for item in items])
+
+
+def decode(data: bytes | memoryview) -> object:
+    """Return the value of one item, as :func:`compile_encoder` writes it.
+
+    Only for bytes of a trusted program: :func:`rwt_protocol.parse` reads those of others within limits.
+
+    Raises:
+        InvalidMessage: it is not CBOR, or has tags other than those of typed arrays.
+    """
+    import cbor2  # slow to load, rarely needed
+
+    stream = BytesIO(data)
+    try:
+        value: object = cbor2.CBORDecoder(stream, tag_hook=_typed_array).decode()
+    except (cbor2.CBORError, struct.error, KeyError, TypeError) as error:
+        raise InvalidMessage("", f"not CBOR with typed arrays: {error}") from None
+    if stream.tell() != len(data):
+        raise InvalidMessage("", "more than one value in CBOR")
+    return value
+
+
+def _typed_array(tag: Any, immutable: bool) -> object:
+    code = _CODES[tag.tag]
+    if code == "B":
+        return bytes(tag.value)
+    return list(struct.unpack(f"<{len(tag.value) // struct.calcsize(code)}{code}", tag.value))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import chain
 from typing import Any, Final
 
 import yaml
@@ -75,6 +76,10 @@ _FLOAT: Final = re.compile(r"[-+]?((\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?|\.?inf|\.?nan
 def _parameter(node: yaml.Node) -> Any:
     if isinstance(node, yaml.ScalarNode):
         return _scalar(node)
+    if isinstance(node, yaml.CollectionNode) and node.flow_style:  # libyaml rejects them.
+        for each in node.value if isinstance(node, yaml.SequenceNode) else chain.from_iterable(node.value):
+            if isinstance(each, yaml.ScalarNode) and each.style is None and ":" in each.value:
+                raise _refusal(f"{each.value} has to be quoted between brackets", each.start_mark)
     if isinstance(node, yaml.SequenceNode):
         values = [each for item in node.value for each in _elements(item)]
         if len(set(map(type, values))) > 1:

@@ -172,6 +172,7 @@ class Freshness:
             is_gap = state is _State.DRIVING and gap > self.seconds and streamed
             return _State.STALLED if is_gap or is_burst else _State.DRIVING
         if was_stop and gap > max(stream.pace, _LEAST_PACE) / 2:
+            stream.since, stream.count = stream.at, 1  # The burst before does not count.
             return _State.DRIVING
         if state is _State.PROBING and not is_burst:
             return _State.DRIVING if stream.count >= _PROBES else state

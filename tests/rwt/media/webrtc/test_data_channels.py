@@ -306,6 +306,16 @@ async def test_offers_of_something_else_are_refused() -> None:
         assert len(side.peers) == 0
 
 
+async def test_an_offer_without_a_fingerprint_is_rejected_and_keeps_nothing() -> None:
+    async with answering() as side, other_side() as other:
+        other.connection.createDataChannel("x")
+        lines = (await other.offer()).splitlines(keepends=True)
+        bare = b"".join(line for line in lines if not line.startswith(b"a=fingerprint:"))
+        answer = await side.ask("POST", "/webrtc", bare)
+        assert (answer.status, len(side.peers)) == (400, 0)
+        assert "a=fingerprint" in text_of(answer)
+
+
 async def test_there_are_no_more_peers_and_handshakes_than_there_may_be() -> None:
     async with (
         answering(bounds=PeerBounds(peers=2, handshakes=1, queue_seconds=0)) as side,
