@@ -72,13 +72,14 @@ def test_a_terminal_is_shown_a_code(tmp_path: Path) -> None:
             page = next(line for line in lines if line.startswith("page: ")).removeprefix("page: ").strip()
             code = [next(line for line in lines if "█" in line).rstrip("\n")]
             code += [
-                line.rstrip("\n") for line in itertools.takewhile(lambda line: "▀▀▀▀▀▀" not in line, lines)
+                line.rstrip("\n")
+                for line in itertools.takewhile(lambda line: set(line.strip()) != {"▀"}, lines)
             ]
     finally:
         process.terminate()
         process.wait(LONGEST)
     assert page.startswith(f"https://{reached_at}:")
-    assert _read_code(code) == page
+    assert _read_code(code) == page, "\n".join(code)
 
 
 def _settings(folder: Path, name: str) -> list[str]:
