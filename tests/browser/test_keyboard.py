@@ -399,6 +399,8 @@ async def test_the_view_and_its_tools_by_keys(browser: Browser) -> None:
         await press(page, "Enter")
         await page.wait("document.querySelector('.goal-canceled')")
 
+        buttons = "[...document.querySelectorAll('.scene-tools button')]"
+        await page.wait(f"{buttons}.some((it) => {says('Set initial pose')})")  # Once the topic is known.
         await tab_to(page, says("Set initial pose"), back=True)
         await press(page, "Enter", "e", "ArrowLeft", "Enter")
         await until(lambda: bool(poses))
