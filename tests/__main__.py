@@ -289,7 +289,7 @@ def show_list(heading: str, lines: Iterable[str]) -> None:
 
 
 def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[Outcome]:
-    """Run some files, `processes` at a time, of which one drives a browser.
+    """Run some files, `processes` at a time, or one less while one of them drives a browser.
 
     Chromium draws without a graphics card: several at a time starve each other, and their tests.
     """
@@ -303,7 +303,7 @@ def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[O
     waiting = batches(files)
     drawing = [each for each in waiting if Path(each[0]).is_relative_to(BROWSER_TESTS)]
     others = [each for each in waiting if each not in drawing]
-    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(max(1, processes - bool(drawing))) as pool:
+    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(max(1, processes - 2 * bool(drawing))) as pool:
         list(chain(first.map(done, drawing), pool.map(done, others)))
     return outcomes
 
