@@ -228,7 +228,7 @@ class Page:
         return await self._ask("wait", script=script, timeout=PATIENCE * 1000)
 
     async def calm(self) -> None:
-        """Wait until the page's thread has not been blocked for a second.
+        """Wait until the page's thread has not been blocked for a second, at most for twenty.
 
         A page that was blocked for half a second lets go of every control that drives the robot.
         """
@@ -236,11 +236,12 @@ class Page:
             """new Promise((resolve) => {
               let last = performance.now();
               let since = last;
+              const end = last + 20_000;
               const timer = setInterval(() => {
                 const now = performance.now();
                 if (now - last > 200) since = now;
                 last = now;
-                if (now - since > 1000) resolve(clearInterval(timer) ?? true);
+                if (now - since > 1000 || now > end) resolve(clearInterval(timer) ?? true);
               }, 20);
             })"""
         )

@@ -75,11 +75,9 @@ async def test_it_is_driven_by_keys_while_they_are_held(browser: Browser, distro
         speeds: list[float] = []
         served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
-        await page.calm()
-        await page.evaluate("document.querySelector('.drive-left').focus()")
-        await page.keyboard("down", "ArrowUp")
-        await until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
-        await page.keyboard("up", "ArrowUp")
+        grip = Grip(page, "key")
+        await grip.drive_until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
+        await grip.release()
         await until(lambda: speeds[-1] == 0.0)
 
 

@@ -79,7 +79,7 @@ def _parameter(node: yaml.Node) -> Any:
     if isinstance(node, yaml.CollectionNode) and node.flow_style:  # libyaml rejects them.
         for each in node.value if isinstance(node, yaml.SequenceNode) else chain.from_iterable(node.value):
             if isinstance(each, yaml.ScalarNode) and each.style is None and ":" in each.value:
-                raise _refusal(f"{each.value} has to be quoted between brackets", each.start_mark)
+                raise _refusal(f"{each.value[:80]} has to be quoted between brackets", each.start_mark)
     if isinstance(node, yaml.SequenceNode):
         values = [each for item in node.value for each in _elements(item)]
         if len(set(map(type, values))) > 1:
