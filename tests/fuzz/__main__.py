@@ -28,6 +28,8 @@ MEMORY_MB = 400
 """Resident memory at which a run fails; the libraries take 70 MB of it."""
 LONGEST_INPUT = 4096
 SLOWEST_INPUT_SECONDS = 10
+IMPORT_SECONDS = 600
+"""Maximum time in which the libraries are imported and instrumented, on a busy machine."""
 
 _STATISTIC = re.compile(r"stat::(\w+):\s+(\d+)")
 _PROGRESS = re.compile(r"cov: (\d+)")
@@ -54,7 +56,7 @@ def run(target: str, seconds: int, scratch: Path) -> Outcome:
     try:
         done = subprocess.run(
             [*command, str(found), str(CORPUS / target)],
-            capture_output=True, text=True, errors="replace", timeout=seconds + 120,
+            capture_output=True, text=True, errors="replace", timeout=seconds + IMPORT_SECONDS,
         )  # fmt: skip
     except subprocess.TimeoutExpired as late:
         return Outcome(0, 0, 0, True, f"still running after {late.timeout:.0f} s")
