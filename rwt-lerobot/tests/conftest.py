@@ -32,7 +32,7 @@ class Motor:
 class Bus:
     """Bus of an arm."""
 
-    model_resolution_table = {"sts3215": 4096}  # noqa: RUF012
+    model_resolution_table = {"sts3215": 4096}  # noqa: RUF012 - an attribute of the class, as in LeRobot
 
     def __init__(self, units: dict[str, str]) -> None:
         self.motors = {name: Motor(unit) for name, unit in units.items()}

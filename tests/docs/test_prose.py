@@ -98,7 +98,7 @@ def test_a_wrong_command_would_be_found(line: str, mistake: str) -> None:
 
 
 _BESIDE = re.compile(r"\s+[#|&><]|\s{2,}")
-"""What follows a command in its line: a comment, another command, a file."""
+"""Rest of a line behind a command: a comment, another command, a file."""
 
 
 @pytest.mark.parametrize("page", _READ, ids=_name)

@@ -37,11 +37,6 @@ logger = logging.getLogger("rwt_transports.webrtc")
 
 CONSENT_SECONDS: Final = 0.7
 """Interval of consent checks (RFC 7675) in seconds."""
-CONSENT_EXPIRES_SECONDS: Final = 3.6
-"""Time without an answer after which a peer with data channels is gone: its commands and offers end."""
-MEDIA_CONSENT_EXPIRES_SECONDS: Final = 30.0
-"""The same for a peer with media only, which does not move the robot: the limit of RFC 7675. Browsers keep
-such a connection over shorter outages."""
 CONSENT_ASKED: Final = 3
 """Consent checks without response before the peer is lost; a count, because a suspended process cannot
 receive.
@@ -63,19 +58,16 @@ class GuardedAgent(Connection):
     Attributes:
         guard: limits of the agent; the loopback address, which aioice omits, is a candidate if the other side
             may be on this machine.
-        consent_seconds: time without an answer after which the peer counts as gone.
     """
 
     guard: IceGuard
-    consent_seconds: float
 
     @classmethod
-    def adopt(cls, transport: RTCIceTransport, guard: IceGuard, consent_seconds: float) -> None:
+    def adopt(cls, transport: RTCIceTransport, guard: IceGuard) -> None:
         """Convert the agent of a transport, before it gathers candidates."""
         agent = transport.iceGatherer._connection
         agent.__class__ = cls  # The transport does not take one.
-        guarded = cast("GuardedAgent", agent)
-        guarded.guard, guarded.consent_seconds = guard, consent_seconds
+        cast("GuardedAgent", agent).guard = guard
 
     async def get_component_candidates(
         self,
@@ -151,7 +143,7 @@ class GuardedAgent(Connection):
         asked: list[asyncio.Task[bool]] = []
         answered, unanswered = now(), 0
         try:
-            while now() - answered < self.consent_seconds or unanswered < CONSENT_ASKED:
+            while now() - answered < self.guard.consent_seconds or unanswered < CONSENT_ASKED:
                 unanswered += 1
                 asked.append(asyncio.create_task(self._consents()))
                 await asyncio.sleep(CONSENT_SECONDS * (0.8 + 0.4 * random.random()))

@@ -19,6 +19,11 @@ from rwt_transports.webrtc.rtp_packets import RTP_HEADER_BYTES
 
 Address = tuple[str, int]
 
+CONSENT_EXPIRES_SECONDS: Final = 3.6
+"""Time without an answer after which a peer with data channels is gone: its commands and offers end."""
+MEDIA_CONSENT_EXPIRES_SECONDS: Final = 30.0
+"""The same for a peer with media only, which does not move the robot: the limit of RFC 7675. Browsers keep
+such a connection over shorter outages."""
 CHECKS: Final = 100
 """Checks that a peer may cause to addresses that have not answered."""
 CHECKS_PER_SECOND: Final = 20
@@ -128,10 +133,14 @@ class IceGuard:
     Args:
         reach: addresses to which checks are sent, and that the other side is told.
         take_check: counts a check to be sent for the peer's network; returns False beyond its rate.
+
+    Attributes:
+        consent_seconds: time without an answer after which the peer counts as gone.
     """
 
     def __init__(self, reach: Reach, take_check: Callable[[], bool]) -> None:
         self.reach = reach
+        self.consent_seconds = CONSENT_EXPIRES_SECONDS
         self._take_check = take_check
         self._checks_left = CHECKS
         self._bytes_left = 0

@@ -20,13 +20,15 @@ from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
 from rwt_transports.webrtc.aiortc_internals import Association, GuardedHandshake, release
 from rwt_transports.webrtc.channels import ChannelLink
-from rwt_transports.webrtc.ice_agent import (
+from rwt_transports.webrtc.ice_agent import GuardedAgent, way
+from rwt_transports.webrtc.ice_guard import (
     CONSENT_EXPIRES_SECONDS,
     MEDIA_CONSENT_EXPIRES_SECONDS,
-    GuardedAgent,
-    way,
+    CheckRates,
+    IceGuard,
+    Reach,
+    reach_of,
 )
-from rwt_transports.webrtc.ice_guard import CheckRates, IceGuard, Reach, reach_of
 from rwt_transports.webrtc.ice_servers import IceServer, configuration
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message, without_addresses
 from rwt_transports.websocket.close_codes import GOING_AWAY
@@ -166,11 +168,13 @@ class Peer:
                 self._association = Association.adopt(
                     sctp, self._terms.limits, self._terms.buffers, self.fail
                 )
-        consent_seconds = MEDIA_CONSENT_EXPIRES_SECONDS if sctp is None else CONSENT_EXPIRES_SECONDS
+        self._guard.consent_seconds = (
+            MEDIA_CONSENT_EXPIRES_SECONDS if sctp is None else CONSENT_EXPIRES_SECONDS
+        )
         for handshake in handshakes:
             if handshake.transport not in self._prepared:
                 GuardedHandshake.adopt(handshake, self._take_feedback)
-                GuardedAgent.adopt(handshake.transport, self._guard, consent_seconds)
+                GuardedAgent.adopt(handshake.transport, self._guard)
                 self._prepared.add(handshake.transport)
 
     async def describe(self) -> str:

@@ -313,9 +313,8 @@ class CongestionController:
         if is_overused or long_queue:
             if now - self._decreased_at >= DECREASE_SECONDS and not self._is_probing(now):
                 if self._growth_s > LONG_QUEUE_SECONDS:
-                    received = min(
-                        received, self._delivery_rate
-                    )  # The cut is more recent than what is counted.
+                    # The cut is more recent than what is counted.
+                    received = min(received, self._delivery_rate)
                 self._capacity = received
                 self._is_in_doubt = not long_queue
                 is_short = self._expected_queue_s < SHORT_QUEUE_SECONDS

@@ -122,7 +122,7 @@ async def test_subscriptions_are_bounded_and_do_not_block_calls() -> None:
             with pytest.raises(MCPError, match=r"you have 3 subscriptions \(mcp.requests_per_address\)"):
                 await agent.subscribe_resource("robot://topics/t3")
             await agent.unsubscribe_resource("robot://topics/t0")
-            await until(lambda: not server.graph.topic("/t0").subscribers)  # type: ignore[union-attr]
+            await until(lambda: (it := server.graph.topic("/t0")) is not None and not it.subscribers)
             await agent.subscribe_resource("robot://topics/t3")
             assert await done(agent, "list_robot", kinds=["topics"])
         async with agent_at(url_of(server)) as agent:

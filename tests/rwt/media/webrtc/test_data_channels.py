@@ -16,7 +16,8 @@ from rwt_transports.endpoint import DropReason, FlowRules, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.limits import Limits
 from rwt_transports.webrtc.aiortc_internals import WINDOW_BYTES
-from rwt_transports.webrtc.ice_agent import CONSENT_ASKED, CONSENT_EXPIRES_SECONDS, CONSENT_SECONDS
+from rwt_transports.webrtc.ice_agent import CONSENT_ASKED, CONSENT_SECONDS
+from rwt_transports.webrtc.ice_guard import CONSENT_EXPIRES_SECONDS
 from rwt_transports.webrtc.ice_servers import IceServer
 from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.signalling import PeerBounds
