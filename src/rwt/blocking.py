@@ -5,40 +5,21 @@ from __future__ import annotations
 import contextlib
 import threading
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import Final, Self
 
 import anyio
 
 from rwt.errors import ServerError
+from rwt.server import LOOPS, Loop, Server, exit_of
 from rwt.signals import Stopped
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.runtime import call_soon_threadsafe
-from rwt_graph.nodes import node
+from rwt_graph.nodes.blocking import BlockingGraphNode
+from rwt_graph.nodes.node import Node
 from rwt_participant.errors import WrongThread
-
-if TYPE_CHECKING:
-    from rwt.server import Server
-    from rwt_graph.nodes.node import Node
-
-Loop = Literal["asyncio", "trio", "uvloop"]
-"""Event loops that the server can start."""
-
-LOOPS: Final[dict[Loop, tuple[str, dict[str, bool]]]] = {
-    "asyncio": ("asyncio", {}),
-    "trio": ("trio", {}),
-    "uvloop": ("asyncio", {"use_uvloop": True}),
-}
-"""Backend and options for :func:`anyio.run`."""
 
 _WAIT_SECONDS: Final = 1.0
 """Maximum duration of one wait: some systems deliver Ctrl-C to a waiting thread only after it."""
-
-
-def exit_of(error: BaseException) -> BaseException:
-    """Return the error that ended the event loop, without the exception groups of tasks."""
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
 
 
 class ServerThread:
@@ -130,7 +111,7 @@ class ServerThread:
         self._ended.set()
 
 
-class BlockingNode(node.BlockingGraphNode):
+class BlockingNode(BlockingGraphNode):
     """Node with blocking methods, in the graph of its own server; see :class:`rwt_graph.Node`.
 
     Attributes:

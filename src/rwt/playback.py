@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from rwt.access.settings import SettingsError
 from rwt.nodes.playback import PlaybackClock, Player, PlayOptions
+from rwt.nodes.recording import Recording
 from rwt.server import Server
+from rwt.settings.models import Settings
+from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.registry import Registry
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording import Recording
-    from rwt.settings.models import Settings
-    from rwt_graph.api import Graph
 
 
 class PlaybackServer(Server):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import anyio
 
@@ -22,11 +22,9 @@ from rwt.access.access import Access
 from rwt.access.audit import bounded_log
 from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
-from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
-from rwt.composition.certificates import authority_page, renewal
 from rwt.composition.extensions import load_encodings
 from rwt.composition.gateways import make_gateway
-from rwt.composition.graphs import bridged_graphs, check_graph, make_graph
+from rwt.composition.graphs import MakeGraph, bridged_graphs, check_graph, make_graph, relay_between
 from rwt.composition.listeners import Listeners, check_dial_urls
 from rwt.composition.nodes import (
     ReadyNode,
@@ -36,7 +34,6 @@ from rwt.composition.nodes import (
     start_recording,
     start_script,
 )
-from rwt.composition.webrtc import media_routes, webrtc_media, webrtc_peers
 from rwt.gateways.rosbridge.bridge import GATEWAY_NODE, Bridge
 from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
 from rwt.gateways.visitors import counted
@@ -56,7 +53,6 @@ from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_si
 from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
-from rwt_graph.bridge import GraphBridge
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
@@ -68,8 +64,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
     from rwt.access.graph_view import GraphView
-    from rwt.blocking import Loop
-    from rwt.composition.graphs import MakeGraph
+    from rwt.blocking import BlockingNode
     from rwt.gateways.base import Gateway, MakeGateway
     from rwt.nodes.recording import RecordingOptions
     from rwt.settings.models import Settings
@@ -83,6 +78,16 @@ if TYPE_CHECKING:
     from rwt_transports.relay.dial import RelayStatus
 
 logger = logging.getLogger(__name__)
+
+Loop = Literal["asyncio", "trio", "uvloop"]
+"""Event loops that the server can start."""
+
+LOOPS: Final[dict[Loop, tuple[str, dict[str, bool]]]] = {
+    "asyncio": ("asyncio", {}),
+    "trio": ("trio", {}),
+    "uvloop": ("asyncio", {"use_uvloop": True}),
+}
+"""Backend and options for :func:`anyio.run`."""
 
 Middleware = Callable[["Accept"], "Accept"]
 """Wraps the accept function of each listener."""
@@ -447,15 +452,15 @@ class Server:
         # Nodes leave first: their timers go on while a graph takes leave of other processes.
         nodes = stack.enter_context(ExitStack())
         for other in others:
-            bridge_of_graphs = GraphBridge(graph, other)
-            bridge_of_graphs.open()
-            nodes.callback(bridge_of_graphs.close)
+            nodes.callback(relay_between(graph, other))
         with suppress(RuntimeError):  # On trio.
             for each in (graph, *others):
                 each.in_batch = loop_batches().run
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:
+            from rwt.composition.certificates import authority_page, renewal
+
             http = (*http, authority_page(settings.tls))
             stack.callback(renewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
@@ -485,6 +490,8 @@ class Server:
             settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
         )
         if settings.webrtc.enabled:
+            from rwt.composition.webrtc import media_routes, webrtc_media, webrtc_peers
+
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
             # They have ended when what they publish on leaves the graph.
             media = webrtc_media(graph, access, settings.unregister_timeout, stack)
@@ -557,6 +564,8 @@ class Server:
     # In a program without one
 
     def __enter__(self) -> BlockingNode:
+        from rwt.blocking import BlockingNode, ServerThread
+
         with ExitStack() as stack:
             thread = ServerThread(self, self._loop)
             stack.enter_context(stopped_by_signals(partial(self.graph.run_on_graph, self._on_hangup)))
@@ -675,6 +684,13 @@ class Server:
                 tasks.cancel_scope.cancel()
         if failure is not None:
             raise failure
+
+
+def exit_of(error: BaseException) -> BaseException:
+    """Return the error that ended the event loop, without the exception groups of tasks."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
 
 
 def _is_coroutine_function(main: Main) -> TypeIs[Callable[[Server], Awaitable[object]]]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from typing import TYPE_CHECKING, Final, Literal, TypedDict
+from typing import Final, Literal, TypedDict
 
 import anyio
 import anyio.lowlevel
+from anyio.abc import TaskStatus
 
 from rwt_client.errors import BadAddress, CannotConnect, ConnectionClosed, ConnectionLost
 from rwt_client.events import ConnectionEvent
@@ -25,9 +26,6 @@ from rwt_transports.endpoint import Accept
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import carries_binary
-
-if TYPE_CHECKING:
-    from anyio.abc import TaskStatus
 
 RECONNECT = Backoff()
 """Default of :func:`connect`: retries without limit."""

@@ -7,7 +7,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Unpack
+from typing import Any, Final, Unpack
 
 import anyio
 import msgspec
@@ -27,6 +27,7 @@ from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS, Listed, RobotApi
 from rwt_participant.errors import (
     CallTimeout,
@@ -66,10 +67,7 @@ from rwt_protocol.ops import (
     Status,
 )
 from rwt_protocol.payloads import RawJson
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-    from rwt_transports.background import TaskStarter
+from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 

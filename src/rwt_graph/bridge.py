@@ -5,19 +5,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import anyio
 
+from rwt_graph.api import Graph, Participant, Registration, Sample, ServiceCall, ServiceInfo, TopicInfo
 from rwt_graph.errors import TypeConflict
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.errors import CallFailed
 from rwt_participant.qos import Durability, QoS
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph, Participant, Registration, Sample, ServiceCall, ServiceInfo, TopicInfo
-    from rwt_interfaces.structs import MessageType, ServiceType
 
 logger = logging.getLogger(__name__)
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rwt_graph.api import Participant, Sample, Subscription
 from rwt_graph.clock import WallClock
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import QoS, Reliability
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Participant, Sample, Subscription
 
 #: QoS of rclpy's and rclcpp's own subscription to `/clock`.
 _QOS = QoS(depth=1, reliability=Reliability.BEST_EFFORT)

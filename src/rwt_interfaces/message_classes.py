@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from rwt_interfaces import field_types
+from rwt_interfaces.distro import Distro
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.struct_fields import time_struct
-
-if TYPE_CHECKING:
-    from rwt_interfaces.distro import Distro
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.structs import MessageType
 
 
 class Package:

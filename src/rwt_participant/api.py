@@ -25,10 +25,10 @@ from rwt_participant.messages import (
 )
 from rwt_participant.qos import QoS
 from rwt_participant.timers import PeriodicTimer, RobotClock
-from rwt_participant.transforms import Transforms
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+    from rwt_participant.transforms import Transforms
 
 
 SERVICE_EVENTS: Final = "/_service_event"

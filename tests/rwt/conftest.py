@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rwt.blocking import Loop
+from rwt.server import Loop
 
 LOOPS: dict[Loop, tuple[str, dict[str, bool]]] = {
     "asyncio": ("asyncio", {"use_uvloop": False}),

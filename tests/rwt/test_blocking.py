@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rwt import BlockingNode, Server, Settings, SettingsError
-from rwt.blocking import Loop
+from rwt.server import Loop
 from rwt_client.blocking import connect
 from rwt_client.endpoints import subscriptions
 from rwt_graph import NotRunning

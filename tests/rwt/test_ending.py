@@ -16,7 +16,7 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from rwt import BlockingNode, Server
-from rwt.blocking import Loop
+from rwt.server import Loop
 
 ROOT = Path(__file__).parents[2]
 

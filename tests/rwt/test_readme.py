@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rwt.blocking import Loop
+from rwt.server import Loop
 from rwt_client.blocking import connect
 from tests.docs.blocks import ROOT, Block, blocks_of
 from tests.docs.processes import Running, commands_folder

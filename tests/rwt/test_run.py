@@ -14,7 +14,7 @@ import pytest
 from websockets.sync.client import connect
 
 from rwt import Server, SettingsError
-from rwt.blocking import Loop
+from rwt.server import Loop
 
 _PROGRAM = """
 import logging, sys

@@ -11,11 +11,11 @@ from rwt.access.admission import Admission
 from rwt.access.audit import Audit
 from rwt.access.client_graph import ClientGraph
 from rwt.access.decisions import decisions_of
-from rwt.access.disclosure import setting_parameters
+from rwt.access.disclosure import Disclosures, setting_parameters
 from rwt.access.graph_view import GraphView
 from rwt.access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
 from rwt.access.roles import Role
-from rwt.access.settings import RoleSettings, SettingsError
+from rwt.access.settings import AccessSettings, GateSettings, RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_transports.errors import Refused
@@ -25,10 +25,8 @@ from rwt_transports.http.routes import is_local
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rwt.access.disclosure import Disclosures
     from rwt.access.gate.client_gate import ClientGate
     from rwt.access.gate.gate import Gate
-    from rwt.access.settings import AccessSettings, GateSettings
     from rwt.delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo

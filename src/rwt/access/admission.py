@@ -6,19 +6,16 @@ import logging
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt.access.audit import LineRate
-from rwt.access.credentials import ROSAUTH, presented_token, role_of_token, rosauth_of
+from rwt.access.audit import Audit, LineRate
+from rwt.access.credentials import ROSAUTH, Rosauth, presented_token, role_of_token, rosauth_of
 from rwt.access.errors import NotAuthenticated
 from rwt.access.origins import NO_SITE, Origins
-from rwt.access.roles import roles
+from rwt.access.roles import Role, roles
 from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rwt.access.audit import Audit
-    from rwt.access.credentials import Rosauth
-    from rwt.access.roles import Role
     from rwt.access.settings import AccessSettings
     from rwt_transports.endpoint import PeerInfo
 

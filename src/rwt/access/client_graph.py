@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, Union
 
 from rwt.access.decisions import VERBS
-from rwt.access.disclosure import restrict, written_parameters, written_text
+from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_parameters, written_text
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
@@ -24,7 +24,6 @@ from rwt_participant.goals import GoalStatus
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence, Set
 
-    from rwt.access.disclosure import Disclosures, OutcomeFilter
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.client_gate import ClientGate, GatedPublisher, GoalPublisher, Needed, StopPublisher
     from rwt.access.quotas import Charge, ClientQuotas, Quota

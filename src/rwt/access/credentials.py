@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
 
 from rwt.access.errors import NotAuthenticated
-from rwt.access.settings import SettingsError
+from rwt.access.settings import AuthSettings, SettingsError
 
 if TYPE_CHECKING:
     from rwt.access.roles import Role
-    from rwt.access.settings import AuthSettings
     from rwt_protocol import ops
     from rwt_transports.endpoint import PeerInfo
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from rwt.access.errors import NotAllowed
-from rwt.access.graph_view import canonical
+from rwt.access.graph_view import GraphView, canonical
 from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, ListsProviders, Reads, Writes
 from rwt_graph.names import namespace_of
 from rwt_interfaces.errors import InterfaceError
@@ -25,7 +25,6 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, NotFound
 
 if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
     from rwt.access.roles import Act
     from rwt_graph.parameters.tree import ParameterTree
     from rwt_interfaces.structs import ServiceType

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from rwt_graph.api import GraphListings
+from rwt_graph.api import ActionInfo, Graph, GraphListings, NodeInfo, ServiceInfo, TopicInfo
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_transports.errors import Refused
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from rwt.access.quotas import Work
     from rwt.access.roles import Act, Role
-    from rwt_graph.api import ActionInfo, Graph, NodeInfo, ServiceInfo, TopicInfo
     from rwt_graph.clock import Clock
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.registry import Registry

@@ -9,10 +9,9 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.errors import NotAllowed
-from rwt.access.settings import BUILT_IN_ROLES
+from rwt.access.settings import BUILT_IN_ROLES, AccessSettings, RoleSettings
 
 if TYPE_CHECKING:
-    from rwt.access.settings import AccessSettings, RoleSettings
     from rwt_interfaces.payload import Payload
 
 Act = Literal["publish", "subscribe", "call", "provide", "displace", "goals", "get_param", "set_param"]

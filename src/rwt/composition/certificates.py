@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Final
 
-from rwt.access.settings import SettingsError
+from rwt.access.settings import SettingsError, TlsSettings
 from rwt.observability.supervision import Periodic
 from rwt.tls.tls import renew_server_tls
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
@@ -13,7 +13,6 @@ from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, Htt
 if TYPE_CHECKING:
     from ssl import SSLContext
 
-    from rwt.access.settings import TlsSettings
     from rwt_graph.clock import Clock
 
 logger = logging.getLogger(__name__)

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.access.access import Access
+from rwt.access.graph_view import GraphView
 from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
-from rwt_transports.http.routes import HttpResponse
+from rwt.gateways.base import Gateway, MakeGateway
+from rwt.gateways.foxglove.assets import Pages
+from rwt.settings.models import Settings
+from rwt_graph.api import Graph
+from rwt_transports.http.routes import HttpExtension, HttpRequest, HttpResponse
 
 # Optional parts are imported in the functions that create them.
-if TYPE_CHECKING:
-    from collections.abc import Awaitable
-
-    from rwt.access.access import Access
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.base import Gateway, MakeGateway
-    from rwt.gateways.foxglove.assets import Pages
-    from rwt.settings.models import Settings
-    from rwt_graph.api import Graph
-    from rwt_transports.http.routes import HttpExtension, HttpRequest
 
 _PACKAGES: Final = "/packages/"
 """Path of the files of robot descriptions."""

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
-from rwt.settings.models import GRAPHS, ROS1_GRAPHS
+from rwt.settings.models import GRAPHS, ROS1_GRAPHS, Settings
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from rwt.settings.models import Settings
     from rwt.workers.worker import WorkerContext
     from rwt_graph.api import Graph
     from rwt_graph.clock import Clock
@@ -117,6 +116,15 @@ def bridged_graphs(settings: Settings, first: Graph) -> Iterator[Graph]:
         distro = NOETIC if is_ros1 else JAZZY if first.distro is NOETIC else first.distro
         other = settings.model_copy(update={"graph": name, "distro": distro.name, "bridge": ()})
         yield make_graph(other, None, first.registry if distro is first.distro else None, None, None)
+
+
+def relay_between(first: Graph, second: Graph) -> Callable[[], None]:
+    """Relay between two graphs until the returned function is called."""
+    from rwt_graph.bridge import GraphBridge  # Imported only if configured.
+
+    bridge = GraphBridge(first, second)
+    bridge.open()
+    return bridge.close
 
 
 def _ros2() -> ModuleType:

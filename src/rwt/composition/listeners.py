@@ -11,9 +11,9 @@ from rwt.access.settings import SettingsError
 from rwt.composition.pages import routes
 from rwt.tls.tls import client_tls
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import HttpExtension, Proxies, Route
+from rwt_transports.http.routes import HttpExtension, Proxies, Route, Routes
 from rwt_transports.limits import Deflate, Limits
-from rwt_transports.listener import listen
+from rwt_transports.listener import Listener, listen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from rwt.workers.worker import WorkerContext
     from rwt_transports.asgi import AsgiListener, AsgiMount
     from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
-    from rwt_transports.http.routes import Routes
-    from rwt_transports.listener import Listener
     from rwt_transports.relay.dial import RelayStatus
     from rwt_transports.webrtc.signalling import Peers
 

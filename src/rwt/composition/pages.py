@@ -9,24 +9,31 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Final, Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 import anyio
 
+from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
+from rwt.access.graph_view import GraphView
+from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.gateways.visitors import peer_of, then, url_of
+from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import CONTENT_TYPE
+from rwt_interfaces.steps import Steps
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
-
-if TYPE_CHECKING:
-    from rwt.access.access import Access
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.rosbridge.bridge import Bridge
-    from rwt.observability.metrics import ServerMetrics
-    from rwt_interfaces.steps import Steps
-    from rwt_transports.http.routes import Handler, HttpExtension, HttpRequest
-    from rwt_transports.turns import Turns
+from rwt_transports.http.routes import (
+    Audience,
+    Handler,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    Route,
+    Routes,
+    page_policy,
+    refusal_as_text,
+)
+from rwt_transports.turns import Turns
 
 T = TypeVar("T")
 

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rwt.gateways.mcp.agent import Recordings
 from rwt.gateways.mcp.errors import ToolError
 from rwt.nodes.playback.publications import add_recorded_types, read_payload
-from rwt.nodes.recording import RecordingError, open_recording
+from rwt.nodes.recording import RecordedMessage, RecordedTopic, Recording, RecordingError, open_recording
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
+from rwt_participant.messages import Message
 from rwt_participant.spelling import did_you_mean
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording import RecordedMessage, RecordedTopic, Recording
-    from rwt_participant.messages import Message
 
 _SUFFIXES = frozenset({".mcap", ".bag", ".db3"})
 _SECOND = 1_000_000_000

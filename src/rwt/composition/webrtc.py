@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import TYPE_CHECKING
 
 from rwt.access.settings import SettingsError
@@ -10,7 +10,6 @@ from rwt_transports.background import runs_asyncio
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
-    from contextlib import AsyncExitStack
 
     from rwt.access.access import Access
     from rwt.access.graph_view import GraphView

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rwt_transports.endpoint import DropReason, Traffic
+from rwt_transports.endpoint import DropReason, Traffic
 
 MAX_TOPICS = 1000
 """Maximum number of topics with counters; clients choose the names. Unused ones are removed first."""

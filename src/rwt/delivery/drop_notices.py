@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from rwt_transports.endpoint import DropReason, FlowRules
-
-if TYPE_CHECKING:
-    from rwt.delivery.counters import Counters, TopicCounts
-    from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
-    from rwt_protocol.frames import Frame
-    from rwt_transports.endpoint import Flow, Sink
+from rwt.delivery.counters import Counters, TopicCounts
+from rwt_graph.clock import Clock
+from rwt_participant.timers import Timer
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import DropReason, Flow, FlowRules, Sink
 
 NOTICE_SECONDS: Final = 1.0
 LOG_SECONDS: Final = 60.0

@@ -6,22 +6,18 @@ import logging
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.delivery.counters import EncodingCounts, TopicCounts
+from rwt.delivery.throttle import Throttle
+from rwt_graph.api import Participant, Sample, Subscription
+from rwt_graph.clock import Clock
+from rwt_interfaces.payload import Form
+from rwt_interfaces.structs import MessageType
+from rwt_protocol.codecs import Encoding
+from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Burst, Frame
-from rwt_transports.turns import TOPIC_SECONDS
-
-if TYPE_CHECKING:
-    from rwt.delivery.counters import EncodingCounts, TopicCounts
-    from rwt.delivery.throttle import Throttle
-    from rwt_graph.api import Participant, Sample, Subscription
-    from rwt_graph.clock import Clock
-    from rwt_interfaces.payload import Form
-    from rwt_interfaces.structs import MessageType
-    from rwt_protocol.codecs import Encoding
-    from rwt_protocol.codecs.base import PublishEncoder
-    from rwt_transports.turns import Turns
-
+from rwt_transports.turns import TOPIC_SECONDS, Turns
 
 logger = logging.getLogger(__name__)
 

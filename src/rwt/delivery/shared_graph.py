@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from rwt.delivery.counters import Counters
 from rwt.delivery.fanout import Fanout
 from rwt.delivery.shared_publishers import SharedPublishers
+from rwt_graph.api import Graph
+from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
+from rwt_interfaces.structs import MessageType
 from rwt_transports.turns import TOPICS_SECONDS, Turns
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph
-    from rwt_graph.clock import Clock
-    from rwt_interfaces.structs import MessageType
 
 
 class SharedGraph:

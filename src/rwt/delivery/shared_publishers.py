@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
-from rwt_graph.api import Sample
+from rwt_graph.api import Participant, Publisher, Sample
 from rwt_graph.errors import GraphError, TypeConflict
 from rwt_participant.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
-
     from rwt.delivery.counters import Counters
-    from rwt_graph.api import Participant, Publisher
     from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
     from rwt_participant.timers import Timer
 
-    Lacks = Callable[[QoS], str]
-    """Function that names the requested policies that a publisher does not offer; empty if there are none."""
+Lacks = Callable[[QoS], str]
+"""Function that names the requested policies that a publisher does not offer; empty if there are none."""
 
 
 class Ends(Protocol):

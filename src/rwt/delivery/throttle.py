@@ -6,19 +6,15 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
+from rwt.delivery.drop_notices import DeadlineWatch
+from rwt_graph.api import EndpointInfo, Sample
+from rwt_graph.clock import Clock
 from rwt_participant.qos import History, Reliability
+from rwt_participant.timers import Timer
 from rwt_protocol.fragments import cut
-from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
-
-if TYPE_CHECKING:
-    from rwt.delivery.drop_notices import DeadlineWatch
-    from rwt_graph.api import EndpointInfo, Sample
-    from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
-    from rwt_protocol.frames import Burst, Frame
-    from rwt_transports.endpoint import Flow
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Flow, FlowRules
 
 #: Tolerance of clock readings in seconds, because sums of floats round.
 _SAME_MOMENT = 1e-6

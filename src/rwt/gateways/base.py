@@ -15,26 +15,23 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
 
-from rwt.access.audit import LineRate, is_written, one_line
+from rwt.access.access import Access
+from rwt.access.audit import Audit, LineRate, is_written, one_line
+from rwt.access.client_graph import ClientGraph
+from rwt.access.graph_view import GraphView
 from rwt.access.quotas import RateLimit
+from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph, turns_of
+from rwt_graph.api import Graph
+from rwt_graph.clock import Clock
+from rwt_transports.api import FlowControl
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension
 from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS, STEP_SECONDS, Turns
 from rwt_transports.websocket.close_codes import POLICY
-
-if TYPE_CHECKING:
-    from rwt.access.access import Access
-    from rwt.access.audit import Audit
-    from rwt.access.client_graph import ClientGraph
-    from rwt.access.graph_view import GraphView
-    from rwt.access.roles import Role
-    from rwt_graph.api import Graph
-    from rwt_graph.clock import Clock
-    from rwt_transports.api import FlowControl
-    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 ALONE_BYTES: Final = 2 * 1024 * 1024
 """Larger messages of a connection wait for a turn of their own: receiving one has used a good part of this

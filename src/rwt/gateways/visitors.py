@@ -9,17 +9,14 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Hashable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+from rwt.delivery.counters import Counters
+from rwt_graph.clock import Clock
+from rwt_participant.timers import Timer
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.http.connection import close_iterator
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from rwt.delivery.counters import Counters
-    from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
-    from rwt_transports.http.routes import AnyReader, HttpExtension, HttpRequest
+from rwt_transports.http.routes import AnyReader, HttpExtension, HttpRequest, HttpResponse
 
 T = TypeVar("T")
 V = TypeVar("V", bound="Visitor")

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt.observability.prometheus import PrometheusText
+from rwt.observability.prometheus import Kind, PrometheusText
 from rwt.observability.supervision import Periodic
 from rwt_interfaces.steps import Steps, finished
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rwt.delivery.counters import EncodingCounts, TopicCounts
     from rwt.gateways.base import ConnectedClient, Gateway
     from rwt.gateways.rosbridge.bridge import Bridge
-    from rwt.observability.prometheus import Kind
     from rwt_graph.clock import Clock
     from rwt_transports.endpoint import Traffic
     from rwt_transports.http.routes import HttpExtension, MetricFamily

@@ -6,13 +6,11 @@ import logging
 import os
 import socket
 import time
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from typing import Final
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
+from rwt_graph.clock import Clock
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt.access.settings import SettingsError
+from rwt.access.settings import SettingsError, TlsSettings
 from rwt.tls.machine import machine_addresses, machine_names
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cryptography import x509
-
-    from rwt.access.settings import TlsSettings
 
 
 @dataclass(frozen=True, slots=True)

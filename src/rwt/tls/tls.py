@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import ssl
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from rwt.access.settings import SettingsError
-
-if TYPE_CHECKING:
-    from rwt.access.settings import TlsSettings
+from rwt.access.settings import SettingsError, TlsSettings
 
 
 def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:

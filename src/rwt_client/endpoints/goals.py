@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from rwt_client.endpoints.services import call_error, failure_text
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import MessageReader
-from rwt_interfaces import NOETIC
+from rwt_interfaces import NOETIC, Payload
 from rwt_participant.errors import CallFailed, GoalRejected, InvalidMessage, ProviderNotFound
 from rwt_participant.goals import Goal, GoalResult, GoalStatus
 from rwt_participant.messages import Message
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt_client.endpoints.remote_handle import ClientConnection
-    from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType
     from rwt_participant.handles import Handle, Publisher
     from rwt_participant.transforms import SubscribeVerb

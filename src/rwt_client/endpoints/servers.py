@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 from abc import abstractmethod
 from functools import partial
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import Self, TypeVar
 
 from rwt_client.endpoints.remote_handle import ClientConnection, RemoteHandle
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
+from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ActionType, ServiceType
 from rwt_participant.errors import InvalidMessage, RobotError, ServiceFailed
 from rwt_participant.goals import Execute, GoalStatus, ReceivedGoal, run_goal
@@ -21,16 +22,13 @@ from rwt_protocol.ops import (
     AdvertiseService,
     CallService,
     CancelActionGoal,
+    Op,
     SendActionGoal,
     ServiceResponse,
     UnadvertiseAction,
     UnadvertiseService,
 )
 from rwt_protocol.payloads import RawJson
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_protocol.ops import Op
 
 logger = logging.getLogger("rwt_client")
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import msgspec
 
 from rwt_interfaces import field_types
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.structs import MessageType
 
 ArrayKind = Literal["list", "numpy"]
 """Type of a message's numeric arrays: lists (and `bytes` for octets), or numpy arrays."""

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from rwt_client.wire.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.wire.cbor import TypedArray
 from rwt_interfaces import Payload
+from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import InvalidMessage
 from rwt_participant.messages import Message
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
 
 SplitFrame = tuple[bytes, bytes]
 """Presumed JSON text of a message in a frame, and the frame, which is parsed if decoding the text fails.

@@ -11,7 +11,7 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
+from typing import Final, Literal, Protocol, Self
 
 import anyio
 
@@ -20,6 +20,7 @@ from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.wire.decoding import REJECTIONS, UnparsedMessage, read_envelope
 from rwt_protocol.codecs import CODECS
+from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
@@ -27,9 +28,6 @@ from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT
 from rwt_protocol.session import Refusal, Session
 from rwt_transports.endpoint import DropReason, Flow, PeerInfo, Sink
-
-if TYPE_CHECKING:
-    from rwt_protocol.dispatcher import Dispatcher
 
 logger = logging.getLogger("rwt_client")
 

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rwt_graph.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
-from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
+from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, PendingCall, Sample, Subscription
 from rwt_graph.memory.actions import run_callback
+from rwt_graph.memory.services import RemoteServices, Services
+from rwt_graph.memory.tables import NodeResources
+from rwt_graph.memory.topics import Topics
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import DEFAULT_QOS
-
-if TYPE_CHECKING:
-    from rwt_graph.api import GoalEvents, PendingCall
-    from rwt_graph.memory.services import RemoteServices, Services
-    from rwt_graph.memory.tables import NodeResources
-    from rwt_graph.memory.topics import Topics
-    from rwt_interfaces.registry import Registry
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 #: Goal id that means all goals for ROS 2's cancel service.
 _EVERY_GOAL = "0" * 32

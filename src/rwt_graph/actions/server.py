@@ -7,22 +7,18 @@ latched one of states. The topics include the goals of local clients.
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rwt_graph.accounts import hold_for_asker
 from rwt_graph.actions.names import ActionNames, struct_payload, uuid_struct
-from rwt_graph.api import GoalEvents
+from rwt_graph.api import GoalEvents, Participant, ServiceCall
 from rwt_graph.clock import Clock
-from rwt_graph.memory.actions import cancel_service
+from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
 from rwt_graph.memory.tables import NodeResources
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import LATCHED
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Participant, ServiceCall
-    from rwt_graph.memory.actions import Actions, MemoryActionServer
 
 #: Maximum number of results kept for clients that ask after the goal has ended.
 RESULTS_KEPT = 100

@@ -10,7 +10,7 @@ import logging
 import re
 from collections.abc import Callable, Iterator
 from enum import Enum, auto
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 from uuid import uuid4
 
 from rwt_graph.api import (
@@ -25,11 +25,9 @@ from rwt_graph.api import (
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
 from rwt_graph.memory.tables import NodeResources, Provider, ProviderTable, RemoteProviders
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ActionType, ServiceType
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
 from rwt_participant.goals import GoalStatus
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import ActionType, ServiceType
 
 logger = logging.getLogger(__name__)
 

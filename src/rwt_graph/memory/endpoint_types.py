@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
 
 from rwt_interfaces.errors import InterfaceError
-
-if TYPE_CHECKING:
-    from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import wraps
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import Self, TypeVar
 
 from rwt_graph.api import (
     ActionInfo,
@@ -39,10 +39,8 @@ from rwt_graph.nodes.node import Node
 from rwt_graph.parameters.tree import ParameterTree
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 T = TypeVar("T")
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
+from rwt_graph.api import ServiceInfo
+from rwt_graph.memory.services import MemoryCall
+from rwt_graph.memory.tables import Changes
 from rwt_participant.errors import ProviderGone
-
-if TYPE_CHECKING:
-    from rwt_graph.api import ServiceInfo
-    from rwt_graph.memory.services import MemoryCall
-    from rwt_graph.memory.tables import Changes
 
 T = TypeVar("T")
 

@@ -13,17 +13,15 @@ import logging
 import math
 from collections.abc import Callable
 from heapq import heappop, heappush
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, ServiceCall, ServiceInfo
 from rwt_graph.clock import Clock
 from rwt_graph.memory.tables import Changes, NodeResources, Provider, ProviderTable, RemoteProviders
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ServiceType
 from rwt_participant.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_participant.timers import LONGEST_DELAY, Timer
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ServiceType
 
 logger = logging.getLogger(__name__)
 

@@ -19,19 +19,17 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import is_not
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
 from rwt_graph.memory.tables import Changes, NodeResources
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS, incompatible_policies
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
 

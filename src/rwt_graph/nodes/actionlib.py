@@ -11,20 +11,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
-from typing import TYPE_CHECKING
 
 from rwt_graph.accounts import Release, hold_for_asker
 from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, Sample, Subscription
 from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ActionType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus
 from rwt_participant.messages import Message
 from rwt_participant.timers import Timer
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import ActionType
 
 logger = logging.getLogger(__name__)
 

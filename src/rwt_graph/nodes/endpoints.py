@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from rwt_graph import api
 from rwt_graph.api import Graph, Sample
+from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed
 from rwt_participant.handles import Publisher, Subscription
 from rwt_participant.messages import (
@@ -19,9 +19,6 @@ from rwt_participant.messages import (
     to_payload,
     warn_of_held_loop,
 )
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
 
 
 class TopicPublisher(Publisher):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import anyio
 
@@ -13,13 +13,11 @@ from rwt_graph.api import ClientGoal, GoalEvents, Graph, ServerGoal
 from rwt_graph.clock import Clock
 from rwt_graph.nodes.service_handlers import failure_text
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallFailed, InvalidMessage
 from rwt_participant.future import Future
 from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal, run_goal
 from rwt_participant.messages import Message, MessageLike, is_coroutine_function, to_payload
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import ActionType
 
 logger = logging.getLogger(__name__)
 

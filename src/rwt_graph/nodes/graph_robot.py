@@ -8,7 +8,16 @@ from concurrent import futures
 from typing import TYPE_CHECKING, TypeVar
 
 from rwt_graph import api
-from rwt_graph.api import Graph, GraphListings, Sample
+from rwt_graph.api import (
+    ActionInfo,
+    Graph,
+    GraphListings,
+    Sample,
+    ServerGoal,
+    ServiceCall,
+    ServiceInfo,
+    TopicInfo,
+)
 from rwt_graph.clock import Clock
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.nodes.actionlib import ActionlibServer
@@ -37,13 +46,12 @@ from rwt_participant.messages import (
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
 from rwt_participant.spelling import did_you_mean
 from rwt_participant.timers import PeriodicTimer
-from rwt_participant.transforms import Transforms
 
 if TYPE_CHECKING:
-    from rwt_graph.api import ActionInfo, ServerGoal, ServiceCall, ServiceInfo, TopicInfo
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry
+    from rwt_participant.transforms import Transforms
 
 T = TypeVar("T")
 
@@ -343,6 +351,8 @@ class GraphVerbs(RobotApi):
     @property
     def tf(self) -> Transforms:
         if self._tf is None:
+            from rwt_participant.transforms import Transforms  # Most nodes look up no transforms.
+
             clock = self.clock
             self._tf = Transforms(self.subscribe, self.advertise, clock.time_ns, self._timeout, clock.within)
         return self._tf

@@ -6,16 +6,14 @@ import logging
 import sys
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt_graph.disclosure import NOTHING, Disclosure, Writes
 from rwt_graph.nodes.endpoints import TopicPublisher
+from rwt_interfaces.distro import Distro
 from rwt_participant.errors import ServiceFailed
+from rwt_participant.messages import Message
 from rwt_participant.qos import Durability, QoS
-
-if TYPE_CHECKING:
-    from rwt_interfaces.distro import Distro
-    from rwt_participant.messages import Message
 
 #: Names of the levels in ROS 1's services.
 _LEVEL_NAMES: Final = {

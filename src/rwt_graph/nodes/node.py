@@ -17,29 +17,20 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rwt_graph.api import Graph
-from rwt_graph.clock import Clock
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.actionlib import ActionlibServer
 from rwt_graph.nodes.graph_robot import GraphRobot, GraphServer
 from rwt_graph.nodes.logs import NodeLog, rosout_qos
 from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
 from rwt_graph.parameters.services import EVENTS_QOS, ParameterEvents, ParameterServices
-from rwt_participant.blocking import (
-    Blocking,
-    BlockingHandle,
-    BlockingPublisher,
-    BlockingSubscription,
-    BlockingTransforms,
-    BlockingVerbs,
-    holds,
-    runs,
-    waits,
-)
 from rwt_participant.errors import WrongThread
 from rwt_participant.messages import ParameterValue
+
+if TYPE_CHECKING:
+    from rwt_graph.nodes.blocking import BlockingGraphNode
 
 T = TypeVar("T")
 
@@ -127,6 +118,8 @@ class Node(GraphRobot):
     @property
     def blocking(self) -> BlockingGraphNode:
         """The same node for other threads: its verbs block until they are answered."""
+        from rwt_graph.nodes.blocking import BlockingGraphNode
+
         return BlockingGraphNode(self)
 
     def run_blocking(self, function: Callable[[], Awaitable[T]]) -> T:
@@ -175,63 +168,3 @@ class Node(GraphRobot):
 
     def __exit__(self, *exc: object) -> None:
         self.close()
-
-
-class _GraphThread:
-    """Thread of a graph; satisfies :class:`rwt_participant.blocking.LoopThread`."""
-
-    def __init__(self, node: Node) -> None:
-        self.run = node.run
-        self.wait = node.run_blocking
-        self._graph = node.graph
-
-    @property
-    def here(self) -> bool:
-        return self._graph.on_graph_thread()
-
-
-class BlockingClock(Blocking[Clock]):
-    """Clock of the graph; see :class:`~rwt_graph.clock.Clock`."""
-
-    time_ns = runs(Clock.time_ns)
-    monotonic = runs(Clock.monotonic)
-    sleep = waits(Clock.sleep)
-
-
-class BlockingGraphNode(BlockingVerbs[Node]):
-    """Node for other threads than its graph's: its verbs block; see :class:`Node` for them.
-
-    Attributes:
-        node: the node itself.
-        name, namespace: absolute name, and the namespace of relative names.
-        log: log of the node.
-        parameters: parameters that the node itself declares.
-        clock: clock of the graph.
-        tf: transforms between frames.
-        distro: ROS distribution of the graph.
-        registry: interfaces that the graph knows.
-    """
-
-    def __init__(self, node: Node) -> None:
-        super().__init__(_GraphThread(node), node)
-        self.node = node
-        self.name = node.name
-        self.namespace = node.namespace
-        self.log = node.log
-        self.parameters = node.parameters
-        self.clock = BlockingClock(self._loop, node.clock)
-        self.tf = BlockingTransforms(self._loop, node.tf)
-        self.distro = node.distro
-        self.registry = node.registry
-
-    advertise = holds(Node.advertise, BlockingPublisher)
-    publish = holds(Node.publish, BlockingPublisher)
-    subscribe = holds(Node.subscribe, BlockingHandle)
-    topic = holds(Node.topic, BlockingSubscription)
-    once = waits(Node.once)
-    call = waits(Node.call)
-    advertise_action = holds(Node.advertise_action, BlockingHandle)
-    serve_over_topics = holds(Node.serve_over_topics, BlockingHandle)
-    subscribe_samples = holds(Node.subscribe_samples, BlockingHandle)
-    resolve = runs(Node.resolve)
-    close = runs(Node.close)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from rwt_graph.accounts import hold_for_asker
 from rwt_graph.api import Graph, ServiceCall
+from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import ServiceFailed
 from rwt_participant.messages import (
     MessageLike,
@@ -16,9 +17,6 @@ from rwt_participant.messages import (
     call_handler,
     is_coroutine_function,
 )
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
 

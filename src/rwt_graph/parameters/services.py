@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from rwt_graph.disclosure import Disclosure, Lists, Reads, Writes
 from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_graph.parameters.node_parameters import NodeParameters
 from rwt_graph.parameters.values import ParameterType, decode, encode, type_of
+from rwt_interfaces.distro import Distro
 from rwt_participant.errors import NotFound, ParameterRejected
-from rwt_participant.messages import Message, ParameterValue
+from rwt_participant.messages import Message, MessageLike, ParameterValue
 from rwt_participant.qos import QoS
-
-if TYPE_CHECKING:
-    from rwt_interfaces.distro import Distro
-    from rwt_participant.messages import MessageLike
 
 _PACKAGE: Final = "rcl_interfaces"
 #: ROS 2's profile of `/parameter_events`.

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
 
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
+from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
+from rwt_graph.clock import Clock
 from rwt_graph.errors import InvalidGraphName, Ros2Error
+from rwt_graph.memory.actions import MemoryActionServer
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import validate
 from rwt_graph.ros2.ament import add_installed
@@ -19,14 +22,6 @@ from rwt_graph.ros2.services import Ros2Services
 from rwt_graph.ros2.topics import Ros2Topics
 from rwt_graph.ros_time import RosTime
 from rwt_interfaces.registry import Registry
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
-    from rwt_graph.clock import Clock
-    from rwt_graph.memory.actions import MemoryActionServer
-
 
 logger = logging.getLogger(__name__)
 

@@ -7,27 +7,24 @@ import logging
 import os
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.qos import QoSProfile
 
 from rwt_graph.errors import Ros2Error
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_graph.memory.tables import NodeResources
 from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.raw_services import RawClient, RawService
 from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw, share_arenas
 from rwt_graph.ros2.type_supports import NotInstalled, message_class, service_class
 from rwt_graph.ros2.wakeups import Wakeups
+from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.qos import QoS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_graph.memory.tables import NodeResources
-    from rwt_interfaces.structs import MessageType, ServiceType
 
 logger = logging.getLogger(__name__)
 

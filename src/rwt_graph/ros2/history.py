@@ -8,17 +8,13 @@ sample has a known depth from then on, so a latched topic needs one probe.
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
+from rwt_graph.api import Sample
+from rwt_graph.clock import Clock
 from rwt_graph.memory.topics import KEEP_ALL_LIMIT, TransientLocalCache
 from rwt_graph.ros2.rcl import NO_NUMBER
 from rwt_participant.qos import Durability, History, QoS, Reliability
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from rwt_graph.api import Sample
-    from rwt_graph.clock import Clock
 
 #: Profile that receives everything that a transient-local publisher retains.
 ALL_RETAINED = QoS(

@@ -5,16 +5,14 @@ from __future__ import annotations
 import ctypes
 import os
 import struct
+from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from rwt_graph.errors import Ros2Error
 from rwt_graph.ros2.ament import library
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 #: Bytes of a GID that ROS 2 compares, of up to 24 that a middleware stores.
 GID_BYTES: Final = 16

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
 
+from rwt_graph.api import (
+    ClientGoal,
+    GoalEvents,
+    OnReply,
+    PendingCall,
+    Publisher,
+    Registration,
+    Sample,
+    ServerGoal,
+    ServiceCall,
+    Subscription,
+)
 from rwt_graph.errors import InvalidGraphName, Ros2Error
-from rwt_graph.memory.graph import MemoryParticipant
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import namespace_of, resolve
-from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from rwt_graph.api import (
-        ClientGoal,
-        GoalEvents,
-        OnReply,
-        PendingCall,
-        Publisher,
-        Registration,
-        Sample,
-        ServerGoal,
-        ServiceCall,
-        Subscription,
-    )
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-    from rwt_participant.qos import QoS
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 
 class Remapping:

@@ -8,12 +8,12 @@ from collections.abc import Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt_graph.api import ServiceInfo
+from rwt_graph.api import OnReply, PendingCall, ServiceInfo
 from rwt_graph.errors import Ros2Error
 from rwt_graph.memory.remote_services import RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall
+from rwt_graph.memory.services import MemoryCall, MemoryProvider, Services
 from rwt_graph.memory.tables import NodeResources
-from rwt_graph.ros2.connection import now
+from rwt_graph.ros2.connection import Connection, now
 from rwt_graph.ros2.type_supports import NotInstalled
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -22,10 +22,7 @@ from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
 from rwt_participant.errors import CallFailed
 
 if TYPE_CHECKING:
-    from rwt_graph.api import OnReply, PendingCall
     from rwt_graph.clock import Clock
-    from rwt_graph.memory.services import MemoryProvider, Services
-    from rwt_graph.ros2.connection import Connection
     from rwt_graph.ros2.rcl import RequestId
     from rwt_interfaces.registry import Registry
     from rwt_participant.timers import Timer

@@ -10,32 +10,27 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from rwt_graph.api import Sample
+from rwt_graph.clock import Clock
 from rwt_graph.errors import Ros2Error
-from rwt_graph.ros2.connection import now
+from rwt_graph.memory.tables import NodeResources
+from rwt_graph.memory.topics import (
+    MemoryPublisher,
+    MemorySubscription,
+    RemoteEndpoint,
+    Topic,
+    Topics,
+)
+from rwt_graph.ros2.connection import Connection, now
 from rwt_graph.ros2.history import ALL_RETAINED, Probe, RemoteHistory
-from rwt_graph.ros2.rcl import NO_NUMBER
+from rwt_graph.ros2.rcl import NO_NUMBER, RawSample
 from rwt_graph.ros2.type_supports import NotInstalled
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS, Reliability
-
-if TYPE_CHECKING:
-    from rwt_graph.clock import Clock
-    from rwt_graph.memory.tables import NodeResources
-    from rwt_graph.memory.topics import (
-        MemoryPublisher,
-        MemorySubscription,
-        RemoteEndpoint,
-        Topic,
-        Topics,
-    )
-    from rwt_graph.ros2.connection import Connection
-    from rwt_graph.ros2.rcl import RawSample
-    from rwt_interfaces.structs import MessageType
-    from rwt_participant.timers import Timer
+from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

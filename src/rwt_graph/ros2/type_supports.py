@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rwt_graph.errors import Ros2Error
 from rwt_graph.ros2.ament import library
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.structs import MessageType
 
 _new_capsule = ctypes.pythonapi.PyCapsule_New
 _new_capsule.restype = ctypes.py_object

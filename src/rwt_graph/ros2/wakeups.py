@@ -19,17 +19,15 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import anyio
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from rwt_graph.errors import Ros2Error
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.ros2.ament import library
 from rwt_graph.ros2.rcl import rcutils
-
-if TYPE_CHECKING:
-    from rwt_graph.memory.graph import MemoryGraph
 
 logger = logging.getLogger(__name__)
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import anyio
 import anyio.to_thread
 
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
+from rwt_graph.clock import Clock
 from rwt_graph.errors import ZenohError
+from rwt_graph.memory.actions import MemoryActionServer
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.memory.tables import NodeResources
 from rwt_graph.names import resolve
 from rwt_graph.nodes.node import Node
 from rwt_graph.zenoh.discovery import Discovery
@@ -21,13 +23,7 @@ from rwt_graph.zenoh.link import Presence, ZenohLink
 from rwt_graph.zenoh.services import ZenohServices
 from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt_graph.zenoh.topics import ZenohTopics
-
-if TYPE_CHECKING:
-    from rwt_graph.clock import Clock
-    from rwt_graph.memory.actions import MemoryActionServer
-    from rwt_graph.memory.tables import NodeResources
-    from rwt_interfaces.registry import Registry
-
+from rwt_interfaces.registry import Registry
 
 logger = logging.getLogger(__name__)
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import zenoh
 
+from rwt_graph.memory.tables import NodeResources
 from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rwt_graph.memory.tables import NodeResources
 
 T = TypeVar("T")
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import zenoh
 from zenoh.ext import CacheConfig, declare_advanced_publisher
 
-from rwt_graph.memory.topics import KEEP_ALL_LIMIT
+from rwt_graph.memory.topics import KEEP_ALL_LIMIT, MemoryPublisher
 from rwt_graph.zenoh.rmw import attachment
 from rwt_participant.qos import History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample
-    from rwt_graph.memory.topics import MemoryPublisher
     from rwt_graph.zenoh.link import Presence, ZenohLink
 
 _GID_SIZE = 16

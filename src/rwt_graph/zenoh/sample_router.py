@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rwt_graph.api import Sample
-from rwt_graph.memory.topics import TransientLocalCache
+from rwt_graph.memory.topics import MemorySubscription, RemoteEndpoint, Topic, TransientLocalCache
 from rwt_graph.zenoh.rmw import attachment
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.times import NANOSECONDS
-from rwt_participant.qos import Durability
+from rwt_participant.qos import Durability, QoS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from rwt_graph.clock import Clock
-    from rwt_graph.memory.topics import MemorySubscription, RemoteEndpoint, Topic
     from rwt_interfaces.structs import MessageType
-    from rwt_participant.qos import QoS
 
 #: Maximum number of publishers that a subscription remembers.
 _MOST_REMEMBERED = 1000

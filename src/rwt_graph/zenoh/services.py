@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from rwt_graph.api import ServiceInfo
+from rwt_graph.api import OnReply, PendingCall, ServiceInfo
 from rwt_graph.errors import WireError
 from rwt_graph.memory.remote_services import RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall
+from rwt_graph.memory.services import MemoryCall, MemoryProvider, Services
 from rwt_graph.memory.tables import NodeResources
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt_graph.zenoh.rmw import attachment
@@ -24,8 +24,6 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, ProviderGone
 
 if TYPE_CHECKING:
-    from rwt_graph.api import OnReply, PendingCall
-    from rwt_graph.memory.services import MemoryProvider, Services
     from rwt_graph.zenoh.link import ZenohLink
     from rwt_interfaces.registry import Registry
 

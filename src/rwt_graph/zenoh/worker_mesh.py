@@ -6,13 +6,9 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rwt_graph.errors import ZenohError
-from rwt_graph.zenoh.session import configuration
-
-if TYPE_CHECKING:
-    from rwt_graph.zenoh.session import ZenohOptions
+from rwt_graph.zenoh.session import ZenohOptions, configuration
 
 _PORT = re.compile(r":\d+(?=$|[?#])")
 

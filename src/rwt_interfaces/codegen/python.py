@@ -5,18 +5,16 @@ from __future__ import annotations
 import keyword
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, cast
 
 from pydantic import BaseModel
 
 from rwt_interfaces import field_types
 from rwt_interfaces.codegen.type_selection import ClassNames, TypeSelection, time_name
+from rwt_interfaces.definitions.model import Constant
+from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.struct_fields import slot_default
-
-if TYPE_CHECKING:
-    from rwt_interfaces.definitions.model import Constant
-    from rwt_interfaces.field_types import FieldType, Slot
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _HEAD: Final = '''\
 """Typed ROS messages ({distro}), made by `rwt interface generate --lang python`: do not edit.

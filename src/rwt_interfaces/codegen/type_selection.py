@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.names import two_part
+from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-
-if TYPE_CHECKING:
-    from rwt_interfaces.field_types import FieldType
-    from rwt_interfaces.registry import Registry
 
 InterfaceType = MessageType | ServiceType | ActionType
 

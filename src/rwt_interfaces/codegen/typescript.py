@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt_interfaces import field_types
 from rwt_interfaces.codegen.type_selection import ClassNames, TypeSelection, time_name
-
-if TYPE_CHECKING:
-    from rwt_interfaces.definitions.model import Constant
-    from rwt_interfaces.field_types import FieldType
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.definitions.model import Constant
+from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.structs import MessageType
 
 _HEAD: Final = """\
 // Typed ROS messages ({distro}), made by `rwt interface generate --lang typescript`: do not edit.

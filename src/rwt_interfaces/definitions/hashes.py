@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import TYPE_CHECKING
 
 from rwt_interfaces.definitions.actionlib import EVENT
 from rwt_interfaces.definitions.model import Field, MessageDefinition, ServiceDefinition, WrittenType
 from rwt_interfaces.definitions.parser import format_type
 from rwt_interfaces.names import three_part
-
-if TYPE_CHECKING:
-    from rwt_interfaces.registry import Registry
+from rwt_interfaces.registry import Registry
 
 _TIMES = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
 _PRIMITIVE_TIMES = {name: primitive for primitive, name in _TIMES.items()}

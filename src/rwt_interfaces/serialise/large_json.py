@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache, partial, reduce
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -38,12 +38,10 @@ from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader, strict_annotation
 from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import annotation
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.lenient_decoder import Completion, compile_field
 from rwt_interfaces.validation.mismatch import check_length, under
 from rwt_interfaces.validation.numbers import LIST
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
 
 CHUNK_BYTES: Final = 1 << 16
 """Bytes of an array that are decoded in one step. Longer arrays are decoded in chunks."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import islice
-from typing import TYPE_CHECKING
 
-from rwt_interfaces.field_types import Array, Message
-
-if TYPE_CHECKING:
-    from rwt_interfaces.field_types import Slot
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.field_types import Array, Message, Slot
+from rwt_interfaces.structs import MessageType
 
 _HEADER = "std_msgs/Header"
 _MAX_PATHS = 10

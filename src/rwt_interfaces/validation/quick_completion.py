@@ -10,19 +10,17 @@ import struct
 import threading
 from collections.abc import Callable
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 
 from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.serialise.strict import flaw_in, inexact, sized, strict_annotation, strict_struct
 from rwt_interfaces.struct_fields import slot_default, time_struct
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_interfaces.validation.numbers import LIST, float32, float32_list
-
-if TYPE_CHECKING:
-    from rwt_interfaces.field_types import FieldType, Slot
-    from rwt_interfaces.structs import MessageType
 
 #: ROS time in nanoseconds.
 Now = Callable[[], int]

@@ -10,20 +10,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 
 from rwt_protocol.frames import Frame
+from rwt_transports.api import FlowControl
+from rwt_transports.endpoint import Sink
 from rwt_transports.errors import log_exception
 from rwt_transports.http.connection import close_iterator
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.relay.protocol import BadAssignment, decode_head, encode_head
 from rwt_transports.websocket.close_codes import GOING_AWAY, NORMAL, POLICY, PROTOCOL_ERROR
-
-if TYPE_CHECKING:
-    from rwt_transports.api import FlowControl
-    from rwt_transports.endpoint import Sink
 
 WITHOUT_BODY: Final = frozenset({204, 205, 304})
 """Status codes of responses that never have a body (RFC 9110 section 6.4.1)."""

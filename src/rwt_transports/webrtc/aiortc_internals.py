@@ -21,7 +21,7 @@ from collections.abc import Callable
 from time import time
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from aiortc import RTCCertificate, RTCDtlsTransport
+from aiortc import RTCCertificate, RTCDataChannel, RTCDtlsTransport, RTCPeerConnection, RTCRtpReceiver
 from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
@@ -48,7 +48,7 @@ from aiortc.rtcsctptransport import (
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
-from rwt_transports.webrtc.congestion.feedback import read_feedback
+from rwt_transports.webrtc.congestion.feedback import Feedback, read_feedback
 from rwt_transports.webrtc.congestion.paced_sender import PacedSender
 from rwt_transports.webrtc.ice_agent import GuardedAgent
 from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
@@ -59,12 +59,10 @@ if TYPE_CHECKING:
     from queue import Queue
     from threading import Event
 
-    from aiortc import RTCDataChannel, RTCPeerConnection, RTCRtpReceiver
     from aiortc.rtp import RtpPacket
 
     from rwt_transports.limits import Limits
     from rwt_transports.webrtc.channels import ChannelLink
-    from rwt_transports.webrtc.congestion.feedback import Feedback
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports.webrtc")

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import http.client
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never
+from typing import Final, Never
 
 import anyio
 import anyio.to_thread
+from anyio.abc import TaskGroup
 
+from rwt_transports.api import Attach, RemoteAddress
 from rwt_transports.background import runs_asyncio
+from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import is_local
 from rwt_transports.webrtc.ice_guard import Reach
-from rwt_transports.webrtc.ice_servers import BadIceServer, read_configuration, read_ice_servers
+from rwt_transports.webrtc.ice_servers import BadIceServer, IceServer, read_configuration, read_ice_servers
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-
-if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
-
-    from rwt_transports.api import Attach, RemoteAddress
-    from rwt_transports.endpoint import PeerInfo, Sink
-    from rwt_transports.webrtc.ice_servers import IceServer
 
 LABEL: Final = "rosbridge"
 PATH: Final = "webrtc"

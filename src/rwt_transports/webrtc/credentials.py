@@ -9,19 +9,16 @@ from __future__ import annotations
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 import anyio.to_thread
 
 from rwt_transports.webrtc.ice_servers import BadIceServer, IceServer, check_ice_url
 from rwt_transports.webrtc.signalling import NoIceServers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ANSWER_BYTES: Final = 16 * 1024
 SECONDS: Final = 5.0

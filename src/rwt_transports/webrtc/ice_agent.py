@@ -22,6 +22,7 @@ from rwt_transports.webrtc.ice_guard import (
     DATAGRAM_BYTES,
     EARLY_DATAGRAMS,
     WAITING_DATAGRAMS,
+    IceGuard,
     Reach,
     TokenBucket,
     is_unicast,
@@ -31,7 +32,6 @@ from rwt_transports.webrtc.stun_messages import TURN_METHODS, BadStun, StunClass
 if TYPE_CHECKING:
     from aiortc import RTCIceTransport
 
-    from rwt_transports.webrtc.ice_guard import IceGuard
 
 logger = logging.getLogger("rwt_transports.webrtc")
 

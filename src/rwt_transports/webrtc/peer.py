@@ -9,17 +9,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from aiortc import RTCPeerConnection, RTCSessionDescription
+from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport, RTCPeerConnection, RTCSessionDescription
 
 from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.endpoint import Accept
 from rwt_transports.errors import log_exception
 from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
 from rwt_transports.webrtc.aiortc_internals import Association, GuardedHandshake, release
 from rwt_transports.webrtc.channels import ChannelLink
+from rwt_transports.webrtc.congestion.feedback import Feedback
 from rwt_transports.webrtc.ice_agent import GuardedAgent, way
 from rwt_transports.webrtc.ice_guard import (
     CONSENT_EXPIRES_SECONDS,
@@ -34,12 +36,6 @@ from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import MessageWire
-
-if TYPE_CHECKING:
-    from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport
-
-    from rwt_transports.endpoint import Accept
-    from rwt_transports.webrtc.congestion.feedback import Feedback
 
 logger = logging.getLogger("rwt_transports.webrtc")
 

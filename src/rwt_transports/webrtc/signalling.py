@@ -16,22 +16,27 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never
+from typing import Final, Never
 
 import anyio
 
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import TICK_SECONDS
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused, TransportError
 from rwt_transports.http.addresses import network_of
-from rwt_transports.http.routes import Audience, HttpResponse, MetricFamily, Reader, Route, is_local
+from rwt_transports.http.routes import (
+    Audience,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Reader,
+    Route,
+    is_local,
+)
+from rwt_transports.webrtc.ice_servers import IceServer
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
-
-if TYPE_CHECKING:
-    from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
-    from rwt_transports.http.routes import HttpRequest
-    from rwt_transports.webrtc.ice_servers import IceServer
 
 SDP: Final = "application/sdp"
 FRAGMENT: Final = "application/trickle-ice-sdpfrag"

@@ -20,7 +20,7 @@ from rwt.nodes import Rosapi
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.nodes.node import BlockingGraphNode
+from rwt_graph.nodes.blocking import BlockingGraphNode
 from rwt_participant.api import RobotApi
 from rwt_participant.errors import ParameterRejected, ServiceFailed
 from rwt_participant.goals import ReceivedGoal

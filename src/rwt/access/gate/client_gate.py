@@ -9,33 +9,27 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
-from rwt.access.client_graph import WrappedPublisher
+from rwt.access.client_graph import ClientPublisher, WrappedPublisher
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
-from rwt.access.gate.gate import GATE_NODE
+from rwt.access.gate.gate import GATE_NODE, Gate
 from rwt.access.gate.node import LEASES, SERVICES, TOPICS, answer_of, press
-from rwt.access.gate.record import CALLER
+from rwt.access.gate.record import CALLER, Actor
 from rwt.access.graph_view import STOP
-from rwt.access.roles import absolute_globs
-from rwt_graph.api import ClientGoal, PendingCall
+from rwt.access.roles import Role, absolute_globs
+from rwt_graph.api import ClientGoal, OnReply, PendingCall
 from rwt_participant.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_participant.goals import GoalStatus
-from rwt_participant.qos import Durability
+from rwt_participant.qos import Durability, QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rwt.access.client_graph import ClientPublisher
     from rwt.access.gate.approvals import Approval
-    from rwt.access.gate.gate import Gate
-    from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.topic import GuardedTopic
-    from rwt.access.roles import Role
     from rwt.delivery.counters import Counters
-    from rwt_graph.api import OnReply
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-    from rwt_participant.qos import QoS
 
     Needed = list[tuple[GatedAct, str, Rule]]
 

@@ -5,48 +5,38 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from rwt.access.audit import Audit
 from rwt.access.disclosure import affected_parameters
 from rwt.access.errors import GateRefused
-from rwt.access.gate.approvals import Approvals
+from rwt.access.gate.approvals import Approvals, Subject
 from rwt.access.gate.fields import (
     BYTES_OF_ITEM,
+    Clamped,
     FieldChecks,
     NoSuchField,
     describe_fields,
     has_finite_numbers,
     without_repeats,
 )
-from rwt.access.gate.lease import WakeWatch
-from rwt.access.gate.record import Actor, Recorder, bounded
-from rwt.access.gate.rules import Rules
-from rwt.access.gate.stop_path import StopPath
+from rwt.access.gate.lease import Lease, WakeWatch
+from rwt.access.gate.record import Actor, Decision, Recorder, bounded
+from rwt.access.gate.rules import GatedAct, Rule, Rules
+from rwt.access.gate.stop_path import Cancel, StopPath
 from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic
 from rwt.access.graph_view import canonical
-from rwt.access.roles import absolute_globs, glob_pattern
-from rwt.access.settings import SettingsError
+from rwt.access.roles import Role, absolute_globs, glob_pattern
+from rwt.access.settings import GateRule, GateSettings, SettingsError
+from rwt_graph.api import Graph, Publisher
 from rwt_graph.parameters.values import decode
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-
-    from rwt.access.audit import Audit
-    from rwt.access.gate.approvals import Subject
-    from rwt.access.gate.fields import Clamped
-    from rwt.access.gate.lease import Lease
-    from rwt.access.gate.record import Decision
-    from rwt.access.gate.rules import GatedAct, Rule
-    from rwt.access.gate.stop_path import Cancel
-    from rwt.access.roles import Role
-    from rwt.access.settings import GateRule, GateSettings
-    from rwt_graph.api import Graph, Publisher
-    from rwt_interfaces.structs import MessageType
 
 logger: Final = logging.getLogger("rwt.bridge")
 

@@ -9,14 +9,13 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.record import CALLER
+from rwt.access.gate.record import CALLER, Actor
 from rwt.access.graph_view import STOP, canonical
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import LATCHED
 
 if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
-    from rwt.access.gate.record import Actor
     from rwt_graph.api import Graph, Publisher, Sample, ServiceCall
     from rwt_interfaces.structs import ServiceType
     from rwt_participant.timers import Timer

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
-from rwt.access.audit import one_line
+from rwt.access.audit import Audit, one_line
 from rwt.access.gate.audit.file import AuditFile, encode
 from rwt.access.quotas import RateLimit
 from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from rwt.access.audit import Audit
     from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
     from rwt.access.settings import AuditSettings

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
     from rwt.access.gate.topic import GuardedTopic
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import AsyncGenerator, Awaitable, Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import quote
 
+from rwt.access.client_graph import ClientGraph
+from rwt.access.graph_view import GraphView
 from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.settings import FoxgloveSettings
+from rwt.gateways.foxglove.wire.client_messages import FetchAsset
 from rwt.gateways.foxglove.wire.server_messages import asset, asset_failure
 from rwt_transports.http.routes import HttpRequest, HttpResponse
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.settings import FoxgloveSettings
-    from rwt.gateways.foxglove.wire.client_messages import FetchAsset
 
 SCHEME: Final = "package://"
 PATH: Final = "/packages/"

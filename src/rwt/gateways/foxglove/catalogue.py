@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
+from rwt.access.graph_view import GraphView
 from rwt.gateways.foxglove.wire.payloads import JSON
 from rwt.gateways.foxglove.wire.server_messages import encoded, text, texts
+from rwt_graph.api import TopicInfo
 from rwt_interfaces import field_types
-
-if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
-    from rwt_graph.api import TopicInfo
-    from rwt_interfaces.field_types import FieldType
-    from rwt_interfaces.structs import MessageType, ServiceType
-    from rwt_protocol.frames import Frame
+from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.structs import MessageType, ServiceType
+from rwt_protocol.frames import Frame
 
 SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg"}
 """Encoding of type definitions, by the serialisation of the messages."""

@@ -12,7 +12,7 @@ from rwt.delivery.counters import UNKNOWN
 from rwt.delivery.drop_notices import NoticeFlow
 from rwt.gateways.base import ConnectedClient
 from rwt.gateways.foxglove.assets import Assets
-from rwt.gateways.foxglove.catalogue import Connections
+from rwt.gateways.foxglove.catalogue import Connections, ListingChange, RoleListing
 from rwt.gateways.foxglove.errors import FoxgloveError, InvalidFrame, NotPossible
 from rwt.gateways.foxglove.parameters import ParameterRequests
 from rwt.gateways.foxglove.playback import PlaybackControl
@@ -23,14 +23,12 @@ from rwt.gateways.foxglove.subscriptions import Subscriptions
 from rwt.gateways.foxglove.wire import client_messages as said
 from rwt.gateways.foxglove.wire.server_messages import Level, status
 from rwt_participant.errors import RobotError
-from rwt_transports.endpoint import FlowRules
+from rwt_transports.endpoint import FlowRules, PeerInfo, Sink
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.roles import Role
-    from rwt.gateways.foxglove.catalogue import ListingChange, RoleListing
     from rwt.gateways.foxglove.gateway import FoxgloveGateway
-    from rwt_transports.endpoint import PeerInfo, Sink
 
 _MAX_REASONS: Final = 5
 """Maximum number of errors reported for one message; of the others, only the number is reported."""

@@ -6,33 +6,30 @@ import html
 from collections.abc import Mapping
 from importlib.metadata import version
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from uuid import uuid4
 
+from rwt.access.access import Access
 from rwt.access.graph_view import GraphView
+from rwt.access.roles import Role
 from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
 from rwt.gateways.base import ConnectionGateway
+from rwt.gateways.foxglove.assets import Pages
 from rwt.gateways.foxglove.catalogue import Catalogue, RoleListing
 from rwt.gateways.foxglove.client import FoxgloveClient
 from rwt.gateways.foxglove.parameters import GET, ParameterFeed
-from rwt.gateways.foxglove.playback import state_frame, state_of
+from rwt.gateways.foxglove.playback import PlaybackState, state_frame, state_of
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.foxglove.wire.payloads import encodings
 from rwt.gateways.foxglove.wire.server_messages import server_info, time
 from rwt.gateways.visitors import url_of
+from rwt_graph.api import Graph
+from rwt_graph.clock import Playback
+from rwt_participant.timers import Timer
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension, HttpRequest
-
-if TYPE_CHECKING:
-    from rwt.access.access import Access
-    from rwt.access.roles import Role
-    from rwt.gateways.foxglove.assets import Pages
-    from rwt.gateways.foxglove.playback import PlaybackState
-    from rwt_graph.api import Graph
-    from rwt_graph.clock import Playback
-    from rwt_participant.timers import Timer
-    from rwt_protocol.frames import Frame
-    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 NODE: Final = "/foxglove_bridge"
 """Absolute name of the node as which all clients act."""

@@ -12,27 +12,25 @@ from base64 import b64decode
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeGuard
+from typing import Any, Final, TypeGuard
 
 from msgspec import UNSET
 
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
+from rwt.delivery.shared_graph import SharedGraph
 from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
 from rwt.gateways.foxglove.wire.server_messages import Level, text
+from rwt_graph.api import Sample, Subscription
 from rwt_graph.parameters.values import decode
+from rwt_interfaces.distro import Distro
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, NotFound, RobotError
 from rwt_participant.qos import QoS
+from rwt_participant.timers import Timer
 from rwt_transports.turns import CLIENT_SECONDS, Turns
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.delivery.shared_graph import SharedGraph
-    from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
-    from rwt_graph.api import Sample, Subscription
-    from rwt_interfaces.distro import Distro
-    from rwt_participant.timers import Timer
 
 LIST: Final = "/rosapi/get_param_names"
 GET: Final = "/rosapi/get_param"

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
 from rwt.gateways.foxglove.wire.server_messages import Level, PlaybackStatus, playback_state
+from rwt_graph.clock import Playback
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, RobotError
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
-    from rwt_graph.clock import Playback
-    from rwt_protocol.frames import Frame
+from rwt_protocol.frames import Frame
 
 _SAME_SPEED: Final = 1e-6
 """Two speeds this close are the same: the protocol has 32 bits for one."""

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
+from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.wire.client_messages import ClientChannel, MessageData
 from rwt.gateways.foxglove.wire.payloads import check_encoding, is_long, long_payload, payload_of
 from rwt.gateways.foxglove.wire.server_messages import Level
 from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
-    from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.wire.client_messages import ClientChannel, MessageData
-    from rwt_interfaces.payload import Payload
 
 
 class _Announced(NamedTuple):

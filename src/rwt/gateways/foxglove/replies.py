@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
 
 from rwt.gateways.base import ControlLane
 from rwt.gateways.foxglove.wire.server_messages import Level, status
-
-if TYPE_CHECKING:
-    from rwt_protocol.frames import Frame
+from rwt_protocol.frames import Frame
 
 _LOG_LEVELS = {Level.INFO: logging.DEBUG, Level.WARNING: logging.INFO, Level.ERROR: logging.WARNING}
 

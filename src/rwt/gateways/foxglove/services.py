@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
+from rwt.gateways.foxglove.catalogue import OfferedService
 from rwt.gateways.foxglove.errors import FoxgloveError, NotPossible
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.wire.client_messages import ServiceCallRequest
 from rwt.gateways.foxglove.wire.payloads import check_encoding, in_encoding, is_long, long_payload, payload_of
 from rwt.gateways.foxglove.wire.server_messages import service_call_failure, service_call_response
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ServiceType
 from rwt_participant.errors import CallFailed, RobotError
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.foxglove.catalogue import OfferedService
-    from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.wire.client_messages import ServiceCallRequest
-    from rwt_interfaces.structs import ServiceType
 
 
 class ServiceCalls:

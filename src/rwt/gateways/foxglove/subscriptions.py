@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.access.client_graph import ClientGraph
 from rwt.delivery.drop_notices import DropNotices, NoticeFlow
+from rwt.delivery.fanout import Fanout
 from rwt.delivery.throttle import Room, Throttle, rules_as_published
+from rwt.gateways.foxglove.catalogue import TopicChannel
 from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.wire.client_messages import ChannelSubscription
 from rwt.gateways.foxglove.wire.server_messages import Level, message_data, status, subscription_number
 from rwt_protocol.codecs import Encoding
-from rwt_transports.endpoint import DropReason
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.delivery.fanout import Fanout
-    from rwt.gateways.foxglove.catalogue import TopicChannel
-    from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.wire.client_messages import ChannelSubscription
-    from rwt_protocol.frames import Burst, Frame
-    from rwt_protocol.payloads import PublishedMessage
-    from rwt_transports.endpoint import Flow
+from rwt_protocol.frames import Burst, Frame
+from rwt_protocol.payloads import PublishedMessage
+from rwt_transports.endpoint import DropReason, Flow
 
 
 def _serialised(sample: PublishedMessage) -> Frame:

@@ -4,30 +4,25 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.access.errors import QuotaExceeded
+from rwt.access.graph_view import GraphView
 from rwt.gateways.http.calls import WAITING, Kept, KeptTable, approval_body
-from rwt.gateways.http.clients import ReaderStream
+from rwt.gateways.http.clients import Clients, HttpClient, ReaderStream
 from rwt.gateways.http.events import event, payload_event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
-from rwt_graph.api import GoalEvents
+from rwt.gateways.http.settings import HttpSettings
+from rwt_graph.api import ClientGoal, GoalEvents
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 from rwt_participant.spelling import did_you_mean
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.http.clients import Clients, HttpClient
-    from rwt.gateways.http.settings import HttpSettings
-    from rwt_graph.api import ClientGoal
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ActionType
-    from rwt_transports.endpoint import DropReason
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.endpoint import DropReason
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 PATH: Final = "/api/actions/"
 

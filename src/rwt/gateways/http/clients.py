@@ -7,26 +7,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 from urllib.parse import unquote
 
+from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import QuotaExceeded
-from rwt.access.graph_view import STOP, canonical
+from rwt.access.graph_view import STOP, GraphView, canonical
+from rwt.access.roles import Role
+from rwt.gateways.base import Gateway
 from rwt.gateways.http import problems
 from rwt.gateways.http.events import EventQueue
 from rwt.gateways.http.representations import EVENTS
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
+from rwt_transports.endpoint import DropReason, PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.access.graph_view import GraphView
-    from rwt.access.roles import Role
-    from rwt.gateways.base import Gateway
-    from rwt_transports.endpoint import DropReason, PeerInfo
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
 

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 
 from rwt.gateways.http.representations import json_of
+from rwt_interfaces.payload import Payload
 from rwt_protocol.codecs import Encoding
-from rwt_protocol.frames import Frame
-from rwt_transports.endpoint import DropReason
-
-if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_protocol.frames import Buffer, Burst
-    from rwt_protocol.payloads import PublishedMessage
-    from rwt_transports.endpoint import FlowRules
+from rwt_protocol.frames import Buffer, Burst, Frame
+from rwt_protocol.payloads import PublishedMessage
+from rwt_transports.endpoint import DropReason, FlowRules
 
 KEEP_ALIVE_SECONDS: Final = 15.0
 """Idle time after which a comment is sent, so that proxies keep the connection open, in seconds."""

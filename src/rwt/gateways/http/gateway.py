@@ -8,29 +8,32 @@ from functools import lru_cache, partial
 from importlib.metadata import version
 from importlib.resources import files
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import msgspec
 
+from rwt.access.access import Access
+from rwt.access.graph_view import GraphView
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import Gateway
-from rwt.gateways.http import actions, openapi, parameters, services, topics
-from rwt.gateways.http.clients import Clients, page, presses_stop
+from rwt.gateways.http import actions, parameters, services, topics
+from rwt.gateways.http.clients import Clients, Handler, page, presses_stop
 from rwt.gateways.http.problems import KINDS, HttpProblem, refusal
 from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
 from rwt.gateways.http.requests import Query, text_below
-from rwt.gateways.http.schemas import document
+from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.visitors import url_of
+from rwt_graph.api import Graph
 from rwt_participant.spelling import nearest
-from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, MetricFamily, Route, page_policy
-
-if TYPE_CHECKING:
-    from rwt.access.access import Access
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.http.clients import Handler
-    from rwt.gateways.http.settings import HttpSettings
-    from rwt_graph.api import Graph
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.routes import (
+    Audience,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Route,
+    page_policy,
+)
 
 GATEWAY_NODE: Final = "/http_bridge"
 """Absolute name of the node as which all HTTP clients act."""
@@ -167,6 +170,8 @@ class HttpGateway(Gateway):
 
     def _openapi(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Return the OpenAPI document, rebuilt after changes."""
+        from rwt.gateways.http import openapi  # Only a few tools and developers read it.
+
         Query(request)
         media = chosen(request, (JSON, OPENAPI_JSON.partition(";")[0]))
         key = (reader.role.name, request.prefix)
@@ -228,6 +233,8 @@ def _not_allowed(allowed: str, request: HttpRequest, reader: GraphView) -> HttpR
 
 
 def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
+    from rwt.gateways.http.schemas import document  # As the OpenAPI document.
+
     Query(request)
     message = reader.registry.message(text_below(request, _TYPES, "type"))
     return value_response(request, document(message), media=SCHEMA_JSON)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.access.graph_view import GraphView
 from rwt.gateways.http import actions, calls, parameters, topics
 from rwt.gateways.http.problems import CONTENT_TYPE as PROBLEM
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON
 from rwt.gateways.http.schemas import Schema, Schemas
-
-if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.http.settings import HttpSettings
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt.gateways.http.settings import HttpSettings
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_]+")
 

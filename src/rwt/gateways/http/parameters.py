@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 
+from rwt.access.graph_view import GraphView
 from rwt.gateways.http.calls import HttpCall
+from rwt.gateways.http.clients import Clients
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import value_response
 from rwt.gateways.http.requests import Query, text_below, value_of
+from rwt.gateways.http.services import ServicePages
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ServiceFailed
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.http.clients import Clients
-    from rwt.gateways.http.services import ServicePages
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 PATH: Final = "/api/parameters/"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -17,6 +17,7 @@ from rwt.access.errors import (
     OriginRefused,
     QuotaExceeded,
 )
+from rwt.access.graph_view import GraphView
 from rwt.delivery.shared_publishers import IncompatiblePolicies
 from rwt_graph.errors import InvalidGraphName, TypeConflict
 from rwt_participant.errors import (
@@ -33,12 +34,8 @@ from rwt_participant.errors import (
     UnknownType,
 )
 from rwt_participant.spelling import did_you_mean
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
-    from rwt_transports.errors import Refused
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.errors import Refused
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 CONTENT_TYPE: Final = "application/problem+json"
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import msgspec
 
 from rwt.gateways.http.problems import HttpProblem
 from rwt_interfaces.payload import Payload
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 JSON: Final = "application/json"
 CBOR: Final = "application/cbor"

@@ -5,29 +5,27 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import parse_qs, unquote
 
 import msgspec
 
+from rwt.access.graph_view import GraphView
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, JSON
+from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
 from rwt_graph.names import resolve
 from rwt_interfaces.errors import InvalidMessage, NotExact
 from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import require_quick_numbers
 from rwt_interfaces.steps import finished
+from rwt_interfaces.structs import MessageType
 from rwt_protocol.codecs import cbor_codec
 from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded
+from rwt_transports.http.routes import HttpRequest
 from rwt_transports.turns import in_turns
-
-if TYPE_CHECKING:
-    from rwt.access.graph_view import GraphView
-    from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
-    from rwt_interfaces.structs import MessageType
-    from rwt_transports.http.routes import HttpRequest
 
 IN_STEPS: Final = LARGE_BYTES
 """Bytes from which a body is read in steps."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt_interfaces import field_types
-
-if TYPE_CHECKING:
-    from rwt_interfaces.field_types import FieldType, Slot
-    from rwt_interfaces.structs import MessageType
+from rwt_interfaces.field_types import FieldType, Slot
+from rwt_interfaces.structs import MessageType
 
 Schema = dict[str, object]
 

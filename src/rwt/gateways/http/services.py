@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Awaitable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.access.graph_view import GraphView
 from rwt.gateways.http.calls import PATH, HttpCall, KeptTable, notice_headers, preferred_wait
+from rwt.gateways.http.clients import Clients
 from rwt.gateways.http.problems import CallWaits, HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
+from rwt.gateways.http.settings import HttpSettings
+from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ProviderNotFound
 from rwt_participant.spelling import did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Awaitable
-
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.http.clients import Clients
-    from rwt.gateways.http.settings import HttpSettings
-    from rwt_interfaces.payload import Payload
-    from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 _CALL: Final = re.compile(r"/calls/([0-9a-f]{32})\Z")
 

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
 
+from rwt.access.access import Access
+from rwt.access.client_graph import ClientGraph, ClientPublisher
+from rwt.access.graph_view import GraphView
 from rwt.delivery.drop_notices import DropNotices
 from rwt.delivery.throttle import Room, Throttle
-from rwt.gateways.http.clients import ReaderStream
+from rwt.gateways.http.clients import Clients, HttpClient, ReaderStream
 from rwt.gateways.http.events import SAMPLES, event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
 from rwt.gateways.http.requests import IN_STEPS, Query, name_and_type, name_below, payload_of
-from rwt_participant.qos import LATCHED, Durability
-from rwt_transports.http.routes import HttpResponse
-
-if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
-
-    from rwt.access.access import Access
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
-    from rwt.access.graph_view import GraphView
-    from rwt.gateways.http.clients import Clients, HttpClient
-    from rwt.gateways.http.settings import HttpSettings
-    from rwt_graph.api import Sample
-    from rwt_participant.qos import QoS
-    from rwt_transports.endpoint import DropReason
-    from rwt_transports.http.routes import HttpRequest
+from rwt.gateways.http.settings import HttpSettings
+from rwt_graph.api import Sample
+from rwt_participant.qos import LATCHED, Durability, QoS
+from rwt_transports.endpoint import DropReason
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 PATH: Final = "/api/topics/"
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import anyio
+from anyio.abc import TaskGroup
 
 from rwt.gateways.visitors import Metered
 from rwt_transports.asgi.exchange import Exchange, ResponseBody, scope_of
-from rwt_transports.http.routes import TEXT, HttpResponse
-
-if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
-
-    from rwt_transports.asgi.types import App
-    from rwt_transports.http.routes import HttpRequest
+from rwt_transports.asgi.types import App
+from rwt_transports.http.routes import TEXT, HttpRequest, HttpResponse
 
 _EVENTS: Final = "text/event-stream"
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rwt.access.client_graph import ClientGraph
 from rwt_graph import api
+from rwt_graph.api import Graph, Sample, ServerGoal, ServiceCall
 from rwt_graph.names import resolve
 from rwt_graph.nodes.goals import GraphGoal
 from rwt_graph.nodes.graph_robot import GraphVerbs
+from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.errors import InvalidMessage, ProviderNotFound
 from rwt_participant.future import Future
@@ -19,10 +21,6 @@ from rwt_participant.goals import Goal
 from rwt_participant.messages import Message, MessageLike
 from rwt_participant.qos import DEFAULT_QOS, QoS
 from rwt_participant.rosapi_parameters import RosapiParameters
-
-if TYPE_CHECKING:
-    from rwt_graph.api import Graph, Sample, ServerGoal, ServiceCall
-    from rwt_interfaces.payload import Payload
 
 logger = logging.getLogger(__name__)
 

@@ -25,11 +25,11 @@ from pydantic import ValidationError
 
 from rwt.access.audit import LineRate, one_line
 from rwt.access.errors import AccessError
-from rwt.access.graph_view import STOP, canonical
-from rwt.access.roles import glob_pattern
+from rwt.access.graph_view import STOP, GraphView, canonical
+from rwt.access.roles import Role, glob_pattern
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import MAX_STOP_BYTES, Gateway
-from rwt.gateways.mcp.agent import Agent, note_once
+from rwt.gateways.mcp.agent import Act, Agent, Allow, Recordings, note_once
 from rwt.gateways.mcp.asgi import AgentExchange
 from rwt.gateways.mcp.client_robot import ClientRobot
 from rwt.gateways.mcp.errors import ToolError
@@ -61,9 +61,6 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.gate import Gate
-    from rwt.access.graph_view import GraphView
-    from rwt.access.roles import Role
-    from rwt.gateways.mcp.agent import Act, Allow, Recordings
     from rwt.gateways.mcp.content.answer import Answer
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_graph.api import Graph

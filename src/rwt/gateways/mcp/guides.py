@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from rwt.gateways.mcp.agent import Agent
+from rwt.gateways.mcp.content.answer import Answer, Parts
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools import TOOLS
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
-    from rwt.gateways.mcp.content.answer import Answer, Parts
 
 INSTRUCTIONS: Final = """\
 This is a robot. Start with `list_robot`; `describe_type` shows the fields of messages, services and actions.

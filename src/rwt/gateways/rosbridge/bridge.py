@@ -4,40 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter
-from typing import TYPE_CHECKING, Final, Never, TypeVar
+from typing import Final, Never, TypeVar
 
 from rwt.access.access import Access
+from rwt.access.admission import Admission
 from rwt.access.errors import AccessError, NotAuthenticated
+from rwt.access.roles import Role
 from rwt.access.settings import SettingsError
 from rwt.gateways.base import ConnectionGateway
+from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
 from rwt.gateways.rosbridge.ops import actions, services, topics
+from rwt.gateways.rosbridge.ops.offers import Offers
 from rwt.gateways.rosbridge.peer import Peer
+from rwt.gateways.rosbridge.settings import BridgeSettings
+from rwt_graph.api import Graph, Participant, Publisher
+from rwt_graph.clock import Clock
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
 from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
+from rwt_participant.timers import Timer
 from rwt_protocol import ops
 from rwt_protocol.codecs import CODECS, Encoding, bson_codec, encoding_of
 from rwt_protocol.codecs.base import Codec
-from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.dispatcher import Dispatcher, Steps
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.websocket.close_codes import POLICY
-
-if TYPE_CHECKING:
-    from rwt.access.admission import Admission
-    from rwt.access.roles import Role
-    from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
-    from rwt.gateways.rosbridge.ops.offers import Offers
-    from rwt.gateways.rosbridge.settings import BridgeSettings
-    from rwt_graph.api import Graph, Participant, Publisher
-    from rwt_graph.clock import Clock
-    from rwt_interfaces.registry import Registry
-    from rwt_participant.timers import Timer
-    from rwt_protocol.dispatcher import Steps
-    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
-
 
 P = TypeVar("P")
 _Handlers = Mapping[type[ops.Op], Callable[[Peer, Never], "Steps | None"]]

@@ -6,13 +6,11 @@ import re
 import sys
 import threading
 from importlib import import_module
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.gateways.base import LARGE_BYTES
+from rwt_protocol.frames import Buffer
 from rwt_protocol.limits import has_more_brackets
-
-if TYPE_CHECKING:
-    from rwt_protocol.frames import Buffer
 
 _NUMBERS: Final = re.compile(rb"\xd8[\x41-\x57]")
 """CBOR tags of typed arrays except octets (RFC 8746)."""

@@ -19,7 +19,7 @@ from rwt_participant.errors import RobotError
 from rwt_protocol.codecs.quick_frames import PUBLISH_STARTS, UsualCall, split_call, split_publish
 from rwt_protocol.errors import ProtocolError, Refused
 from rwt_protocol.ops import OPS, Auth, CallService, Op, SendActionGoal, Status
-from rwt_protocol.session import Refusal
+from rwt_protocol.session import Refusal, Session
 from rwt_transports.turns import CLIENT_SECONDS
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt_protocol.dispatcher import Steps
-    from rwt_protocol.session import Session
     from rwt_transports.endpoint import PeerInfo, Sink
 
 

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rwt.gateways.base import ControlLane
-from rwt_protocol.ops import ActionResult, ServiceResponse, Status
-
-if TYPE_CHECKING:
-    from rwt.gateways.base import ConnectionGateway
-    from rwt_protocol.frames import Frame
-    from rwt_protocol.ops import Op
-    from rwt_protocol.session import Session
-    from rwt_transports.endpoint import PeerInfo, Sink
+from rwt.gateways.base import ConnectionGateway, ControlLane
+from rwt_protocol.frames import Frame
+from rwt_protocol.ops import ActionResult, Op, ServiceResponse, Status
+from rwt_protocol.session import Session
+from rwt_transports.endpoint import PeerInfo, Sink
 
 _LOG_LEVELS = {
     "error": logging.WARNING,

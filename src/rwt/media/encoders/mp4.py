@@ -10,7 +10,6 @@ import re
 import struct
 from typing import Final
 
-TYPE: Final = "video/mp4"
 _TIMESCALE: Final = 1000
 _IDENTITY: Final = struct.pack(">9I", 0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
 #: Flags of a sample: independent; dependent on others and not a sync sample (8.8.3.1).

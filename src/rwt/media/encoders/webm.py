@@ -16,7 +16,6 @@ _UNKNOWN_SIZE: Final = b"\x01\xff\xff\xff\xff\xff\xff\xff"
 #: Maximum length of a cluster, in milliseconds: times of blocks are relative to it, in 16 signed bits.
 _MAX_CLUSTER_MS: Final = 30_000
 _CODECS: Final = {"vp8": b"V_VP8", "vp9": b"V_VP9"}
-TYPE: Final = "video/webm"
 
 
 class Webm:

@@ -11,25 +11,25 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rwt.nodes.recording.channels import combined
-from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, TopicSelection
-from rwt_graph.api import Graph, ServiceCall
+from rwt.nodes.recording.recording import (
+    MessageEncoding,
+    RecordedMessage,
+    RecordedTopic,
+    Recording,
+    TopicSelection,
+)
+from rwt_graph.api import Graph, Participant, Publisher, ServiceCall
 from rwt_graph.names import resolve
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_interfaces.definitions.parser import parse_message
 from rwt_interfaces.names import two_part
+from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 from rwt_participant.errors import RobotError
-
-if TYPE_CHECKING:
-    from rwt.nodes.recording.recording import MessageEncoding, RecordedMessage, RecordedTopic, Recording
-    from rwt_graph.api import Participant, Publisher
-    from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
-
 
 logger = logging.getLogger(__name__)
 

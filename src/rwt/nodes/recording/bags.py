@@ -13,12 +13,19 @@ from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import quote
 
 from msgspec import ValidationError, convert
 from msgspec.structs import replace
-from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat, QosDurability, QosReliability
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag1,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosReliability,
+)
 from rosbags.interfaces import QosHistory as BagHistory
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
@@ -37,10 +44,6 @@ from rwt.nodes.recording.recording import (
 from rwt.nodes.recording.unpacking import too_large, unpack, unpacked_pieces
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_participant.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection, Qos
-
 
 #: Both kinds of bags have 64 bits for a time.
 _END_OF_TIMES_NS: Final = 2**64

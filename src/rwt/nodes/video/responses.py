@@ -6,18 +6,22 @@ from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from html import escape
-from typing import Final
+from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl, urlencode
 
 from rwt.media.broadcast import Viewer
 from rwt.media.encoders.encoded import Encoded, Track
-from rwt.media.encoders.mp4 import Mp4
-from rwt.media.encoders.webm import Webm
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import Jpeg, StreamRequest
 
+if TYPE_CHECKING:
+    from rwt.media.encoders.mp4 import Mp4
+    from rwt.media.encoders.webm import Webm
+
 BOUNDARY: Final = "boundarydonotcross"
 MULTIPART: Final = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+MP4: Final = "video/mp4"
+WEBM: Final = "video/webm"
 
 
 async def multipart(
@@ -88,8 +92,13 @@ async def video_stream(join: Callable[[], Viewer]) -> AsyncGenerator[bytes, None
 
 
 def _container(track: Track) -> Webm | Mp4:
+    """Return the container of a video, whose module few servers need."""
     if track.codec == "h264":
+        from rwt.media.encoders.mp4 import Mp4
+
         return Mp4(track.width, track.height, track.parameters)
+    from rwt.media.encoders.webm import Webm
+
     return Webm(track.codec, track.width, track.height)
 
 

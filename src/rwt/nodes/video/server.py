@@ -13,14 +13,14 @@ import anyio
 
 from rwt.media.broadcast import Broadcast, EncoderThreads, Viewer
 from rwt.media.encoders.encoded import Encoded, Encoder
-from rwt.media.encoders.mp4 import TYPE as MP4
-from rwt.media.encoders.webm import TYPE as WEBM
 from rwt.media.errors import ImageUnreadable, RequestRefused
 from rwt.media.stream_metrics import StreamMetrics
 from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest, Video, read_request
 from rwt.nodes.video.responses import (
+    MP4,
     MULTIPART,
     VIDEO_SCRIPT,
+    WEBM,
     QualityLadder,
     multipart,
     timestamp,

@@ -18,19 +18,27 @@ from rwt.testing.wire.faults import PASS, FaultAction, Faults, Subject
 from rwt.testing.wire.transcript import Transcript, shown_bytes, shown_frame
 from rwt_protocol.codecs import bson_codec
 from rwt_protocol.errors import EncodingUnavailable
-from rwt_protocol.frames import Burst
+from rwt_protocol.frames import Burst, Frame
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.session import Refusal, Session
 from rwt_transports.api import OversizeAware
-from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
+from rwt_transports.endpoint import (
+    AS_MANY_AS_FIT,
+    Accept,
+    DropReason,
+    Endpoint,
+    Flow,
+    FlowRules,
+    PeerInfo,
+    Sink,
+    Traffic,
+)
 from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_graph.clock import Clock
     from rwt_protocol.codecs.base import Codec
-    from rwt_protocol.frames import Frame
-    from rwt_transports.endpoint import Accept, Endpoint, Flow, PeerInfo, Sink, Traffic
 
 
 class ObservedWire:

@@ -14,23 +14,20 @@ from collections.abc import Callable
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from aiortc import RTCRtpSender
+from aiortc import RTCPeerConnection, RTCRtpSender, RTCRtpTransceiver
 from aiortc.clock import current_ntp_time
 from aiortc.mediastreams import MediaStreamError
 from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
-from aiortc.rtp import RTP_HISTORY_SIZE, HeaderExtensions, RtcpRtpfbPacket, RtpPacket, wrap_rtx
+from aiortc.rtp import RTP_HISTORY_SIZE, AnyRtcpPacket, HeaderExtensions, RtcpRtpfbPacket, RtpPacket, wrap_rtx
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
-from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
+from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS, CongestionController, Probe
 from rwt_transports.webrtc.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
 
 if TYPE_CHECKING:
-    from aiortc import RTCPeerConnection, RTCRtpTransceiver
-    from aiortc.rtp import AnyRtcpPacket
     from aiortc.sdp import SessionDescription
 
-    from rwt_transports.webrtc.congestion.controller import CongestionController, Probe
 
 TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-wide-cc-extensions-01"
 TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")

@@ -14,13 +14,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, Final, NamedTuple
 
 import msgspec
 
 if TYPE_CHECKING:
-    from typing import BinaryIO
-
     from rwt.access.settings import AuditSettings
 
 logger: Final = logging.getLogger("rwt.bridge")

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import msgspec
 
 from rwt.access.gate.audit.file import NO_LINE, files_of, hash_of, number_in, traffic_file
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
 
 #: Maximum number of findings that are kept; more are counted.
 _MAX_FINDINGS: Final = 1000

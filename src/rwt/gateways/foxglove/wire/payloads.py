@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt.gateways.foxglove.errors import NotPossible
+from rwt_interfaces.distro import Distro
 from rwt_interfaces.errors import NotExact
 from rwt_interfaces.payload import LARGE_BYTES, Payload
+from rwt_interfaces.structs import MessageType
+from rwt_protocol.frames import Buffer
 from rwt_protocol.limits import has_more_brackets
-
-if TYPE_CHECKING:
-    from rwt_interfaces.distro import Distro
-    from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import Buffer
 
 JSON: Final = "json"
 

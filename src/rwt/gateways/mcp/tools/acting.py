@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
 from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, canonical
+from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.content.answer import Answer, as_text
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, Tool
 from rwt_participant.errors import NotFound, UnknownType
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
-    from rwt_participant.handles import Publisher
+from rwt_participant.handles import Publisher
 
 Fields = Annotated[dict[str, Any], Field(description="field values; omitted fields keep their defaults")]
 

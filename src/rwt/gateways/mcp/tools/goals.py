@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final, NotRequired
+from typing import Annotated, Final, NotRequired
 
 import anyio
 from pydantic import Field
 
+from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
 from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.errors import ToolError
@@ -15,11 +16,8 @@ from rwt.gateways.mcp.tools.acting import Fields
 from rwt.gateways.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, Tool
 from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallTimeout, NotFound
+from rwt_participant.messages import Message
 from rwt_participant.spelling import did_you_mean
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
-    from rwt_participant.messages import Message
 
 #: Seconds between progress reports.
 _REPORT_EVERY: Final = 0.5

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Final, Literal, NotRequired
+from typing import Annotated, Final, Literal, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict
 
+from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
 from rwt_interfaces import field_types
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
-    from rwt_participant.api import Listed
+from rwt_participant.api import Listed
 
 Kind = Literal["topics", "services", "actions", "parameters"]
 

@@ -6,20 +6,18 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NotRequired
+from typing import Annotated, Any, Final, Literal, NotRequired
 
 import anyio
 from pydantic import Field
 from typing_extensions import TypedDict
 
+from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.gateways.mcp.content.plain import field, numeric_fields, plain
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools.tool import Arguments, MessageValue, Name, Seconds, Tool
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
-    from rwt_participant.messages import Message
+from rwt_participant.messages import Message
 
 FieldPath = Annotated[str, Field(min_length=1, max_length=256)]
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from rwt.gateways.mcp.agent import shown
+from rwt.gateways.mcp.agent import Agent, Recordings, shown
 from rwt.gateways.mcp.content.answer import Answer, bounded
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools.tool import Arguments, MessageValue, Name, Tool
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent, Recordings
 
 
 def _recordings(agent: Agent) -> Recordings:

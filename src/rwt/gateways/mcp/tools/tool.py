@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Generic, NotRequired, TypeVar
+from typing import Annotated, Any, Generic, NotRequired, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
+from rwt.gateways.mcp.agent import Act, Agent
+from rwt.gateways.mcp.content.answer import Answer
 from rwt.gateways.mcp.errors import ToolError
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.content.answer import Answer
 
 
 class Arguments(BaseModel):

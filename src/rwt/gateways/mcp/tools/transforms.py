@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Final, NotRequired
+from typing import Annotated, Final, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict
 
+from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.content.answer import Answer, bounded
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
 from rwt_tf2.messages import write_transform
-
-if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
 
 
 class ListFramesArguments(Arguments):

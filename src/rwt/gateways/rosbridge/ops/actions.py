@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never
+from typing import Final, Never
 
+from rwt.access.client_graph import ClientGraph
 from rwt.gateways.rosbridge.ops.offers import Offers, PeerOffers, Provided
 from rwt.gateways.rosbridge.ops.payloads import (
     IN_STEPS,
@@ -16,12 +17,15 @@ from rwt.gateways.rosbridge.ops.payloads import (
     payload_of,
 )
 from rwt.gateways.rosbridge.ops.services import split_suffix
-from rwt_graph.api import GoalEvents
+from rwt.gateways.rosbridge.reply import Replies
+from rwt_graph.api import ClientGoal, GoalEvents, ServerGoal
 from rwt_graph.errors import InvalidTransition
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallFailed, ProviderNotFound
 from rwt_participant.goals import GoalStatus
+from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -32,15 +36,7 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
-from rwt_protocol.payloads import RawJson
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.rosbridge.reply import Replies
-    from rwt_graph.api import ClientGoal, ServerGoal
-    from rwt_interfaces.structs import ActionType
-    from rwt_protocol.dispatcher import Steps
-    from rwt_protocol.payloads import Encodable
+from rwt_protocol.payloads import Encodable, RawJson
 
 #: Paths of the payloads in their ops, for errors.
 _FEEDBACK: Final = "action_feedback.values"

@@ -6,15 +6,13 @@ any connection from the same address and role.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
+from rwt.access.client_graph import ClientGraph
+from rwt.gateways.rosbridge.reply import Replies
 from rwt_graph.names import resolve
+from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.rosbridge.reply import Replies
-    from rwt_protocol.dispatcher import Steps
 
 T = TypeVar("T")
 

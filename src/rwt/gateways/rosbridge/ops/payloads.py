@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import msgspec
 
@@ -11,12 +11,10 @@ from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
 from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import MAX_LENIENT_VALUES, has_many_values
 from rwt_interfaces.steps import finished
+from rwt_interfaces.structs import MessageType
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import EMPTY, FEW_BYTES, Decoded, Encodable, RawJson
-
-if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
 
 IN_STEPS: Final = LARGE_BYTES
 """Minimum size of a payload that is checked in steps, in bytes."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from rwt.delivery.throttle import rules_as_published
+from rwt_graph.api import EndpointInfo
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
+from rwt_protocol import ops
+from rwt_protocol.ops.topics import Qos
 from rwt_transports.endpoint import AS_MANY_AS_FIT, FlowRules
-
-if TYPE_CHECKING:
-    from rwt_graph.api import EndpointInfo
-    from rwt_protocol import ops
-    from rwt_protocol.ops.topics import Qos
 
 _DEFAULT = QoS()
 

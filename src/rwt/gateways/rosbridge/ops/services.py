@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never
+from typing import Final, Never
 
+from rwt.access.client_graph import ClientGraph
 from rwt.gateways.rosbridge.ops.offers import Offers, PeerOffers, Provided
 from rwt.gateways.rosbridge.ops.payloads import (
     IN_STEPS,
@@ -15,8 +16,14 @@ from rwt.gateways.rosbridge.ops.payloads import (
     payload_in_steps,
     payload_of,
 )
+from rwt.gateways.rosbridge.reply import Replies
+from rwt_graph.api import ServiceCall
 from rwt_graph.names import resolve
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import ServiceType
 from rwt_participant.errors import CallFailed, ProviderNotFound
+from rwt_protocol.codecs.quick_frames import UsualCall, UsualResponse
+from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import (
     AdvertiseService,
@@ -25,17 +32,7 @@ from rwt_protocol.ops import (
     ServiceResponse,
     UnadvertiseService,
 )
-from rwt_protocol.payloads import RawJson
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.rosbridge.reply import Replies
-    from rwt_graph.api import ServiceCall
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ServiceType
-    from rwt_protocol.codecs.quick_frames import UsualCall, UsualResponse
-    from rwt_protocol.dispatcher import Steps
-    from rwt_protocol.payloads import Encodable
+from rwt_protocol.payloads import Encodable, RawJson
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
 
+from rwt.access.client_graph import ClientGraph
 from rwt.delivery.drop_notices import DeadlineWatch, DropNotices, NoticeFlow
+from rwt.delivery.fanout import EncodedStream, Fanout
 from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.rosbridge.ops.qos import history_depth, qos_request
+from rwt.gateways.rosbridge.reply import Replies
+from rwt_protocol import ops
+from rwt_protocol.codecs import Encoding
 from rwt_protocol.ops import Status
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
-    from rwt.delivery.fanout import EncodedStream, Fanout
-    from rwt.gateways.rosbridge.reply import Replies
-    from rwt_protocol import ops
-    from rwt_protocol.codecs import Encoding
 
 #: Maximum throttle rate in milliseconds (three hundred centuries); larger ones count as this.
 _LONGEST_THROTTLE = 10**15

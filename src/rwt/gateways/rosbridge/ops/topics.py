@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never
+from typing import Final, Never
 
-from rwt.access.client_graph import UnknownTopicType
+from rwt.access.client_graph import ClientGraph, ClientPublisher, UnknownTopicType
+from rwt.delivery.fanout import Fanout
+from rwt.delivery.shared_publishers import Lacks
 from rwt.delivery.throttle import Room
 from rwt.gateways.rosbridge.ops.payloads import IN_STEPS, payload_in_steps, payload_of
 from rwt.gateways.rosbridge.ops.qos import incompatible_policies, publisher_qos
 from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
+from rwt.gateways.rosbridge.reply import Replies
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.serialise.json import REJECTIONS
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.missing_fields import missing_fields
+from rwt_protocol.codecs import Encoding
+from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
-
-if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph, ClientPublisher
-    from rwt.delivery.fanout import Fanout
-    from rwt.delivery.shared_publishers import Lacks
-    from rwt.gateways.rosbridge.reply import Replies
-    from rwt_interfaces.structs import MessageType
-    from rwt_protocol.codecs import Encoding
-    from rwt_protocol.dispatcher import Steps
-
 
 #: Maximum number of spellings under which one client subscribes to one topic, such as `/a`, `a` and `//a`.
 _MAX_SPELLINGS: Final = 4
