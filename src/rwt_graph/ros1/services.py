@@ -16,6 +16,7 @@ from rwt_graph.memory.tables import NodeResources
 from rwt_graph.ros1.registrar import Registration
 from rwt_graph.ros1.wire.links import exchange_headers, open_link
 from rwt_graph.ros1.wire.rpc import address_of
+from rwt_graph.ros1.wire.sockets import Frame
 from rwt_graph.ros1.wire.tcpros import length_prefix
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -99,7 +100,7 @@ class ServiceOffer:
         is_failed = isinstance(answer, CallFailed)
         parts = (str(answer).encode(),) if isinstance(answer, CallFailed) else answer.serialised_parts()
         head = (b"\0" if is_failed else b"\1") + length_prefix(sum(map(len, parts)))
-        link.stream.send((head, *parts))
+        link.stream.send(Frame((head, *parts)))
         if link.header.get("persistent", "").lower() not in ("1", "true"):
             self._links.discard(link)
             link.finish()
@@ -253,7 +254,7 @@ class Ros1Services:
             await exchange_headers(link, fields)
             link.on_frame, link.on_close = on_response, on_close
             parts = call.request.serialised_parts()
-            link.stream.send((length_prefix(sum(map(len, parts))), *parts))
+            link.stream.send(Frame((length_prefix(sum(map(len, parts))), *parts)))
             if link.closed.is_set():
                 on_close(link)
             await answered.wait()

@@ -60,6 +60,7 @@ class WireTypes:
         )
         if len(definition) > _DEFINITION_CHARS or lines > _DEFINITION_LINES:
             raise WireError(f"the definition of {name[:80]} is too large")
+        lines += 1  # For the message itself.
         if self._lines + lines > _ALL_LINES:
             raise WireError(f"the definition of {name[:80]} is not used: {_ALL_LINES} lines of others are")
         parts = _parts(name, definition)
