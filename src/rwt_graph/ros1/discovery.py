@@ -42,8 +42,12 @@ _PATIENT_READINGS: Final = 4
 _MOST_ENDPOINTS: Final = 30_000
 _MOST_SERVICES: Final = 10_000
 _AT_ONCE: Final = 100
+_ENTRIES_AT_ONCE: Final = 1000
 _MOST_WAITING: Final = 200
 _MOST_CHECKED: Final = 100
+
+#: Maximum nodes of one topic or service.
+_MOST_NODES: Final = 2000
 
 _ADVICE: Final = "Set ROS_IP to an address of this host that the robot reaches, and let no firewall block it."
 
@@ -62,7 +66,7 @@ class State:
     services: dict[str, list[str]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, value: object) -> State:
+    async def of(cls, value: object) -> State:
         """Return the tables in a response of `getSystemState`.
 
         Raises:
@@ -70,7 +74,16 @@ class State:
         """
         match value:
             case [list(publishers), list(subscribers), list(services)]:
-                return cls(*(dict(_entries(each)) for each in (publishers, subscribers, services)))
+                state = cls()
+                for table, entries in (
+                    (state.publishers, publishers),
+                    (state.subscribers, subscribers),
+                    (state.services, services),
+                ):
+                    for start in range(0, len(entries), _ENTRIES_AT_ONCE):
+                        table.update(_entries(entries[start : start + _ENTRIES_AT_ONCE]))
+                        await anyio.sleep(0)
+                return state
         raise Ros1Error("the master's response to getSystemState is malformed")
 
     def endpoints(self) -> Iterator[Key]:
@@ -85,7 +98,7 @@ def _entries(table: list[object]) -> Iterator[tuple[str, list[str]]]:
     for entry in table:
         match entry:
             case [str(name), list(nodes)]:
-                yield name, [node for node in nodes if isinstance(node, str)]
+                yield name, [node for node in nodes[:_MOST_NODES] if isinstance(node, str)]
 
 
 class Discovery:
@@ -121,7 +134,7 @@ class Discovery:
         session, began = self._session, time.monotonic()
         raw = await rpc.fetch(session.master, "getSystemState", "/rwt")
         if raw != self._raw:
-            self._state = State.of(await rpc.value_of(session.master, "getSystemState", raw))
+            self._state = await State.of(await rpc.value_of(session.master, "getSystemState", raw))
             types = await session.call_master("getTopicTypes", "/rwt")
             if not isinstance(types, list):
                 raise Ros1Error("the master's response to getTopicTypes is malformed")

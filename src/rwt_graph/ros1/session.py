@@ -32,6 +32,9 @@ _NAME_TAKEN: Final = "new node registered with same name"
 _MOST_WARNINGS: Final = 50
 _WARNING_SECONDS: Final = 1.0
 
+#: Seconds between attempts to connect publishers.
+_ATTEMPT_SECONDS: Final = 0.002
+
 
 class Session:
     """Membership of one graph in ROS 1.
@@ -53,7 +56,7 @@ class Session:
         self.address = address
         self.sockets = Sockets(graph)
         self._warnings: dict[str, None] = {}
-        self._next_warning = 0.0
+        self._next_warning = self._next_attempt = 0.0
         self.types = WireTypes(graph.registry)
         self.nodes: dict[str, Ros1Node] = {}
         self.registrar = Registrar(self)
@@ -103,6 +106,13 @@ class Session:
         """Close connections of peers that are silent."""
         for node in (self.monitor, *self.nodes.values()):
             node.sweep()
+
+    async def wait_to_connect(self) -> None:
+        """Wait until another publisher may be connected: many at once would hold the event loop."""
+        now = time.monotonic()
+        self._next_attempt = max(now, self._next_attempt + _ATTEMPT_SECONDS)
+        if self._next_attempt > now:
+            await anyio.sleep(self._next_attempt - now)
 
     def warn_once(self, text: str) -> None:
         """Log a text, unless it was logged lately, or others fill the log."""

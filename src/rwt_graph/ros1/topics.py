@@ -37,14 +37,11 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 #: Maximum publishers of one topic that are connected.
-_MOST_PUBLISHERS: Final = 500
+_MOST_PUBLISHERS: Final = 200
 
 #: Seconds before a publisher is connected again: at first, and at most.
 _SHORTEST_DELAY: Final = 0.25
 _LONGEST_DELAY: Final = 30.0
-
-#: Seconds between the first connections to two publishers.
-_BETWEEN_SECONDS: Final = 0.005
 
 #: Seconds in which a new publication keeps messages for subscribers that are about to connect, as rosbridge
 #: does (ADV-08), and maximum number and bytes of these messages.
@@ -193,10 +190,9 @@ class Subscription:
         wanted = set(islice(uris, _MOST_PUBLISHERS)) - self._session.own_uris()
         for uri in self._publishers.keys() - wanted:
             self._publishers.pop(uri).cancel()
-        for number, uri in enumerate(sorted(wanted - self._publishers.keys())):
+        for uri in sorted(wanted - self._publishers.keys()):
             scope = self._publishers[uri] = anyio.CancelScope()
-            connect = partial(self._keep_connected, uri, scope, number * _BETWEEN_SECONDS)
-            self._session.sockets.spawn(connect, f"{self.name} at {uri}")
+            self._session.sockets.spawn(partial(self._keep_connected, uri, scope), f"{self.name} at {uri}")
 
     def follow_also(self, uris: Iterable[str]) -> bool:
         """Connect to publishers of which no update came; returns False if all are known."""
@@ -206,12 +202,11 @@ class Subscription:
             self.follow(missing | self._publishers.keys())
         return bool(missing)
 
-    async def _keep_connected(self, uri: str, scope: anyio.CancelScope, wait: float) -> None:
+    async def _keep_connected(self, uri: str, scope: anyio.CancelScope) -> None:
         delay = _SHORTEST_DELAY
         with scope:
-            if wait:
-                await anyio.sleep(wait)
             while True:
+                await self._session.wait_to_connect()
                 try:
                     await self._connect(uri)
                     delay = _SHORTEST_DELAY

@@ -35,6 +35,8 @@ class WireTypes:
 
     def known(self, name: str) -> MessageType | None:
         """Return the type of that name in the registry; None if it is unknown."""
+        if self._registry.known_definition(name) is None:
+            return None
         try:
             return self._registry.message(name)
         except InterfaceError:

@@ -97,7 +97,11 @@ def suffered(attack: str) -> Damage:
                     assert not reader.is_alive(), "no honest publisher is heard"
                     program.kill()
                 if len(sys.argv) > 1:
-                    sys.stderr.write(server.log.read_text().partition("client 3 joined")[2][: int(__import__("os").environ.get("SHOW", "0"))])
+                    sys.stderr.write(
+                        server.log.read_text().partition("client 3 joined")[2][
+                            : int(__import__("os").environ.get("SHOW", "0"))
+                        ]
+                    )
                 return found[0]
 
 
