@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _MAX_DEFERRED: Final = 8
-"""Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once, or dropped if another
-program sends them."""
+"""Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once, or dropped if
+another program sends them."""
 
 
 class DeferredSends:

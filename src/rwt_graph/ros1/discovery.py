@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.memory.topics import RemoteEndpoint, TransientLocalCache
@@ -20,12 +20,11 @@ from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.ros1.registrar import Registration
     from rwt_graph.ros1.services import Ros1Services
     from rwt_graph.ros1.session import Session
     from rwt_graph.ros1.topics import Ros1Topics
     from rwt_interfaces.structs import MessageType
-
-logger = logging.getLogger(__name__)
 
 #: Seconds between two readings of the master's tables.
 _POLL_SECONDS: Final = 1.0
@@ -82,7 +81,7 @@ class State:
                 ):
                     for start in range(0, len(entries), _ENTRIES_AT_ONCE):
                         table.update(_entries(entries[start : start + _ENTRIES_AT_ONCE]))
-                        await anyio.sleep(0)
+                        await anyio.lowlevel.checkpoint()
                 return state
         raise Ros1Error("the master's response to getSystemState is malformed")
 
@@ -119,6 +118,7 @@ class Discovery:
         self._probes = anyio.CapacityLimiter(_MOST_PROBES)
         self._probed: dict[object, float] = {}
         self._missing: dict[Key, int] = {}
+        self._unlisted: set[Registration] = set()
 
     async def run(self) -> None:
         """Read the master's tables until the task is cancelled."""
@@ -151,13 +151,13 @@ class Discovery:
         for number, key in enumerate(listed, 1):
             self._add(key, types.get(key[0], "*"))
             if number % _AT_ONCE == 0:
-                await anyio.sleep(0)
+                await anyio.lowlevel.checkpoint()
         # A publisher that connected meanwhile may not be in the tables that were read.
         left = [key for key, (_, joined) in self._endpoints.items() if key not in found and joined < began]
         for number, key in enumerate(left, 1):
             self._leave(key)
             if number % _AT_ONCE == 0:
-                await anyio.sleep(0)
+                await anyio.lowlevel.checkpoint()
         services = islice(
             ((name, nodes[-1]) for name, nodes in self._state.services.items() if nodes), _MOST_SERVICES
         )
@@ -278,16 +278,13 @@ class Discovery:
             "Subscriber": self._state.subscribers,
             "Service": self._state.services,
         }
-        for each in self._session.registrar.confirmed:
-            if each.node.name not in tables[each.kind].get(each.name, ()):
-                self._missing[each.name, each.node.name, True] = count = (
-                    self._missing.get((each.name, each.node.name, True), 0) + 1
-                )
-                if count >= 2:  # A registration may be newer than the tables.
-                    logger.warning("the ROS 1 master has no registrations of this process: all are repeated")
-                    self._missing.clear()
-                    self._session.on_forgotten()
-                    return
+        confirmed = self._session.registrar.confirmed
+        lost = {each for each in confirmed if each.node.name not in tables[each.kind].get(each.name, ())}
+        if lost & self._unlisted:  # For two readings: a registration may be newer than the tables.
+            self.warn_once("the ROS 1 master has no registrations of this process: all are repeated")
+            lost.clear()
+            self._session.on_forgotten()
+        self._unlisted = lost
 
     async def _check_connections(self) -> None:
         """Report nodes that cannot connect back, and find publishers without the master's updates."""

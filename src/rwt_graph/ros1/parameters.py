@@ -10,6 +10,7 @@ from math import inf
 from typing import TYPE_CHECKING, Final
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.parameters.tree import ParameterTree
@@ -130,7 +131,7 @@ class MasterParameters(ParameterTree):
             super().delete(key)
         for key, value in tables.items():
             self._apply(f"/{key}", value)
-            await anyio.sleep(0)
+            await anyio.lowlevel.checkpoint()
         for name, value in lost.items():
             super().set(name, value)
             self._request("setParam", name)

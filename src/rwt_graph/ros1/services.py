@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.api import ServiceInfo
 from rwt_graph.errors import Ros1Error, WireError
@@ -304,7 +305,7 @@ async def _decoded_in_steps(type: MessageType, body: bytes | memoryview) -> Payl
             return payload
         except InvalidMessage as error:
             return error
-        await anyio.sleep(0)
+        await anyio.lowlevel.checkpoint()
 
 
 def _expect_status(link: Link) -> None:

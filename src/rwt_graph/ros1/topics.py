@@ -91,8 +91,9 @@ class Publication:
         header = link.header
         if header["md5sum"] not in ("*", self.type.md5):
             self._discovery.warn_once(
-                f"node {link.caller[:200]} cannot subscribe to {self.name}: its {header.get('type', 'type')[:200]}"
-                f" has the MD5 sum {header['md5sum'][:32]}, that of {self._node.name} has {self.type.md5};"
+                f"node {link.caller[:200]} cannot subscribe to {self.name}:"
+                f" its {header.get('type', 'type')[:200]} has the MD5 sum {header['md5sum'][:32]},"
+                f" that of {self._node.name} has {self.type.md5};"
                 f" its definition is {header.get('message_definition', 'not known')[:_SHOWN_CHARS]!r},"
                 f" that of {self._node.name} is {self._definition[:_SHOWN_CHARS]!r}"
             )

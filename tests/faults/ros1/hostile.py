@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 import xmlrpc.client
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
@@ -37,13 +37,13 @@ EMPTY: Final = {
 
 Methods = dict[str, Callable[..., Any]]
 Serve = Callable[[socket.socket], None]
-Attack = Callable[[str, int], None]
+Attack = Callable[[str], None]
 
 ATTACKS: dict[str, Attack] = {}
 
 
 def attack(call: Attack) -> Attack:
-    """Register an attack by a node: called with the master's URI, and a number of its own for each."""
+    """Register an attack by a node: called with the master's URI."""
     ATTACKS[call.__name__] = call
     return call
 
@@ -74,6 +74,10 @@ def until_over() -> Iterator[int]:
     return itertools.takewhile(lambda _: time.monotonic() < end, itertools.count())
 
 
+def _zero(*_: object) -> int:
+    return 0
+
+
 class Rpc:
     """Server of XML-RPC, whose methods return values, or bytes: the body or, with `raw`, all that is sent."""
 
@@ -88,7 +92,7 @@ class Rpc:
             def do_POST(self) -> None:
                 body = self.rfile.read(int(self.headers["Content-Length"]))
                 params, method = xmlrpc.client.loads(body)
-                answer = rpc.methods.get(str(method), lambda *_: 0)(*params)
+                answer = rpc.methods.get(str(method), _zero)(*params)
                 with suppress(OSError):
                     if rpc.raw and isinstance(answer, Iterator):
                         for part in answer:
@@ -182,7 +186,7 @@ def lookup(master: str, topic: str) -> tuple[str, str, int]:
 
 
 @attack
-def four_gigabytes(master: str, _: int) -> None:
+def four_gigabytes(master: str) -> None:
     """Each frame claims 4 GB, in the header and behind it."""
     publish(master, "/one", sends(b"\xff\xff\xff\xff"))
     publish(master, "/two", sends(header({**STRING, "topic": "/two"}), b"\xff\xff\xff\xff"), name="/second")
@@ -190,12 +194,12 @@ def four_gigabytes(master: str, _: int) -> None:
 
 
 @attack
-def unfinished_frames(master: str, _: int) -> None:
-    """Forty publishers each begin a message of 250 MB, and send 200 MB of it."""
+def unfinished_frames(master: str) -> None:
+    """Forty publishers each begin a message of 120 MB, and send 100 MB of it."""
 
     def serve(connection: socket.socket) -> None:
-        connection.sendall(header({**STRING, "topic": "/one"}) + struct.pack("<I", 250_000_000))
-        for _ in range(200):
+        connection.sendall(header({**STRING, "topic": "/one"}) + struct.pack("<I", 120_000_000))
+        for _ in range(100):
             connection.sendall(bytes(MIB))
 
     for number in range(40):
@@ -204,7 +208,7 @@ def unfinished_frames(master: str, _: int) -> None:
 
 
 @attack
-def another_type(master: str, _: int) -> None:
+def another_type(master: str) -> None:
     """Headers with another type, with another MD5 sum, and one without fields."""
     other = {**STRING, "type": "std_msgs/Int8", "md5sum": "27ffa0c9c4b8fb8492252bcad9e5c57b"}
     for number, fields in enumerate((other, {**STRING, "md5sum": "0" * 32}, {})):
@@ -215,7 +219,7 @@ def another_type(master: str, _: int) -> None:
 
 
 @attack
-def drips(master: str, _: int) -> None:
+def drips(master: str) -> None:
     """A byte of the header, or of a message, now and then."""
 
     def serve(connection: socket.socket) -> None:
@@ -229,7 +233,7 @@ def drips(master: str, _: int) -> None:
 
 
 @attack
-def small_frames(master: str, _: int) -> None:
+def small_frames(master: str) -> None:
     """Empty messages as fast as possible, on ten topics."""
 
     def serve(topic: str, connection: socket.socket) -> None:
@@ -248,7 +252,7 @@ def _definition(lines: int) -> str:
 
 
 @attack
-def definitions(master: str, _: int) -> None:
+def definitions(master: str) -> None:
     """Definitions: long, nested a hundred times, of itself, with fixed arrays of fixed arrays; each anew."""
     line = "=" * 80
     nested = f"\n{line}\n".join(
@@ -275,7 +279,7 @@ def definitions(master: str, _: int) -> None:
 
 
 @attack
-def many_values(master: str, _: int) -> None:
+def many_values(master: str) -> None:
     """Messages of 20 MB with millions of empty texts, or of objects."""
     names = bytes(16) + struct.pack("<I", 5_000_000) + bytes(20_000_000) + bytes(12)
     joints = {
@@ -297,7 +301,7 @@ def many_values(master: str, _: int) -> None:
 
 
 @attack
-def stalled_subscribers(master: str, _: int) -> None:
+def stalled_subscribers(master: str) -> None:
     """Three hundred subscribers of large messages that do not read."""
     _, host, port = lookup(master, "/large")
     opened = []
@@ -310,7 +314,7 @@ def stalled_subscribers(master: str, _: int) -> None:
 
 
 @attack
-def ever_new_subscribers(master: str, _: int) -> None:
+def ever_new_subscribers(master: str) -> None:
     """Subscribers of ever new names, each 3 kB, of which a part has another MD5 sum."""
     _, host, port = lookup(master, "/large")
     for number in until_over():
@@ -323,7 +327,7 @@ def ever_new_subscribers(master: str, _: int) -> None:
 
 
 @attack
-def broken_headers(master: str, _: int) -> None:
+def broken_headers(master: str) -> None:
     """Headers of a thousand connections: of 500 kB, of 10,000 fields, of no fields, and never finished."""
     _, host, port = lookup(master, "/large")
     bodies = (
@@ -343,9 +347,11 @@ def broken_headers(master: str, _: int) -> None:
 
 
 @attack
-def service_requests(master: str, _: int) -> None:
+def service_requests(master: str) -> None:
     """Requests of 100 MB, of the wrong form, many in a row, and half of one."""
-    uri = call(master, "lookupService", "/hostile", "/rosapi/get_param")
+    uri = ""
+    while not uri:
+        uri = call(master, "lookupService", "/hostile", "/rosapi/get_param")
     host, port = uri.removeprefix("rosrpc://").split(":")
     fields = {"callerid": "/hostile", "service": "/rosapi/get_param", "md5sum": "*", "persistent": "1"}
     for number in until_over():
@@ -405,15 +411,14 @@ def _bodies() -> list[bytes]:
 
 
 @attack
-def large_calls(master: str, _: int) -> None:
+def large_calls(master: str) -> None:
     """Calls of up to 15 MB to a node and to the master, eight at once."""
     node = lookup(master, "/large")[0]
-    threads = []
-    for uri in (node, master):
-        for body in _bodies():
-            threads.append(
-                threading.Thread(target=_post, args=(uri, b"Content-Length: %d\r\n" % len(body), body))
-            )
+    threads = [
+        threading.Thread(target=_post, args=(uri, b"Content-Length: %d\r\n" % len(body), body))
+        for uri in (node, master)
+        for body in _bodies()
+    ]
     for number in range(0, len(threads), 8):
         for thread in threads[number : number + 8]:
             thread.start()
@@ -422,7 +427,7 @@ def large_calls(master: str, _: int) -> None:
 
 
 @attack
-def endless_heads(master: str, _: int) -> None:
+def endless_heads(master: str) -> None:
     """Heads of requests without an end, and bodies in ever new chunks."""
     node = lookup(master, "/large")[0]
     _post(node, b"".join(b"X%d: y\r\n" % number for number in range(500_000)))
@@ -431,7 +436,7 @@ def endless_heads(master: str, _: int) -> None:
 
 
 @attack
-def idle_callers(master: str, _: int) -> None:
+def idle_callers(master: str) -> None:
     """Five hundred connections to a node's slave API, with a byte now and then; others must be answered."""
     node = lookup(master, "/large")[0]
     host, port = node.removeprefix("http://").rstrip("/").split(":")
@@ -445,7 +450,7 @@ def idle_callers(master: str, _: int) -> None:
 
 
 @attack
-def many_registrations(master: str, _: int) -> None:
+def many_registrations(master: str) -> None:
     """Registrations of ever new topics, subscribers of one topic, and watched parameters, until refused."""
     with xmlrpc.client.ServerProxy(master) as proxy:
         for kind in ("topics", "subscribers", "parameters"):
@@ -460,7 +465,7 @@ def many_registrations(master: str, _: int) -> None:
                             calls.registerSubscriber(name, "/crowd", "std_msgs/String", uri)
                         else:
                             calls.subscribeParam(name, uri, "/watched")
-                    tuple(calls())
+                    assert calls() is not None
         for number in range(10):
             with suppress(xmlrpc.client.Error):
                 proxy.registerPublisher(
@@ -473,12 +478,18 @@ def many_registrations(master: str, _: int) -> None:
 
 
 @attack
-def large_parameters(master: str, _: int) -> None:
+def large_parameters(master: str) -> None:
     """Parameters of up to 10 MB: many values, deep ones, long ones; each read again and again."""
     deep: Any = 1
     for _ in range(40):
         deep = {"a": deep}
-    values = ([0] * 100_000, {f"k{n}": n for n in range(30_000)}, deep, "x" * 10_000_000, [[[]]] * 50_000)
+    values: tuple[Any, ...] = (
+        [0] * 100_000,
+        {f"k{n}": n for n in range(30_000)},
+        deep,
+        "x" * 10_000_000,
+        [[[]]] * 50_000,
+    )
     with xmlrpc.client.ServerProxy(master) as proxy:
         for number, value in enumerate(values):
             with suppress(xmlrpc.client.Error):
@@ -560,7 +571,7 @@ def large_answers(master: Master) -> None:
               for body in _bodies()]  # fmt: skip
     counts = itertools.count()
     rotate = lambda *_: bodies[next(counts) % len(bodies)]  # noqa: E731
-    master.for_a_while({name: rotate for name in master.honest}, 6 * SECONDS)
+    master.for_a_while(dict.fromkeys(master.honest, rotate), 6 * SECONDS)
 
 
 @of_master
@@ -594,8 +605,8 @@ def endless_answers(master: Master) -> None:
 
 @of_master
 def many_parameters(master: Master) -> None:
-    """Parameters: two hundred thousand, deep, as a list of lists; then updates of all kinds."""
-    wide = {f"p{number}": {f"q{inner}": inner for inner in range(100)} for number in range(1500)}
+    """Fifty thousand parameters, again and again since the registrations are lost, and updates of many."""
+    wide = {f"p{number}": {f"q{inner}": inner for inner in range(100)} for number in range(500)}
     uris: list[str] = []
 
     def subscribe(_caller: str, uri: str, _key: str) -> Any:
@@ -606,10 +617,10 @@ def many_parameters(master: Master) -> None:
     # A master that forgets the registrations is asked for everything again.
     state = lambda *_: [[[f"/lost_{next(lost)}", ["/x"]]], [], []]  # noqa: E731
     soon(master.for_a_while, {"subscribeParam": subscribe, "getSystemState": state}, 3 * SECONDS)
-    for number in until_over():
+    for number in itertools.chain(until_over(), until_over()):
         for uri in uris[-1:]:
             with suppress(OSError, xmlrpc.client.Error):
-                call(uri, "paramUpdate", "/master", f"/p{number % 2000}/", {f"q{n}": n for n in range(1000)})
+                call(uri, "paramUpdate", "/master", f"/p{number % 400}/", {f"q{n}": n for n in range(1000)})
         time.sleep(0.01)
     time.sleep(2 * SECONDS)
 
@@ -627,12 +638,13 @@ def main() -> None:
     name, port = sys.argv[1], int(sys.argv[2])
     uri = f"http://127.0.0.1:{port}/"
     master = Master(port) if name in MASTERS else None
-    print("ready", flush=True)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
     sys.stdin.readline()
     if master is None:
         honest = Node(still)
         call(uri, "registerPublisher", "/honest", "/before", "std_msgs/String", honest.uri)
-        ATTACKS[name](uri, port)
+        ATTACKS[name](uri)
         with suppress(xmlrpc.client.Fault):  # Its tables may be full.
             call(uri, "registerPublisher", "/honest", "/still", "std_msgs/String", honest.uri)
     else:
@@ -645,7 +657,8 @@ def main() -> None:
             "registerSubscriber": lambda _, topic, *__: [node.uri] if topic == "/still" else [],
         }
         master.rpc.methods = dict(master.honest)
-    print("done", flush=True)
+    sys.stdout.write("done\n")
+    sys.stdout.flush()
     sys.stdin.readline()
 
 

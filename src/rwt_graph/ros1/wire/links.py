@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 CONNECT_SECONDS: Final = 5.0
 
 #: Maximum bytes of incomplete frames of all connections.
-_MOST_RECEIVED: Final = 384 * 1024 * 1024
+_MOST_RECEIVED: Final = 256 * 1024 * 1024
 
 OnLink: TypeAlias = "Callable[[Link], None]"
 OnFrame: TypeAlias = "Callable[[Link, bytes | memoryview], None]"

@@ -6,7 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
@@ -33,8 +33,9 @@ _MOST_RECEIVED: Final = 2 * xmlrpc.BODY_BYTES
 
 _READ_BYTES: Final = 65536
 
-#: Texts of a call or response that are encoded at once.
-_TEXTS_AT_ONCE: Final = 2000
+#: Work of encoding a call or response at once: characters, and how many each text costs besides its own.
+_PART_COST: Final = 256 * 1024
+_TEXT_COST: Final = 100
 
 Dispatch = Callable[[str, tuple[xmlrpc.Value, ...]], xmlrpc.Value]
 """Answers a call; raises WireError if it does not fit."""
@@ -87,7 +88,7 @@ async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
     try:
         host, port = address_of(uri)
         with anyio.fail_after(CALL_SECONDS):
-            content = await _joined(xmlrpc.encode_call(method, params))
+            content = await _joined(_in_parts(xmlrpc.encode_call(method, params)))
             async with await anyio.connect_tcp(host, port) as stream:
                 return await _exchange(stream, f"{host}:{port}", content)
     except TimeoutError as error:
@@ -96,14 +97,27 @@ async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
         raise Ros1Error(f"{uri} cannot be reached: {error}") from error
 
 
-async def _joined(texts: Iterator[str]) -> bytes:
-    """Return the bytes of texts, whose encoding lets the event loop go on now and then."""
-    found: list[str] = []
-    while part := tuple(islice(texts, _TEXTS_AT_ONCE)):
-        found += part
-        if len(part) == _TEXTS_AT_ONCE:
+def _in_parts(texts: Iterator[str]) -> Iterator[str]:
+    """Join texts to some that take a few milliseconds each."""
+    part: list[str] = []
+    size = 0
+    for text in texts:
+        part.append(text)
+        size += len(text) + _TEXT_COST
+        if size > _PART_COST:
+            yield "".join(part)
+            part, size = [], 0
+    yield "".join(part)
+
+
+async def _joined(parts: Iterator[str]) -> bytes:
+    """Return the bytes of parts, between which the event loop goes on."""
+    found: list[bytes] = []
+    for part in parts:
+        if found:
             await anyio.lowlevel.checkpoint()
-    return "".join(found).encode()
+        found.append(part.encode())
+    return b"".join(found)
 
 
 async def _exchange(stream: anyio.abc.SocketStream, host: str, content: bytes) -> bytes:
@@ -205,7 +219,10 @@ class _RpcConnection:
                 raise WireError(str(error)) from error
             if event is h11.NEED_DATA or event is h11.PAUSED:
                 return
-            if isinstance(event, h11.Data):
+            if isinstance(event, h11.Request):
+                if any(name == b"transfer-encoding" for name, _ in event.headers):
+                    raise WireError("calls in chunks are not supported")
+            elif isinstance(event, h11.Data):
                 self._decode(bytes(event.data))
             elif isinstance(event, h11.EndOfMessage):
                 self._answer()
@@ -234,19 +251,20 @@ class _RpcConnection:
         try:
             if error:
                 raise WireError(error)
-            texts = xmlrpc.encode_response(self._server.dispatch(*decoder.call()))
-            first = tuple(islice(texts, _TEXTS_AT_ONCE))
+            parts = _in_parts(xmlrpc.encode_response(self._server.dispatch(*decoder.call())))
+            first, second = next(parts), next(parts, None)
         except WireError as failure:
             self._respond(xmlrpc.encode_fault(str(failure)))
             return
-        if len(first) < _TEXTS_AT_ONCE:
-            self._respond("".join(first).encode())
+        if second is None:
+            self._respond(first.encode())
         else:
-            self._sockets.spawn(partial(self._respond_later, chain(first, texts)), "a long response on ROS 1")
+            parts = chain((first, second), parts)
+            self._sockets.spawn(partial(self._respond_later, parts), "a long response on ROS 1")
 
-    async def _respond_later(self, texts: Iterator[str]) -> None:
+    async def _respond_later(self, parts: Iterator[str]) -> None:
         try:
-            content = await _joined(texts)
+            content = await _joined(parts)
         except WireError as error:
             content = xmlrpc.encode_fault(str(error))
         if not self._stream.closed:

@@ -17,6 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.errors import WireError
 from rwt_graph.ros1.wire.tcpros import ReceiveBuffers
@@ -45,8 +46,10 @@ _ACCEPT_BATCH: Final = 16
 QUEUE_BYTES: Final = 16 * 1024 * 1024
 _ALL_QUEUES_BYTES: Final = 128 * 1024 * 1024
 
-#: Seconds of one turn of the event loop in which sockets are read; the last one comes on top.
+#: Seconds of one turn of the event loop for reading sockets and writing large frames; the last one comes on
+#: top.
 _TURN_SECONDS: Final = 0.01
+_LARGE_WRITE_BYTES: Final = 64 * 1024
 
 #: Options by which peers that disappear without a word are noticed within a minute: the last one while bytes
 #: are unacknowledged, the others while the connection is idle. Windows and macOS lack some of them.
@@ -65,6 +68,7 @@ class Sockets:
         spawn: starts a task on the graph's event loop.
         receiving: bytes of incomplete frames of all connections.
         calling: bytes of incomplete calls of all connections.
+        is_full: True if the time of this turn of the event loop is used up.
         queued: bytes that wait for slow readers; `slow` is their number.
         buffers: receive buffers of all connections.
     """
@@ -73,6 +77,7 @@ class Sockets:
         self.spawn = graph.spawn
         self._graph = graph
         self.receiving = self.calling = self.queued = self.slow = 0
+        self.is_full = False
         self._used = 0.0
         self.buffers = ReceiveBuffers()
         self._calls: dict[socket.socket, Callable[[], None]] = {}
@@ -93,16 +98,33 @@ class Sockets:
         self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
 
     def _read(self, call: Callable[[], None]) -> None:
-        if self._used > _TURN_SECONDS:
+        if self.is_full:
             return  # The socket is still readable in the next turn.
         began = time.monotonic()
         self._graph.in_batch(call)
-        self._used += time.monotonic() - began
-        if self._used > _TURN_SECONDS and self._loop is not None:
+        self._note(time.monotonic() - began)
+
+    def _note(self, seconds: float) -> None:
+        self._used += seconds
+        if self._used > _TURN_SECONDS and not self.is_full and self._loop is not None:
+            self.is_full = True
             self._loop.call_soon(self._begin_turn)
 
     def _begin_turn(self) -> None:
+        self.is_full = False
         self._used = 0.0
+
+    def write(self, sock: socket.socket, parts: tuple[bytes | memoryview, ...], size: int) -> int:
+        """Write what a socket takes at once, and return the number of bytes; raises OSError."""
+        if size < _LARGE_WRITE_BYTES:
+            return _write(sock, parts)
+        if self.is_full:
+            return 0
+        began = time.monotonic()
+        try:
+            return _write(sock, parts)
+        finally:
+            self._note(time.monotonic() - began)
 
     async def _watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
         while sock in self._calls:
@@ -207,7 +229,7 @@ class LargeFrame(Protocol):
 
 
 class Frame:
-    """Bytes to send to one or several readers. Memory that may be used again is copied once if one is slow."""
+    """Bytes to send to several readers. Memory that may be used again is copied once if one is slow."""
 
     __slots__ = ("parts", "size")
 
@@ -297,7 +319,7 @@ class Stream:
             return
         sockets = self._sockets
         if not self._queue:
-            self._sent = self._send_now(frame.parts)
+            self._sent = self._send_now(frame.parts, frame.size)
             if self._sent == frame.size or self.closed:
                 return
             sockets.slow += 1
@@ -318,11 +340,9 @@ class Stream:
         self._queued += size
         self._sockets.queued += size
 
-    def _send_now(self, parts: tuple[bytes | memoryview, ...]) -> int:
+    def _send_now(self, parts: tuple[bytes | memoryview, ...], size: int) -> int:
         try:
-            if _HAS_SENDMSG:
-                return self._socket.sendmsg(parts)
-            return self._socket.send(b"".join(parts))
+            return self._sockets.write(self._socket, parts, size)
         except BlockingIOError:
             return 0
         except OSError as error:
@@ -336,8 +356,12 @@ class Stream:
             except (anyio.ClosedResourceError, OSError):
                 return
             while self._queue and not self.closed:
+                if self._sockets.is_full:
+                    await anyio.lowlevel.checkpoint()
+                    continue
                 frame = self._queue[0]
-                self._sent += self._send_now(_without(frame.parts, self._sent))
+                left = frame.size - self._sent
+                self._sent += self._send_now(_without(frame.parts, self._sent), left)
                 if self._sent < frame.size:
                     break
                 self._sent = 0
@@ -369,6 +393,10 @@ class Stream:
                 self._count(-self._queued)
                 self._queue.clear()
             self._sockets.close(self._socket)
+
+
+def _write(sock: socket.socket, parts: tuple[bytes | memoryview, ...]) -> int:
+    return sock.sendmsg(parts) if _HAS_SENDMSG else sock.send(b"".join(parts))
 
 
 def _without(parts: tuple[bytes | memoryview, ...], count: int) -> tuple[memoryview, ...]:

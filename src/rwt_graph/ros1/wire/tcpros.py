@@ -18,7 +18,7 @@ _MOST_FIELDS: Final = 64
 _VALUE_BYTES: Final = 4096
 
 #: Maximum bytes of a message, request or response.
-MESSAGE_BYTES: Final = 256 * 1024 * 1024
+MESSAGE_BYTES: Final = 128 * 1024 * 1024
 
 #: Minimum bytes of a frame that is yielded as a view of its receive buffer.
 LARGE_BYTES: Final = 64 * 1024

@@ -29,6 +29,10 @@ _MOST_LEVELS: Final = 60
 _MOST_TAGS: Final = 200
 _MOST_ELEMENTS: Final = 300_000
 
+#: Values that are decoded at once, and maximum bytes of one.
+_SCALARS: Final = frozenset(("base64", "double", "int", "i4", "boolean"))
+_SCALAR_BYTES: Final = 4 * 1024 * 1024
+
 _INT32_MIN: Final = -(2**31)
 _INT32_MAX: Final = 2**31 - 1
 
@@ -83,7 +87,10 @@ def _texts(value: Value, level: int) -> Iterator[str]:
         case float():
             yield f"<value><double>{value!r}</double></value>"
         case str():
-            yield f"<value><string>{_escaped(value)}</string></value>"
+            yield "<value><string>"
+            for at in range(0, len(value), PART_BYTES):
+                yield _escaped(value[at : at + PART_BYTES])
+            yield "</string></value>"
         case bytes() | bytearray():
             yield f"<value><base64>\n{b2a_base64(value).decode()}</base64></value>"
         case list() | tuple():
@@ -128,7 +135,7 @@ class Decoder:
         parser.EndElementHandler = self._on_end
         parser.CharacterDataHandler = self._unmarshaller.data
         parser.buffer_text = True
-        self._level = self._count = 0
+        self._level = self._count = self._began = 0
         self.size = 0
 
     def feed(self, data: bytes, *, is_last: bool = False) -> None:
@@ -178,10 +185,13 @@ class Decoder:
             raise WireError(
                 f"XML-RPC with more than {_MOST_TAGS} levels or {_MOST_ELEMENTS} elements is not supported"
             )
+        self._began = self._parser.CurrentByteIndex
         self._unmarshaller.start(tag, attributes)
 
     def _on_end(self, tag: str) -> None:
         self._level -= 1
+        if tag in _SCALARS and self._parser.CurrentByteIndex - self._began > _SCALAR_BYTES:
+            raise WireError(f"XML-RPC with a {tag} of more than {_SCALAR_BYTES} bytes is not supported")
         self._unmarshaller.end(tag)
 
 
