@@ -18,7 +18,9 @@ from typing import Any, Final
 
 BEGIN: Final = "<!-- one run -->\n"
 END: Final = "<!-- end of the run -->\n"
-HEAD: Final = "| case | this server | peer | compared | floor |\n|---|---:|---:|---:|---:|\n"
+HEAD: Final = (
+    "| case | this server | peer | compared | least to most | floor |\n|---|---:|---:|---:|---:|---:|\n"
+)
 
 
 def figure(value: float) -> str:
@@ -31,10 +33,11 @@ def figure(value: float) -> str:
 def line(row: Mapping[str, Any]) -> str:
     """Return one row of the table; a missed floor is marked."""
     is_difference = row["as"] == "difference"
-    compared = f"{row['compared']:+.3f}" if is_difference else f"{row['compared']:.2f} x"
-    return (
-        f"| {row['label']} | {figure(row['server'])} | {figure(row['peer'])} | {compared} | {_floor(row)} |\n"
-    )
+    digits = "{:+.3f}" if is_difference else "{:.2f}"
+    compared, least, most = (digits.format(row[name]) for name in ("compared", "least", "most"))
+    unit = "" if is_difference else " x"
+    figures = f"{figure(row['server'])} | {figure(row['peer'])} | {compared}{unit} | {least} to {most}"
+    return f"| {row['label']} | {figures} | {_floor(row)} |\n"
 
 
 def _floor(row: Mapping[str, Any]) -> str:
@@ -63,7 +66,8 @@ def replaced(page: str, run: Mapping[str, Any]) -> str:
     _, end, after = rest.partition(END)
     if not begin or not end:
         raise ValueError(f"no {BEGIN.strip()} with an {END.strip()} behind it")
-    machine = f"CPython {run['python']} on {run['cpus']} CPUs ({run['machine']}):"
+    peers = "".join(f", {name} {version}" for name, version in run["peers"].items() if version)
+    machine = f"CPython {run['python']}{peers} on {run['cpus']} CPUs ({run['machine']}):"
     return f"{before}{begin}{machine}\n\n{table(run)}\n{end}{after}"
 
 

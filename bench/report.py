@@ -6,10 +6,15 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
 from statistics import median
+from typing import Final
 
 from bench.cases import Case, Compared, Floor, Metric, Peer, Result
 from bench.traffic.load import Latency, Throughput
+
+PEERS: Final = ("websockets", "foxglove-sdk")
+"""Packages of the peers, whose versions belong to the figures."""
 
 Results = Mapping[str, Sequence[Result]]
 """The results of each case, one a round."""
@@ -127,9 +132,17 @@ def document(
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
+        "peers": {name: _version(name) for name in PEERS},
         "rows": [_entry(row) for row in found],
         "loads": {case.name: _load(case, server, peers) for case in cases},
     }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def _entry(row: Row) -> dict[str, object]:

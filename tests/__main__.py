@@ -47,6 +47,7 @@ EXTENDED: Final = {
     "fuzz": "replays the corpus, takes minutes",
     "graph/zenoh/test_pyzeros.py": "needs a C compiler",
     "graph/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
+    "journeys": "needs Node and the clients, takes minutes",
     "release": "builds wheels, needs Node",
     "ros1": "needs Debian's packages of ROS 1 (`make test-ros1`), takes minutes",
     "rwt/gateways/mcp/test_inspector.py": "needs Node",

@@ -73,8 +73,11 @@ def serve(topic: str, type_name: str) -> None:
                     continue
                 while (sample := take(subscription)) is not None:
                     frame = frame or _frame(topic, Payload.relayed_cdr(type, sample.data))
-                    for client in clients.values():
-                        client.send(frame)
+                    for number, client in list(clients.items()):
+                        try:
+                            client.send(frame)
+                        except ConnectionError:
+                            clients.pop(number).close()
 
 
 def _frame(topic: str, payload: Payload) -> bytes:

@@ -23,6 +23,7 @@ INFINITE = "@infinite@"
 TYPES = (
     *("std_msgs/String", "geometry_msgs/Twist", "sensor_msgs/Image", "sensor_msgs/CompressedImage"),
     *("sensor_msgs/PointCloud2", "sensor_msgs/LaserScan", "sensor_msgs/BatteryState", "nav_msgs/Odometry"),
+    "sensor_msgs/NavSatFix",
     *("nav_msgs/OccupancyGrid", "nav_msgs/Path", "visualization_msgs/MarkerArray", "rosgraph_msgs/Log"),
     *("diagnostic_msgs/DiagnosticArray", "geometry_msgs/PoseStamped", "rosbridge_msgs/ConnectedClients"),
 )
@@ -42,7 +43,7 @@ SERVICES = [
     *("/player/get_rate", f"/{HOSTILE}/toggle_paused", f"/{HOSTILE}/list_parameters", f"/{HOSTILE}"),
 ]
 #: Panels that show nothing which the robot says as a text.
-SILENT = {"device", "camera", "goal", "scene", "server", "plot"}
+SILENT = {"device", "camera", "goal", "scene", "server", "plot", "position"}
 
 
 def message() -> dict[str, Any]:
@@ -99,6 +100,8 @@ def message() -> dict[str, Any]:
         **{"fields": [{"name": HOSTILE, "offset": INFINITE, "datatype": 99, "count": -1}], "point_step": 0},
         **{"approvals": [approval], "leases": [lease, {**lease, "requests": [{"client": HOSTILE}]}]},
         **{"stopped": True, "by": HOSTILE, "reason": HOSTILE, "recording": True, "since": {"sec": INFINITE}},
+        **{"latitude": 90, "longitude": -180, "altitude": HOSTILE, "position_covariance_type": INFINITE},
+        **{"position_covariance": [INFINITE, None, HOSTILE, -1, INFINITE]},
         **{"messages": INFINITE, "bytes": INFINITE, "largest_bytes": None, "dropped": INFINITE},
         **{"problem": HOSTILE, "clients": [{"ip_address": HOSTILE, "connection_time": {"sec": INFINITE}}]},
     }

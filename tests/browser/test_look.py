@@ -6,7 +6,8 @@ Set the environment variable RECORD to record the images anew.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 
 import anyio
@@ -15,7 +16,8 @@ import pytest
 from PIL import Image
 
 from rwt import Server
-from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Picture
+from rwt_participant.qos import LATCHED
+from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page, Picture
 from tests.browser.test_panels import KINDS, open_panels, violations
 
 pytestmark = pytest.mark.anyio
@@ -38,6 +40,28 @@ CONFIGS: dict[str, dict[str, object]] = {
 #: On a busy machine, camera images are late, and grey.
 NO_OLD_IMAGE = "!document.querySelector('canvas.old')"
 HAS_ROBOT = "document.querySelector('.scene-view')?.robotScene?.base"
+
+
+@asynccontextmanager
+async def satellites(server: Server, page: Page) -> AsyncIterator[None]:
+    """Positions of a robot that drives around a block."""
+    with server.node("gps") as node:
+        receiver = node.advertise("/fix", "sensor_msgs/NavSatFix", qos=LATCHED)
+        for step in range(16):
+            north, east = min(step, 6), max(0, step - 6)
+            receiver.publish(
+                {
+                    "latitude": 52.52 + 1e-4 * north,
+                    "longitude": 13.4 + 2e-4 * east,
+                    "altitude": 34.0,
+                    "position_covariance": [4.0, 0, 0, 0, 4, 0, 0, 0, 9],
+                    "position_covariance_type": 2,
+                }
+            )
+            # The page has each one, and asked for the topic before the second.
+            await page.wait("document.querySelector('.position .number')")
+            await anyio.sleep(0.3)
+        yield
 
 
 def squares(picture: Image.Image) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
@@ -97,7 +121,8 @@ async def test_every_panel_looks_as_in_the_documentation(browser: Browser, theme
                 await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
                 if kind == "scene":
                     await page.wait(HAS_ROBOT)
-                await anyio.sleep(2)
-                await page.wait(NO_OLD_IMAGE)
+                async with satellites(server, page) if kind == "position" else nullcontext():
+                    await anyio.sleep(2)
+                    await page.wait(NO_OLD_IMAGE)
                 name = f"{kind}-{theme}"
                 await page.picture_when(f"look {name}", looks_like(IMAGES / f"{name}.png"))

@@ -40,6 +40,7 @@ KINDS = (
         "topics",
         "plot",
         "values",
+        "position",
         "services",
         "actions",
         "parameters",
@@ -695,6 +696,45 @@ async def test_fields_are_shown_as_gauges_and_states(browser: Browser) -> None:
             assert await violations(page) == []
             await page.click('[aria-label="Remove /state data"]')
             await page.wait("!document.querySelector('.states')")
+
+
+async def test_a_position_by_satellite_has_a_track(browser: Browser) -> None:
+    def fix(latitude: float, longitude: float, status: int = 0) -> dict[str, Any]:
+        covariance = [2.25, 0, 0, 0, 1, 0, 0, 0, 4]
+        place = {"latitude": latitude, "longitude": longitude, "altitude": 34.0}
+        return place | {
+            "status": {"status": status},
+            "position_covariance": covariance,
+            "position_covariance_type": 2,
+        }
+
+    async with Server("ws://127.0.0.1:0") as server:
+        receiver = server.node("gps").advertise("/fix", "sensor_msgs/NavSatFix", qos=LATCHED)
+        receiver.publish(fix(-33.9, 151.2, status=-1))
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 500, 500) as page:
+            await open_panels(page, url, [("position", {})])
+            await page.wait(f"{text('.position')}.includes('The receiver has no position')")
+            receiver.publish(fix(-33.9, 151.2))
+            where = "33.900000\u00b0 S, 151.200000\u00b0 E \u00b7 altitude 34.0 m \u00b7 \u00b1 1.5 m"
+            await page.wait(f"{text('.position .number')} === {where!r}")
+            receiver.publish(fix(-33.899, 151.2))
+            label = "document.querySelector('.plane svg')?.ariaLabel"
+            await page.wait(f"{label} === 'Track of 111 m, north up'")
+            # The robot went north, which is up.
+            places = await page.evaluate(
+                "[...document.querySelector('.plane polyline').points].map(({x, y}) => [x, y])"
+            )
+            assert places == [[0, 0], [0, pytest.approx(-111.19, abs=0.01)]]
+            shown = "document.querySelector('.plane svg').viewBox.baseVal.height"
+            assert await page.evaluate(shown) == pytest.approx(1.2 * 111.19, rel=0.001)
+            await page.click('[aria-label="Zoom in"]')
+            await page.wait(f"{shown} < 70")
+            await page.click('[aria-label="Show the whole track"]')
+            await page.wait(f"{shown} > 130")
+            assert await violations(page) == []
+            await page.click('[aria-label="Clear the track"]')
+            await page.wait(f"{label} === 'Track of 0 m, north up'")
 
 
 async def test_the_wall_shows_chosen_cameras(browser: Browser) -> None:

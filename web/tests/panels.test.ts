@@ -10,8 +10,10 @@ import { logLevel } from "../src/panels/health/log";
 import { pausableNodes } from "../src/panels/health/player";
 import { readMetrics } from "../src/panels/health/server";
 import { partOf, plotSettings } from "../src/panels/view/plot_panel";
+import { roundedStep } from "../src/panels/view/position_panel";
 import { Series } from "../src/panels/view/series";
 import { numberAt, numericPaths } from "../src/robot/fields";
+import { fixOf, Track } from "../src/robot/fixes";
 import { Formula, formulaProblem } from "../src/robot/formula";
 import { PartReader } from "../src/robot/mjpeg";
 import { placeOf } from "../src/scene/tools";
@@ -29,6 +31,34 @@ describe("driving", () => {
     });
     expect(wishOfGamepad(pad(false, [0, -1, 1, 0]))).toBeNull();
     expect(wishOfGamepad(pad(true, [0.05, -1, 0.5, 0]))).toEqual({ forward: 1, left: 0, turn: -0.5 });
+  });
+});
+
+describe("positions by satellite", () => {
+  const message = { status: { status: 0 }, latitude: 52.5, longitude: 179.9999, altitude: null };
+
+  test("what is no position is none", () => {
+    expect(fixOf({ ...message, status: { status: -1 } })).toBeNull();
+    expect(fixOf({ ...message, latitude: null })).toBeNull();
+    expect(fixOf({ ...message, latitude: 91 })).toBeNull();
+    expect(fixOf(message)).toEqual({ latitude: 52.5, longitude: 179.9999, altitude: null, radius: null });
+  });
+
+  test("a track crosses the line of date, and stays bounded", () => {
+    const track = new Track();
+    track.add({ latitude: 0, longitude: 179.9999, altitude: null, radius: null });
+    const [east, north] = track.add({ latitude: 0.0001, longitude: -179.9999, altitude: null, radius: null });
+    expect(east).toBeCloseTo(22.24, 2);
+    expect(north).toBeCloseTo(11.12, 2);
+    for (let at = 0; at < 20_000; at++) {
+      track.add({ latitude: at / 1e5, longitude: 180, altitude: null, radius: null });
+    }
+    expect(track.points.length).toBeLessThanOrEqual(4000);
+    expect(track.length).toBeGreaterThan(20_000);
+  });
+
+  test("the grid has round steps", () => {
+    expect([0.9, 1, 3, 26, 70, 1000].map(roundedStep)).toEqual([0.5, 1, 2, 20, 50, 1000]);
   });
 });
 

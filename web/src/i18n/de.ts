@@ -193,6 +193,16 @@ export const de: Record<TextKey, string> = {
   "values.choose":
     "Fügen Sie ein Feld hinzu: Zahlen werden zu Anzeigen, Texte und Schalter zeigen ihre Zustände.",
   "values.states": "{count} Wechsel; die letzten {seconds} s",
+  "position.title": "Position",
+  "position.track": "Spur von {metres} m, Norden oben",
+  "position.none": "Der Empfänger hat keine Position.",
+  "position.altitude": "Höhe {metres} m",
+  "position.grid": "{metres} m je Quadrat, Norden oben",
+  "position.whole": "Ganze Spur zeigen",
+  "position.follow": "Dem Roboter folgen",
+  "position.in": "Vergrößern",
+  "position.out": "Verkleinern",
+  "position.clear": "Spur löschen",
   "scene.title": "3D",
   "scene.keys":
     "3D-Ansicht; Pfeiltasten bewegen sie, mit Umschalttaste drehen sie, + und - vergrößern und verkleinern",

@@ -16,6 +16,7 @@ import { server } from "./health/server";
 import { register } from "./registry";
 import { camera } from "./view/camera";
 import { plot } from "./view/plot";
+import { position } from "./view/position";
 import { scene } from "./view/scene";
 import { values } from "./view/values";
 import { wall } from "./view/wall";
@@ -31,6 +32,7 @@ const inOrder = [
   topics,
   plot,
   values,
+  position,
   services,
   actions,
   parameters,
