@@ -32,6 +32,7 @@ from rwt_interfaces.serialise.splice import (
     long_octets,
     long_text,
     put,
+    without_views,
 )
 from rwt_interfaces.steps import Steps, finished
 from rwt_interfaces.validation.lenient_decoder import Completion
@@ -264,7 +265,7 @@ class Payload(msgspec.Struct, eq=False):
         If it does not fit its type, the first call of a method other than :meth:`cdr` raises
         :exc:`InvalidMessage`.
         """
-        return cls(message_type, None, None, None, None, None, {"cdr": (data,)})
+        return cls(message_type, None, None, None, None, None, {"cdr": (data,)}, _is_long(message_type, data))
 
     @classmethod
     def relayed_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
@@ -272,12 +273,21 @@ class Payload(msgspec.Struct, eq=False):
 
         A view must not change while the message, or what was made of it, exists.
         """
-        return cls(message_type, None, None, None, None, None, {"ros1": (data,)})
+        return cls(
+            message_type, None, None, None, None, None, {"ros1": (data,)}, _is_long(message_type, data)
+        )
 
     @classmethod
     def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Decode a message in ROS 1's serialisation, without a length prefix; raises only InvalidMessage."""
         return cls(message_type, None, message_type.from_ros1(data))
+
+    @classmethod
+    def from_ros1_in_steps(cls, message_type: MessageType, data: bytes | memoryview) -> Steps[Payload]:
+        """Same as :meth:`from_ros1`, long lists in steps."""
+        message = yield from message_type.deserialise_in_steps(data)
+        is_long = _is_long(message_type, data)
+        return cls(message_type, None, without_views(message_type, message), is_long=is_long)
 
     @property
     def is_passthrough(self) -> bool:
@@ -343,6 +353,9 @@ class Payload(msgspec.Struct, eq=False):
             if form == "plain":
                 continue
             if form == "json":
+                yield from self._decode_in_steps()
+                if self._spliced is not None:
+                    continue
                 if self._json is None and self._json_parts is None and has_lists:
                     self._json_parts = yield from self.type.large_json.encode(self._encodable())
                 if self._json is None and self._json_parts is None:
@@ -353,6 +366,7 @@ class Payload(msgspec.Struct, eq=False):
             name = self.type.registry.distro.serialisation if form == "serialised" else form
             if self._forms is not None and name in self._forms:
                 continue
+            yield from self._decode_in_steps()
             spliced = self._apart()
             if spliced is not None:
                 yield from spliced.octets_in_steps()
@@ -371,6 +385,23 @@ class Payload(msgspec.Struct, eq=False):
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
 
+    def _decode_in_steps(self) -> Steps[None]:
+        """Decode a relayed message with long lists in steps; others take none."""
+        if self.is_long and self.is_relayed:
+            message = yield from self.type.deserialise_in_steps(self._serialised())
+            holds_list = self.type.holds_long_list
+            if holds_list is None or not holds_list(message):
+                self._take_views(message)
+            else:
+                self._message = without_views(self.type, message)
+
+    def _take_views(self, message: msgspec.Struct) -> None:
+        found = SplicedMessage.from_views(self.type, message)
+        if isinstance(found, SplicedMessage):
+            self._spliced = found
+        else:
+            self._message = found
+
     def _long_text(self) -> LongField | None:
         return None if self._message is None else long_text(self.type, self._message)
 
@@ -381,6 +412,7 @@ class Payload(msgspec.Struct, eq=False):
     def plain_in_steps(self) -> Steps[object]:
         """Same as :meth:`plain`, long lists in steps; other messages take none."""
         if self.is_long:
+            yield from self._decode_in_steps()
             return (yield from plain_lists(self.type, self._encodable()))
         return self.plain()
 
@@ -416,12 +448,8 @@ class Payload(msgspec.Struct, eq=False):
                 short = self.type.json.decode(self._string.text)
                 self._spliced = SplicedMessage.from_string(self.type, short, self._string)
                 self._string = None
-            elif self._is_relayed and self.type.long_octets_fields:
-                found = SplicedMessage.from_serialised(self.type, self._serialised())
-                if isinstance(found, SplicedMessage):
-                    self._spliced = found
-                else:
-                    self._message = found
+            elif self.is_relayed and self.type.long_octets_fields:
+                self._take_views(self.type.deserialise_views(self._serialised()))
             elif self._message is not None or (self._json is None and self._json_parts is None):
                 field = long_octets(self.type, self._encodable())
                 self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
@@ -530,7 +558,7 @@ class Payload(msgspec.Struct, eq=False):
         return self.type.deserialise(self._serialised())
 
     @property
-    def _is_relayed(self) -> bool:
+    def is_relayed(self) -> bool:
         """True if only a relayed form exists."""
         return (
             self._json is None
@@ -543,6 +571,12 @@ class Payload(msgspec.Struct, eq=False):
         assert self._forms is not None  # Invariant: text, message or a relayed form exists.
         parts = self._forms[self.type.registry.distro.serialisation]
         return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _is_long(message_type: MessageType, data: bytes | memoryview) -> bool:
+    return len(data) >= LONG_FORMS_BYTES and (
+        message_type.json.has_arrays or bool(message_type.long_text_fields)
+    )
 
 
 def _split(

@@ -161,6 +161,10 @@ class Registry:
             raise InvalidName(f'"{kind}" is not a kind of interface: expected msg, srv or action')
         self._add([(kind, self._parse(kind, name, text, ""))])
 
+    def add_messages(self, definitions: Iterable[MessageDefinition]) -> None:
+        """Add messages that another registry has parsed."""
+        self._add([("msg", each) for each in definitions])
+
     def add_directory(self, path: str | PathLike[str]) -> None:
         """Add a package, or every package below a folder; nothing is added on errors.
 

@@ -179,6 +179,14 @@ class MessageType:
         is_cdr = self.registry.distro.serialisation == "cdr"
         return unpack.compile_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1, views=True)
 
+    @cached_property
+    def deserialise_in_steps(self) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
+        """Same as :attr:`deserialise_views`, long lists in steps."""
+        from rwt_interfaces.serialise import unpack, wire_rules
+
+        is_cdr = self.registry.distro.serialisation == "cdr"
+        return unpack.compile_step_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1)
+
     def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
         """Return the encoder of one form, and its head of strings and octets."""
         encoder = self._binary_encoders.get(form)

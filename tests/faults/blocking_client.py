@@ -61,7 +61,7 @@ class BlockingClient:
         """The next message of that op with those fields; others are passed over."""
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
-            opcode, payload = self._next_frame()
+            opcode, payload = self.next_frame()
             if opcode == CLOSE:
                 raise ConnectionError(f"closed: {payload[2:].decode()}")
             if opcode == PING:
@@ -75,7 +75,7 @@ class BlockingClient:
     def ending(self) -> tuple[int, str]:
         """Read to the close frame: its code and reason."""
         while True:
-            opcode, payload = self._next_frame()
+            opcode, payload = self.next_frame()
             if opcode == CLOSE:
                 return int.from_bytes(payload[:2], "big"), payload[2:].decode()
 
@@ -89,7 +89,8 @@ class BlockingClient:
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.socket.close()
 
-    def _next_frame(self) -> tuple[int, bytes]:
+    def next_frame(self) -> tuple[int, bytes]:
+        """The next frame: its opcode and payload."""
         while True:
             found = self._whole_frame()
             if found is not None:

@@ -1,4 +1,4 @@
-"""Debian's command-line tools of ROS 1 against a node of this process."""
+"""Debian's tools and libraries of ROS 1 against a node of this process, with either master."""
 
 from __future__ import annotations
 
@@ -118,3 +118,46 @@ async def test_roswtf_finds_no_error(ros: Ros) -> None:
     assert "running graph rules" in found
     assert "ERROR" not in found
     assert "The following node subscriptions are unconnected:\n * /talker:\n   * /commands\n" in found
+
+
+LISTENER = """
+import tf2_ros
+buffer = tf2_ros.Buffer()
+listener = tf2_ros.TransformListener(buffer)
+def x(target, source):
+    found = buffer.lookup_transform(target, source, rospy.Time(0), rospy.Duration(20))
+    return found.transform.translation.x
+"""
+
+
+async def test_a_tf2_listener_hears_this_process(ros: Ros, graph: Ros1Graph) -> None:
+    node = graph.node("arm")
+
+    def transform(parent: str, child: str, x: float) -> dict[str, object]:
+        header = {"stamp": graph.distro.time(graph.clock.time_ns()), "frame_id": parent}
+        parts = {"translation": {"x": x}, "rotation": {"w": 1.0}}
+        return {"transforms": [{"header": header, "child_frame_id": child, "transform": parts}]}
+
+    static = node.advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
+    static.publish(transform("map", "base", 2.5))
+    moving = node.advertise("/tf", "tf2_msgs/TFMessage")
+    node.create_timer(0.05, lambda: moving.publish(transform("base", "hand", 0.5)))
+    program = await anyio.to_thread.run_sync(ros.program)
+    ask = partial(program.run, LISTENER + "result = [x('map', 'base'), x('base', 'hand'), x('map', 'hand')]")
+    assert await anyio.to_thread.run_sync(ask) == [2.5, 0.5, 3.0]
+
+
+async def test_unreliable_transport_is_refused(ros: Ros, graph: Ros1Graph) -> None:
+    node = graph.node("talker")
+    node.advertise("/chatter", "std_msgs/String")
+    await ros.shows({"/chatter"}, "rostopic", "list")
+    program = await anyio.to_thread.run_sync(ros.program)
+    ask = """
+import rosgraph, xmlrpc.client
+uri = rosgraph.Master('/program').lookupNode('/talker')
+protocols = [['UDPROS', b'', '127.0.0.1', 5000, 1500]]
+with xmlrpc.client.ServerProxy(uri) as talker:
+    result = [talker.requestTopic('/program', '/chatter', each)[:2]
+              for each in (protocols, [*protocols, ['TCPROS']])]
+"""
+    assert await anyio.to_thread.run_sync(program.run, ask) == [[0, "only TCPROS is supported"], [1, "ready"]]

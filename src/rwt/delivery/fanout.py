@@ -12,6 +12,7 @@ from rwt.delivery.counters import EncodingCounts, TopicCounts
 from rwt.delivery.throttle import Throttle
 from rwt_graph.api import Participant, Sample, Subscription
 from rwt_graph.clock import Clock
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Form
 from rwt_interfaces.structs import MessageType
 from rwt_protocol.codecs import Encoding
@@ -22,7 +23,8 @@ from rwt_transports.turns import TOPIC_SECONDS, Turns
 logger = logging.getLogger(__name__)
 
 _MAX_DEFERRED: Final = 8
-"""Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once."""
+"""Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once, or dropped if
+another program sends them."""
 
 
 class DeferredSends:
@@ -39,13 +41,13 @@ class DeferredSends:
         waiting: steps and send function of each deferred sample; read-only.
     """
 
-    __slots__ = ("_added", "_is_scheduled", "_is_stepping", "_sent", "_turns", "waiting")
+    __slots__ = ("_added", "_has_failed", "_is_scheduled", "_is_stepping", "_sent", "_turns", "waiting")
 
     def __init__(self, turns: Turns) -> None:
         self._turns = turns
         self.waiting: deque[tuple[Iterator[None], Callable[[], None]]] = deque()
         self._added = self._sent = 0
-        self._is_scheduled = self._is_stepping = False
+        self._has_failed = self._is_scheduled = self._is_stepping = False
 
     def add(self, steps: Iterator[None], send: Callable[[], None]) -> None:
         """Call `send` after `steps` and all queued samples: before this returns, if that is
@@ -68,6 +70,11 @@ class DeferredSends:
         while self._sent == sent and self.waiting:
             self._step()
 
+    def drop_second(self) -> None:
+        """Drop the oldest sample of which no step was taken."""
+        del self.waiting[1]
+        self._sent += 1
+
     def clear(self) -> None:
         """Drop all queued samples."""
         self.waiting.clear()
@@ -83,8 +90,12 @@ class DeferredSends:
             self.waiting.popleft()
             self._sent += 1
             send()
-        except Exception:
-            logger.exception("a sample could not be sent")
+        except Exception as error:
+            if not isinstance(error, InvalidMessage):
+                logger.exception("a sample could not be sent")
+            elif not self._has_failed:
+                self._has_failed = True  # A robot may send many such messages.
+                logger.warning("samples that do not fit their type are not sent, such as one with %s", error)
             if self.waiting and self.waiting[0][0] is steps:
                 self.waiting.popleft()
                 self._sent += 1
@@ -465,7 +476,12 @@ class Fanout:
         self._number += 1
         self.late.add(self._steps(sample), partial(self._send, sample, self._number))
         while self._late_samples > _MAX_DEFERRED:
-            self.late.finish_first()
+            if sample.payload.is_long and sample.payload.is_relayed:
+                # Another program sends faster than this one encodes, and cannot be slowed down.
+                self.late.drop_second()
+                self._late_samples -= 1
+            else:
+                self.late.finish_first()
 
     def _steps(self, sample: Sample) -> Iterator[None]:
         streams = [stream for stream in self._active if stream.is_open]

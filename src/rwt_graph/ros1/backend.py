@@ -110,6 +110,7 @@ class Ros1Graph(MemoryGraph):
             raise Ros1Error(f"cannot accept connections of ROS 1 at {self.master}: {error}") from error
         parameters = self._master_parameters
         session.on_parameter = parameters.on_update
+        parameters.warn_once = session.warn_once
 
         def repeat() -> None:
             session.registrar.repeat()

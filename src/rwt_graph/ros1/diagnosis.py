@@ -36,7 +36,7 @@ async def examine_nodes(master: str) -> list[NodeReport]:
     Raises:
         Ros1Error: the master does not answer.
     """
-    state = State.of(await rpc.call(master, "getSystemState", "/rwt_doctor"))
+    state = await State.of(await rpc.call(master, "getSystemState", "/rwt_doctor"))
     is_local = is_loopback(rpc.address_of(master)[0])
     names = {node for _, node, _ in state.endpoints()}.union(*state.services.values())
     reports: list[NodeReport] = []

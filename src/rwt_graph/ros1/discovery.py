@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.memory.topics import RemoteEndpoint, TransientLocalCache
@@ -19,12 +20,11 @@ from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.ros1.registrar import Registration
     from rwt_graph.ros1.services import Ros1Services
     from rwt_graph.ros1.session import Session
     from rwt_graph.ros1.topics import Ros1Topics
     from rwt_interfaces.structs import MessageType
-
-logger = logging.getLogger(__name__)
 
 #: Seconds between two readings of the master's tables.
 _POLL_SECONDS: Final = 1.0
@@ -35,6 +35,20 @@ _PROBE_AGAIN_SECONDS: Final = 10.0
 
 #: Readings after which a subscriber without a connection, or a publisher without an update, is reported.
 _PATIENT_READINGS: Final = 4
+
+#: Maximum endpoints and services of other nodes, those that are handled at once, types that wait to be asked
+#: for, and nodes of one topic that are checked for their connections.
+_MOST_ENDPOINTS: Final = 30_000
+_MOST_SERVICES: Final = 10_000
+_AT_ONCE: Final = 100
+_ENTRIES_AT_ONCE: Final = 1000
+_MOST_WAITING: Final = 200
+_MOST_CHECKED: Final = 100
+
+#: Maximum nodes of one topic or service.
+_MOST_NODES: Final = 2000
+
+_ADVICE: Final = "Set ROS_IP to an address of this host that the robot reaches, and let no firewall block it."
 
 _LATCHED: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
@@ -51,7 +65,7 @@ class State:
     services: dict[str, list[str]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, value: object) -> State:
+    async def of(cls, value: object) -> State:
         """Return the tables in a response of `getSystemState`.
 
         Raises:
@@ -59,7 +73,16 @@ class State:
         """
         match value:
             case [list(publishers), list(subscribers), list(services)]:
-                return cls(*(dict(_entries(each)) for each in (publishers, subscribers, services)))
+                state = cls()
+                for table, entries in (
+                    (state.publishers, publishers),
+                    (state.subscribers, subscribers),
+                    (state.services, services),
+                ):
+                    for start in range(0, len(entries), _ENTRIES_AT_ONCE):
+                        table.update(_entries(entries[start : start + _ENTRIES_AT_ONCE]))
+                        await anyio.lowlevel.checkpoint()
+                return state
         raise Ros1Error("the master's response to getSystemState is malformed")
 
     def endpoints(self) -> Iterator[Key]:
@@ -74,7 +97,7 @@ def _entries(table: list[object]) -> Iterator[tuple[str, list[str]]]:
     for entry in table:
         match entry:
             case [str(name), list(nodes)]:
-                yield name, [node for node in nodes if isinstance(node, str)]
+                yield name, [node for node in nodes[:_MOST_NODES] if isinstance(node, str)]
 
 
 class Discovery:
@@ -85,6 +108,7 @@ class Discovery:
     ) -> None:
         self._graph = graph
         self._session = session
+        self.warn_once = session.warn_once
         self._ros_topics = topics
         self._services = services
         self._endpoints: dict[Key, tuple[RemoteEndpoint, float]] = {}
@@ -94,7 +118,7 @@ class Discovery:
         self._probes = anyio.CapacityLimiter(_MOST_PROBES)
         self._probed: dict[object, float] = {}
         self._missing: dict[Key, int] = {}
-        self._reported: set[str] = set()
+        self._unlisted: set[Registration] = set()
 
     async def run(self) -> None:
         """Read the master's tables until the task is cancelled."""
@@ -110,30 +134,43 @@ class Discovery:
         session, began = self._session, time.monotonic()
         raw = await rpc.fetch(session.master, "getSystemState", "/rwt")
         if raw != self._raw:
-            self._state = State.of(rpc.value_of(session.master, "getSystemState", raw))
+            self._state = await State.of(await rpc.value_of(session.master, "getSystemState", raw))
             types = await session.call_master("getTopicTypes", "/rwt")
             if not isinstance(types, list):
                 raise Ros1Error("the master's response to getTopicTypes is malformed")
-            self._apply(dict(each for each in types if _is_pair(each)), began)
             self._raw = raw
+            await self._apply(dict(each for each in types if _is_pair(each)), began)
         session.on_master_answer()
         self._check_own()
         await self._check_connections()
 
-    def _apply(self, types: dict[str, str], began: float) -> None:
+    async def _apply(self, types: dict[str, str], began: float) -> None:
         own = self._session.own_names()
-        found = {key for key in self._state.endpoints() if key[1] not in own}
-        for key in found:
+        listed = [key for key in islice(self._state.endpoints(), _MOST_ENDPOINTS) if key[1] not in own]
+        found = dict.fromkeys(listed)
+        for number, key in enumerate(listed, 1):
             self._add(key, types.get(key[0], "*"))
-        for key, (endpoint, joined) in tuple(self._endpoints.items()):
-            # A publisher that connected meanwhile may not be in the tables that were read.
-            if key not in found and joined < began:
-                del self._endpoints[key]
-                self._graph.topic_table.remote_left(key[0], endpoint)
-        services = {name: nodes[-1] for name, nodes in self._state.services.items() if nodes}
-        others = {name: node for name, node in services.items() if node not in own}
+            if number % _AT_ONCE == 0:
+                await anyio.lowlevel.checkpoint()
+        # A publisher that connected meanwhile may not be in the tables that were read.
+        left = [key for key, (_, joined) in self._endpoints.items() if key not in found and joined < began]
+        for number, key in enumerate(left, 1):
+            self._leave(key)
+            if number % _AT_ONCE == 0:
+                await anyio.lowlevel.checkpoint()
+        services = islice(
+            ((name, nodes[-1]) for name, nodes in self._state.services.items() if nodes), _MOST_SERVICES
+        )
+        others = {name: node for name, node in services if node not in own}
         self._services.found(others, self._probe)
+        now = time.monotonic()
+        self._probed = {key: until for key, until in self._probed.items() if until > now}
         self._apply_nodes({node for _, node, _ in found} | set(others.values()))
+
+    def _leave(self, key: Key) -> None:
+        known = self._endpoints.pop(key, None)
+        if known is not None:
+            self._graph.topic_table.remote_left(key[0], known[0])
 
     def _apply_nodes(self, nodes: set[str]) -> None:
         for node in nodes - self._nodes:
@@ -179,12 +216,19 @@ class Discovery:
         if key not in self._endpoints and node not in self._session.own_names():
             self._join(key, RemoteEndpoint(node, type.name, type, DEFAULT_QOS))
 
+    def lost_subscriber(self, topic: str, node: str) -> None:
+        """Remove a subscriber that has disconnected, unless the tables list it."""
+        if node not in self._state.subscribers.get(topic, ()):
+            self._leave((topic, node, False))
+
     # Types that no registration tells
 
     def _probe(self, key: object, ask: Callable[[], Awaitable[None]]) -> None:
         """Ask another node for a type, unless it was asked lately."""
         now = time.monotonic()
-        if self._probed.get(key, 0.0) <= now:
+        if self._probes.statistics().tasks_waiting > _MOST_WAITING:
+            self._raw = b""  # Asked when the tables are read next.
+        elif self._probed.get(key, 0.0) <= now:
             self._probed[key] = now + _PROBE_AGAIN_SECONDS
             self._session.sockets.spawn(partial(self._ask, ask), f"type of {key}")
 
@@ -194,11 +238,11 @@ class Discovery:
                 await ask()
             except (Ros1Error, WireError) as error:
                 self._raw = b""  # Asked again when the tables are read next.
-                if str(error) not in self._reported:
-                    self._reported.add(str(error))
-                    logger.warning("%s", error)
+                self.warn_once(str(error))
 
     async def _probe_topic(self, key: Key, type_name: str) -> None:
+        if not self._is_listed(key):
+            return
         try:
             type, is_latched = await self._topic_type(*key[:2])
         except (Ros1Error, WireError):
@@ -234,16 +278,13 @@ class Discovery:
             "Subscriber": self._state.subscribers,
             "Service": self._state.services,
         }
-        for each in self._session.registrar.confirmed:
-            if each.node.name not in tables[each.kind].get(each.name, ()):
-                self._missing[each.name, each.node.name, True] = count = (
-                    self._missing.get((each.name, each.node.name, True), 0) + 1
-                )
-                if count >= 2:  # A registration may be newer than the tables.
-                    logger.warning("the ROS 1 master has no registrations of this process: all are repeated")
-                    self._missing.clear()
-                    self._session.on_forgotten()
-                    return
+        confirmed = self._session.registrar.confirmed
+        lost = {each for each in confirmed if each.node.name not in tables[each.kind].get(each.name, ())}
+        if lost & self._unlisted:  # For two readings: a registration may be newer than the tables.
+            self.warn_once("the ROS 1 master has no registrations of this process: all are repeated")
+            lost.clear()
+            self._session.on_forgotten()
+        self._unlisted = lost
 
     async def _check_connections(self) -> None:
         """Report nodes that cannot connect back, and find publishers without the master's updates."""
@@ -252,7 +293,7 @@ class Discovery:
         for node in self._session.nodes.values():
             for publication in node.publications.values():
                 connected = {link.caller for link in publication.links}
-                for name in self._state.subscribers.get(publication.name, ()):
+                for name in self._state.subscribers.get(publication.name, ())[:_MOST_CHECKED]:
                     if name not in connected and name not in own:
                         key = (publication.name, name, False)
                         missing[key] = self._missing.get(key, 0) + 1
@@ -262,7 +303,7 @@ class Discovery:
                 key = (name, "", True)
                 missing[key] = self._missing.get(key, 0) + 1
                 if missing[key] % _PATIENT_READINGS == 0:
-                    await self._find_publishers(name, others)
+                    await self._find_publishers(name, others[:_MOST_CHECKED])
         for key, count in missing.items():
             if count == _PATIENT_READINGS and not key[2]:
                 self._report_unconnected(*key[:2])
@@ -272,27 +313,17 @@ class Discovery:
         uris = [await self._session.try_master("lookupNode", node) for node in nodes]
         subscription = self._ros_topics.subscriptions.get(topic)
         if subscription is not None and subscription.follow_also(uri for uri in uris if isinstance(uri, str)):
-            logger.warning(
-                "the ROS 1 master does not report the publishers of %s: it was told to do so at %s;"
-                " they are found by asking it. %s",
-                topic,
-                subscription.node.uri,
-                self._advice(),
+            self.warn_once(
+                f"the ROS 1 master does not report the publishers of {topic}: it was told to do so at"
+                f" {subscription.node.uri}; they are found by asking it. {_ADVICE}"
             )
 
     def _report_unconnected(self, topic: str, node: str) -> None:
-        logger.warning(
-            "node %s subscribes to %s, but has not connected to this process at %s, the address it was given"
-            " (%s). %s",
-            node,
-            topic,
-            self._session.address.host,
-            self._session.address.source,
-            self._advice(),
+        address = self._session.address
+        self.warn_once(
+            f"node {node} subscribes to {topic}, but has not connected to this process at {address.host},"
+            f" the address it was given ({address.source}). {_ADVICE}"
         )
-
-    def _advice(self) -> str:
-        return "Set ROS_IP to an address of this host that the robot reaches, and let no firewall block it."
 
 
 def _is_pair(value: object) -> bool:

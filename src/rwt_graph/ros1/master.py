@@ -12,6 +12,8 @@ from collections.abc import Callable
 from inspect import signature
 from typing import TYPE_CHECKING, Final
 
+import anyio
+
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.parameters.tree import ParameterTree
 from rwt_graph.ros1.parameters import is_below
@@ -26,11 +28,14 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 #: Maximum registrations and watched parameters, and characters of a name or address.
-_MOST_ENTRIES: Final = 20_000
+_MOST_ENTRIES: Final = 5000
 _NAME_CHARS: Final = 1000
 
 #: Maximum bytes of all parameters, which contain robot descriptions.
-_PARAMETER_BYTES: Final = 64 * 1024 * 1024
+_PARAMETER_BYTES: Final = 32 * 1024 * 1024
+
+#: Maximum notifications that are sent at once.
+_MOST_CALLS: Final = 64
 
 Table = dict[str, dict[str, str]]
 """Addresses by node, by topic or service."""
@@ -52,11 +57,13 @@ class Master:
         self._publishers: Table = {}
         self._subscribers: Table = {}
         self._services: Table = {}
+        self._entries = 0
         self._types: dict[str, str] = {}
         self._nodes: dict[str, str] = {}
         self._watches: dict[tuple[str, str], str] = {}
         # Calls that wait for each node, by method and name: a newer one replaces an older one.
         self._pending: dict[str, dict[tuple[str, str], tuple[Value, ...]]] = {}
+        self._calls = anyio.CapacityLimiter(_MOST_CALLS)
         self._parameters = tree = ParameterTree(max_bytes=_PARAMETER_BYTES)
         tree.set("/rosdistro", f"{NOETIC.name}\n")
         tree.set("/rosversion", f"{NOETIC.master_version}\n")
@@ -132,7 +139,8 @@ class Master:
             while calls := self._pending[uri]:
                 method, name = key = next(iter(calls))
                 params = calls.pop(key)
-                await rpc.call(uri, method, "/master", name, *params)
+                async with self._calls:
+                    await rpc.call(uri, method, "/master", name, *params)
         except Ros1Error as error:
             logger.info("a node does not take a notification: %s", error)
             for watch in [each for each in self._watches if each[0] == uri]:
@@ -143,7 +151,7 @@ class Master:
     # Registrations
 
     def _register(self, table: Table, name: str, node: str, uri: str, node_uri: str) -> None:
-        if sum(map(len, (*self._publishers.values(), *self._subscribers.values()))) >= _MOST_ENTRIES:
+        if self._entries >= _MOST_ENTRIES:
             raise WireError(f"the master has {_MOST_ENTRIES} registrations, which is the limit")
         earlier = self._nodes.get(node)
         if earlier is not None and earlier != node_uri:
@@ -152,12 +160,15 @@ class Master:
                 for other in tuple(each):
                     self._remove(each, other, node)
         self._nodes[node] = node_uri
-        table.setdefault(name, {})[node] = uri
+        self._entries += node not in table.setdefault(name, {})
+        table[name][node] = uri
 
     def _remove(self, table: Table, name: str, node: str) -> None:
         entries = table.get(name, {})
-        if entries.pop(node, None) is not None and table is self._publishers:
-            self._update(name)
+        if entries.pop(node, None) is not None:
+            self._entries -= 1
+            if table is self._publishers:
+                self._update(name)
         if not entries:
             table.pop(name, None)
 

@@ -38,6 +38,7 @@ class Ros1Node:
         name: name on the ROS 1 graph; changes once if another node has it, or takes it.
         uri: address of the slave API.
         service_uri: address of its services.
+        spawn: starts a task on the graph's event loop.
         is_named: True once it was checked that no other node has the name.
         is_renamed: True once the name was changed.
         is_evicted: True if the node was told to shut down, or another node has taken its second name.
@@ -51,6 +52,7 @@ class Ros1Node:
         self.publications: dict[str, Publication] = {}
         self.subscriptions: dict[str, Subscription] = {}
         self.services: dict[str, Offer] = {}
+        self.spawn = session.sockets.spawn
         self._session = session
         self._links: set[Link] = set()
         address = session.address

@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable
+from math import inf
 from typing import TYPE_CHECKING, Final
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.parameters.tree import ParameterTree
@@ -45,10 +47,12 @@ class MasterParameters(ParameterTree):
         self._wake = anyio.Event()
         self._is_joined = False
         self._settled_at = 0.0
+        self.warn_once: Callable[[str], None] = logger.warning
 
     def set(self, name: str, value: ParameterValue) -> None:
         try:
-            xmlrpc.encode_response(value)
+            for _ in xmlrpc.encode_response(value):
+                pass
         except WireError as error:
             raise ParameterRejected(f"parameter {name[:80]}: {error}") from error
         super().set(name, value)
@@ -81,7 +85,7 @@ class MasterParameters(ParameterTree):
             else:
                 super().set(name, value)
         except ParameterRejected as error:
-            logger.warning("parameter %s of the ROS 1 master is not used: %s", name[:200], error)
+            self.warn_once(f"parameter {name[:200]} of the ROS 1 master is not used: {error}")
 
     def resynchronise(self) -> None:
         """Read all parameters again, and set those of this process again if they are missing."""
@@ -118,17 +122,20 @@ class MasterParameters(ParameterTree):
         """Read all parameters, and follow their changes; raises Ros1Error."""
         monitor = session.monitor
         found = await session.call_master("subscribeParam", monitor.name, monitor.uri, "/")
+        tables = found if isinstance(found, dict) else {}
         self._is_joined = True
         self._requests.clear()
-        values = dict(_leaves("", found))
-        for name in self.names():
-            if name not in values and not any(is_below(name, own) for own in self._own):
-                self._apply(name, None)
-        for name, value in values.items():
-            self._apply(name, value)
-        for name in self._own:
-            if not any(is_below(each, name) for each in values):
-                self._request("setParam", name)
+        self._settled_at = inf  # What changes meanwhile is read again.
+        lost = {name: self.get(name) for name in self._own if not _holds(tables, name) and self.has(name)}
+        for key in self.get("/").keys() - tables.keys():
+            super().delete(key)
+        for key, value in tables.items():
+            self._apply(f"/{key}", value)
+            await anyio.lowlevel.checkpoint()
+        for name, value in lost.items():
+            super().set(name, value)
+            self._request("setParam", name)
+        self._settled_at = time.monotonic() + _SETTLE_SECONDS
 
 
 def is_below(name: str, ancestor: str) -> bool:
@@ -136,9 +143,10 @@ def is_below(name: str, ancestor: str) -> bool:
     return name == ancestor or name.startswith(ancestor.rstrip("/") + "/")
 
 
-def _leaves(name: str, value: ParameterValue) -> Iterator[tuple[str, ParameterValue]]:
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from _leaves(f"{name}/{key}", item)
-    elif name:
-        yield name, value
+def _holds(table: ParameterValue, name: str) -> bool:
+    """Return True if a tree of parameters has a value of that name."""
+    for part in name.strip("/").split("/"):
+        if not isinstance(table, dict) or part not in table:
+            return False
+        table = table[part]
+    return True

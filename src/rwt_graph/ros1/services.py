@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.api import ServiceInfo
 from rwt_graph.errors import Ros1Error, WireError
@@ -16,9 +17,10 @@ from rwt_graph.memory.tables import NodeResources
 from rwt_graph.ros1.registrar import Registration
 from rwt_graph.ros1.wire.links import exchange_headers, open_link
 from rwt_graph.ros1.wire.rpc import address_of
+from rwt_graph.ros1.wire.sockets import Frame
 from rwt_graph.ros1.wire.tcpros import length_prefix
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
-from rwt_interfaces.payload import Payload
+from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
 from rwt_participant.errors import CallFailed, ProviderGone
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from rwt_graph.ros1.node import Ros1Node
     from rwt_graph.ros1.session import Session
     from rwt_graph.ros1.wire.links import Link
+    from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
 
@@ -48,7 +51,8 @@ class ServiceOffer:
         self._provider = provider
         self.registration = Registration("Service", provider.name, provider.type.name, node)
         self._links: set[Link] = set()
-        self._open: dict[Link, PendingCall] = {}
+        # The call of each client; None while its request is decoded.
+        self._open: dict[Link, PendingCall | None] = {}
         self._callers = NodeResources("/_ros1", private=True)
 
     def accept(self, link: Link) -> None:
@@ -83,10 +87,20 @@ class ServiceOffer:
     def _on_request(self, link: Link, body: bytes | memoryview) -> None:
         if link in self._open:
             raise WireError("a request was sent before the response to the one before it")
-        try:
-            request = Payload.from_ros1(self._provider.type.request, body)
-        except InvalidMessage as error:
-            self._answer(link, CallFailed(f"the request is not a {self._provider.type.name}: {error}"))
+        if len(body) < LONG_FORMS_BYTES:
+            self._call(link, _decoded(self._provider.type.request, body))
+        else:
+            self._open[link] = None
+            self._node.spawn(partial(self._call_later, link, body), "a long request on ROS 1")
+
+    async def _call_later(self, link: Link, body: bytes | memoryview) -> None:
+        request = await _decoded_in_steps(self._provider.type.request, body)
+        if self._open.pop(link, self) is None:  # It is still connected.
+            self._call(link, request)
+
+    def _call(self, link: Link, request: Payload | InvalidMessage) -> None:
+        if isinstance(request, InvalidMessage):
+            self._answer(link, CallFailed(f"the request is not a {self._provider.type.name}: {request}"))
             return
         call = self._services.call(
             self._provider.name, request, partial(self._answer, link), None, self._callers
@@ -99,7 +113,7 @@ class ServiceOffer:
         is_failed = isinstance(answer, CallFailed)
         parts = (str(answer).encode(),) if isinstance(answer, CallFailed) else answer.serialised_parts()
         head = (b"\0" if is_failed else b"\1") + length_prefix(sum(map(len, parts)))
-        link.stream.send((head, *parts))
+        link.stream.send(Frame((head, *parts)))
         if link.header.get("persistent", "").lower() not in ("1", "true"):
             self._links.discard(link)
             link.finish()
@@ -233,14 +247,22 @@ class Ros1Services:
         call.on_end = answered.set
         link: Link | None = None
 
+        long: list[bytes | memoryview] = []
+
         def on_response(link: Link, body: bytes | memoryview) -> None:
             if not link.frames.is_success:
                 call.fail(str(body, errors="replace"))
-                return
-            try:
-                call.reply(Payload.from_ros1(info.type.response, body))
-            except InvalidMessage as error:
-                call.fail(f"the response of {info.name} is not a {info.type.name}: {error}")
+            elif len(body) < LONG_FORMS_BYTES:
+                reply(_decoded(info.type.response, body))
+            else:
+                long.append(body)
+                answered.set()
+
+        def reply(response: Payload | InvalidMessage) -> None:
+            if isinstance(response, Payload):
+                call.reply(response)
+            else:
+                call.fail(f"the response of {info.name} is not a {info.type.name}: {response}")
 
         def on_close(link: Link) -> None:
             call.end_with(ProviderGone(f"Service {info.name} went away without an answer: {link.reason}"))
@@ -253,15 +275,37 @@ class Ros1Services:
             await exchange_headers(link, fields)
             link.on_frame, link.on_close = on_response, on_close
             parts = call.request.serialised_parts()
-            link.stream.send((length_prefix(sum(map(len, parts))), *parts))
+            link.stream.send(Frame((length_prefix(sum(map(len, parts))), *parts)))
             if link.closed.is_set():
                 on_close(link)
             await answered.wait()
+            if long:
+                reply(await _decoded_in_steps(info.type.response, long[0]))
         except Ros1Error as error:
             call.end_with(ProviderGone(f"Service {info.name} cannot be called: {error}"))
         finally:
             if link is not None:
                 link.close()
+
+
+def _decoded(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMessage:
+    try:
+        return Payload.from_ros1(type, body)
+    except InvalidMessage as error:
+        return error
+
+
+async def _decoded_in_steps(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMessage:
+    steps = Payload.from_ros1_in_steps(type, body)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            payload: Payload = end.value
+            return payload
+        except InvalidMessage as error:
+            return error
+        await anyio.lowlevel.checkpoint()
 
 
 def _expect_status(link: Link) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
@@ -27,6 +28,13 @@ logger = logging.getLogger(__name__)
 #: Part of the reason with which a master shuts down a node whose name a newer one has registered.
 _NAME_TAKEN: Final = "new node registered with same name"
 
+#: Maximum different warnings about other programs, and seconds between those beyond.
+_MOST_WARNINGS: Final = 50
+_WARNING_SECONDS: Final = 1.0
+
+#: Seconds between attempts to connect publishers.
+_ATTEMPT_SECONDS: Final = 0.002
+
 
 class Session:
     """Membership of one graph in ROS 1.
@@ -47,6 +55,8 @@ class Session:
         self.master = master
         self.address = address
         self.sockets = Sockets(graph)
+        self._warnings: dict[str, None] = {}
+        self._next_warning = self._next_attempt = 0.0
         self.types = WireTypes(graph.registry)
         self.nodes: dict[str, Ros1Node] = {}
         self.registrar = Registrar(self)
@@ -97,6 +107,26 @@ class Session:
         for node in (self.monitor, *self.nodes.values()):
             node.sweep()
 
+    async def wait_to_connect(self) -> None:
+        """Wait until another publisher may be connected: many at once would hold the event loop."""
+        now = time.monotonic()
+        self._next_attempt = max(now, self._next_attempt + _ATTEMPT_SECONDS)
+        if self._next_attempt > now:
+            await anyio.sleep(self._next_attempt - now)
+
+    def warn_once(self, text: str) -> None:
+        """Log a text, unless it was logged lately, or others fill the log."""
+        if text in self._warnings:
+            return
+        now = time.monotonic()
+        if len(self._warnings) >= _MOST_WARNINGS:
+            if now < self._next_warning:
+                return
+            del self._warnings[next(iter(self._warnings))]
+        self._warnings[text] = None
+        self._next_warning = now + _WARNING_SECONDS
+        logger.warning("%s", text)
+
     # Master
 
     async def call_master(self, method: str, caller: str, *params: Value) -> Value:
@@ -111,7 +141,7 @@ class Session:
         """
         body = await rpc.fetch(self.master, method, self.monitor.name, *params)
         try:
-            return rpc.value_of(self.master, method, body)
+            return await rpc.value_of(self.master, method, body)
         except Ros1Error:
             return None
 

@@ -12,6 +12,7 @@ import weakref
 from collections import deque
 from collections.abc import Iterable
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import anyio
@@ -20,7 +21,9 @@ from rwt_graph.api import Sample
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.ros1.registrar import Registration
 from rwt_graph.ros1.wire.links import exchange_headers, open_link, request_topic
+from rwt_graph.ros1.wire.sockets import PEER_CLOSED, Frame
 from rwt_graph.ros1.wire.tcpros import length_prefix
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 #: Maximum publishers of one topic that are connected.
-_MOST_PUBLISHERS: Final = 500
+_MOST_PUBLISHERS: Final = 200
 
 #: Seconds before a publisher is connected again: at first, and at most.
 _SHORTEST_DELAY: Final = 0.25
@@ -69,7 +72,7 @@ class Publication:
         self._definition = type.registry.full_text(type)
         self._slow: weakref.WeakSet[Link] = weakref.WeakSet()
         self._startup_end = time.monotonic() + _STARTUP_SECONDS
-        self._startup: deque[tuple[bytes | memoryview, ...]] = deque(maxlen=_STARTUP_MESSAGES)
+        self._startup: deque[Frame] = deque(maxlen=_STARTUP_MESSAGES)
 
     def add(self, publisher: MemoryPublisher) -> None:
         """Send the samples of a publisher, and those that it retains."""
@@ -87,18 +90,12 @@ class Publication:
         """Answer a subscriber, and send it the retained samples."""
         header = link.header
         if header["md5sum"] not in ("*", self.type.md5):
-            logger.warning(
-                "node %s cannot subscribe to %s: its %s has the MD5 sum %s, that of %s has %s;"
-                " its definition is %r, that of %s is %r",
-                link.caller[:200],
-                self.name,
-                header.get("type", "type")[:200],
-                header["md5sum"][:32],
-                self._node.name,
-                self.type.md5,
-                header.get("message_definition", "not known")[:_SHOWN_CHARS],
-                self._node.name,
-                self._definition[:_SHOWN_CHARS],
+            self._discovery.warn_once(
+                f"node {link.caller[:200]} cannot subscribe to {self.name}:"
+                f" its {header.get('type', 'type')[:200]} has the MD5 sum {header['md5sum'][:32]},"
+                f" that of {self._node.name} has {self.type.md5};"
+                f" its definition is {header.get('message_definition', 'not known')[:_SHOWN_CHARS]!r},"
+                f" that of {self._node.name} is {self._definition[:_SHOWN_CHARS]!r}"
             )
             link.refuse(
                 f"topic types do not match: [{header.get('type')}/{header['md5sum']}]"
@@ -117,7 +114,7 @@ class Publication:
                 "tcp_nodelay": "1",
             }
         )
-        link.on_close = self.links.discard
+        link.on_close = self._left
         self.links.add(link)
         self._discovery.found_subscriber(self.name, link.caller, self.type)
         for publisher in self.publishers:
@@ -125,6 +122,10 @@ class Publication:
         if not is_latched and time.monotonic() < self._startup_end:
             for frame in self._startup:
                 link.stream.send(frame)
+
+    def _left(self, link: Link) -> None:
+        self.links.discard(link)
+        self._discovery.lost_subscriber(self.name, link.caller)
 
     def _send_retained(self, publisher: MemoryPublisher, link: Link) -> None:
         retained = () if publisher.cache is None else publisher.cache.samples()
@@ -138,14 +139,15 @@ class Publication:
             self._startup.clear()
         if self.links or is_startup:
             frame = _frame(sample.payload)
-            if is_startup and sum(map(len, frame)) <= _STARTUP_BYTES:
-                self._startup.append(tuple(map(bytes, frame)))
+            if is_startup and frame.size <= _STARTUP_BYTES:
+                frame.keep()
+                self._startup.append(frame)
             for link in tuple(self.links):
                 link.stream.send(frame)
                 if link.stream.dropped and link not in self._slow:
                     self._slow.add(link)
-                    logger.warning(
-                        "node %s reads %s too slowly: its oldest messages are dropped", link.caller, self.name
+                    self._discovery.warn_once(
+                        f"node {link.caller} reads {self.name} too slowly: its oldest messages are dropped"
                     )
 
     def close(self) -> None:
@@ -157,9 +159,9 @@ class Publication:
         self.links.clear()
 
 
-def _frame(payload: Payload) -> tuple[bytes | memoryview, ...]:
+def _frame(payload: Payload) -> Frame:
     parts = payload.serialised_parts()
-    return (length_prefix(sum(map(len, parts))), *parts)
+    return Frame((length_prefix(sum(map(len, parts))), *parts))
 
 
 class Subscription:
@@ -182,24 +184,21 @@ class Subscription:
         self._topic = topic
         self._now = session.graph.clock.time_ns
         self._publishers: dict[str, anyio.CancelScope] = {}
-        self._reported: set[str] = set()
 
     def follow(self, uris: Iterable[str]) -> None:
         """Connect to these publishers, and to no others."""
         self.updates += 1
-        wanted = set(uris) - self._session.own_uris()
+        wanted = set(islice(uris, _MOST_PUBLISHERS)) - self._session.own_uris()
         for uri in self._publishers.keys() - wanted:
             self._publishers.pop(uri).cancel()
         for uri in sorted(wanted - self._publishers.keys()):
-            if len(self._publishers) < _MOST_PUBLISHERS:
-                scope = self._publishers[uri] = anyio.CancelScope()
-                self._session.sockets.spawn(
-                    partial(self._keep_connected, uri, scope), f"{self.name} at {uri}"
-                )
+            scope = self._publishers[uri] = anyio.CancelScope()
+            self._session.sockets.spawn(partial(self._keep_connected, uri, scope), f"{self.name} at {uri}")
 
     def follow_also(self, uris: Iterable[str]) -> bool:
         """Connect to publishers of which no update came; returns False if all are known."""
         missing = set(uris) - self._publishers.keys() - self._session.own_uris()
+        missing = set(islice(missing, _MOST_PUBLISHERS - len(self._publishers)))
         if missing:
             self.follow(missing | self._publishers.keys())
         return bool(missing)
@@ -208,11 +207,12 @@ class Subscription:
         delay = _SHORTEST_DELAY
         with scope:
             while True:
+                await self._session.wait_to_connect()
                 try:
                     await self._connect(uri)
                     delay = _SHORTEST_DELAY
                 except Ros1Error as error:
-                    self._report(f"{self.name} is not received from {uri}: {error}")
+                    self._discovery.warn_once(f"{self.name} is not received from {uri}: {error}")
                 await anyio.sleep(delay)
                 delay = min(2 * delay, _LONGEST_DELAY)
 
@@ -235,15 +235,11 @@ class Subscription:
             )
             self.connected.add(uri)
             await link.closed.wait()
+            if link.reason not in ("", PEER_CLOSED):
+                raise Ros1Error(link.reason)
         finally:
             self.connected.discard(uri)
             link.close()
-
-    def _report(self, text: str) -> None:
-        """Log a text once."""
-        if text not in self._reported and len(self._reported) < _MOST_PUBLISHERS:
-            self._reported.add(text)
-            logger.warning("%s", text)
 
     def _on_header(self, link: Link) -> None:
         header = link.header
@@ -257,7 +253,7 @@ class Subscription:
                 f"node {link.caller} publishes {type.name}, and the topic has type {topic.type.name}"
             )
         if topic.type is not None and topic.type is not type and topic.type.md5 != type.md5:
-            self._report(
+            self._discovery.warn_once(
                 f"node {link.caller} defines {name}, the type of {self.name}, otherwise than this process:"
                 f" {header['message_definition'][:_SHOWN_CHARS]!r} in place of"
                 f" {topic.type.registry.full_text(topic.type)[:_SHOWN_CHARS]!r}"
@@ -275,7 +271,12 @@ class Subscription:
         if endpoint.cache is not None:
             endpoint.cache.add(sample)
         for subscriber in self._topic.subscribers:
-            subscriber.deliver(sample)
+            try:
+                subscriber.on_sample(sample)
+            except InvalidMessage as error:
+                raise WireError(f"node {endpoint.node} sent what is no {type.name}: {error}") from error
+            except Exception:
+                logger.exception("a subscriber of %s failed", self.name)
 
     def close(self) -> None:
         """Close the connections to publishers."""

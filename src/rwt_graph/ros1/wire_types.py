@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
 from rwt_graph.errors import WireError
+from rwt_interfaces import field_types
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 
@@ -14,9 +16,12 @@ if TYPE_CHECKING:
 #: Maximum characters and lines with a field or constant of a definition with its nested ones, lines of all
 #: definitions, and messages in one. A line costs up to 3 kB of memory.
 _DEFINITION_CHARS: Final = 256 * 1024
-_DEFINITION_LINES: Final = 3000
+_DEFINITION_LINES: Final = 1000
 _ALL_LINES: Final = 60_000
 _MOST_PARTS: Final = 500
+
+#: Maximum fields of a message with those of nested messages, and of their values in arrays of fixed lengths.
+_MOST_LEAVES: Final = 2000
 
 _SEPARATOR: Final = "\n" + "=" * 80 + "\n"
 
@@ -35,6 +40,8 @@ class WireTypes:
 
     def known(self, name: str) -> MessageType | None:
         """Return the type of that name in the registry; None if it is unknown."""
+        if self._registry.known_definition(name) is None:
+            return None
         try:
             return self._registry.message(name)
         except InterfaceError:
@@ -60,6 +67,7 @@ class WireTypes:
         )
         if len(definition) > _DEFINITION_CHARS or lines > _DEFINITION_LINES:
             raise WireError(f"the definition of {name[:80]} is too large")
+        lines += 1  # For the message itself.
         if self._lines + lines > _ALL_LINES:
             raise WireError(f"the definition of {name[:80]} is not used: {_ALL_LINES} lines of others are")
         parts = _parts(name, definition)
@@ -72,25 +80,44 @@ class WireTypes:
                 raise WireError(
                     f"the definition of {name} has the MD5 sum {found.md5}, the header says {md5}"
                 )
+            if max(_sizes(found, {})) > _MOST_LEAVES:
+                raise WireError(f"the definition of {name[:80]} is too large: it has {_MOST_LEAVES} values")
             self._lines += lines  # Only of what is kept: a publisher with an invalid definition tries again.
             return self._adopted(name, parts, own) or found
         except InterfaceError as error:
             raise WireError(f"the definition of {name[:80]} is invalid: {error}") from error
 
-    def _adopted(self, name: str, parts: dict[str, str], own: Registry) -> MessageType | None:
+    def _adopted(self, name: str, parts: Iterable[str], own: Registry) -> MessageType | None:
         """Add the definitions to the registry, unless one of them contradicts it."""
-        unknown: dict[str, str] = {}
-        for part, text in parts.items():
+        unknown: set[str] = set()
+        for part in parts:
             known = self.known(part)
             if known is None:
-                unknown[part] = text
+                unknown.add(part)
             elif known.md5 != own.message(part).md5:
                 return None
         if name not in unknown:
             return None
-        for part, text in unknown.items():
-            self._registry.add_text(text, part)
+        self._registry.add_messages(map(own.definition, unknown))
         return self._registry.message(name)
+
+
+def _sizes(type: MessageType, known: dict[str, tuple[int, int]]) -> tuple[int, int]:
+    """Return the number of fields of a message with nested ones, and of nested values in fixed arrays."""
+    if type.name not in known:
+        leaves = values = 0
+        for slot in type.slots:
+            match slot.type:
+                case field_types.Message(type=inner):
+                    sizes = _sizes(inner, known)
+                case field_types.Array(element=field_types.Message(type=inner), length=length):
+                    sizes = _sizes(inner, known)
+                    sizes = sizes[0], sizes[1] * (length or 0)
+                case _:
+                    sizes = 1, 1
+            leaves, values = leaves + sizes[0], values + sizes[1]
+        known[type.name] = leaves, values
+    return known[type.name]
 
 
 def _parts(name: str, definition: str) -> dict[str, str]:

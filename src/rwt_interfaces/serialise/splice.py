@@ -144,9 +144,8 @@ class SplicedMessage:
         return cls(field.put(message, pybase64.b64decode(token)), field, token, None, octets)
 
     @classmethod
-    def from_serialised(cls, type: MessageType, data: bytes | memoryview) -> SplicedMessage | msgspec.Struct:
-        """Decode a message; in two parts if it has long octets. Raises InvalidMessage."""
-        message = type.deserialise_views(data)
+    def from_views(cls, type: MessageType, message: msgspec.Struct) -> SplicedMessage | msgspec.Struct:
+        """Return a message whose long octets may be views; in two parts if it has long octets."""
         field = long_octets(type, message)
         if field is None:
             return message

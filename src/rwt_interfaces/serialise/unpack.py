@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, CHUNK_NUMBERS
 from rwt_interfaces.serialise.splice import LONG_OCTETS_BYTES
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import time_struct
 from rwt_interfaces.validation.mismatch import check_length, under
 
@@ -26,6 +28,11 @@ _Read = Callable[[memoryview, int], tuple[Any, int]]
 #: four, so that memory stays in proportion to what was received.
 _MOST_EMPTY_ELEMENTS = 16
 CUT_SHORT = "data cut short"
+
+#: Maximum numbers in the lists of a message that is decoded in steps, and how many an item of another kind
+#: counts for.
+_MOST_NUMBERS = 1 << 24
+_ITEM = 16
 
 
 def compile_reader(message: MessageType, rules: WireRules, *, views: bool = False) -> _Read:
@@ -175,10 +182,7 @@ def _octets_reader(field_type: field_types.Octets, rules: WireRules, *, views: b
 
 def _array_reader(field_type: field_types.Array, rules: WireRules) -> _Read:
     element, fixed, aligned = field_type.element, field_type.length, rules.aligned
-    if isinstance(element, (field_types.Bool, field_types.Int, field_types.Float)):
-        read_items = _numbers_reader(letters(element), aligned)
-    else:
-        read_items = _items_reader(_reader(element, rules), _takes_no_bytes(element, rules))
+    read_items = _read_items(element, rules)
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         count = fixed
@@ -188,6 +192,12 @@ def _array_reader(field_type: field_types.Array, rules: WireRules) -> _Read:
         return read_items(data, position, count)
 
     return read
+
+
+def _read_items(element: FieldType, rules: WireRules) -> Callable[[memoryview, int, int], tuple[Any, int]]:
+    if isinstance(element, (field_types.Bool, field_types.Int, field_types.Float)):
+        return _numbers_reader(letters(element), rules.aligned)
+    return _items_reader(_reader(element, rules), _takes_no_bytes(element, rules))
 
 
 def _numbers_reader(code: str, aligned: bool) -> Callable[[memoryview, int, int], tuple[Any, int]]:
@@ -234,32 +244,139 @@ def compile_decoder(
 ) -> Callable[[bytes | memoryview], msgspec.Struct]:
     """Return a decoder of a message type; it raises only InvalidMessage. `views` as for a reader."""
     read = compile_reader(message, rules, views=views)
-    header = rules.header
 
     def decode(data: bytes | memoryview) -> msgspec.Struct:
-        body = memoryview(data)
-        if header:
-            body = _without_header(body, header)
+        body = _without_header(memoryview(data), rules.header)
         try:
             value, used = read(body, 0)
         except struct.error:
             raise InvalidMessage("", CUT_SHORT) from None
-        rest = len(body) - used
-        # Some middleware pads CDR to a multiple of four.
-        if (
-            rest
-            and not rules.followed
-            and not (header and rest < 4 and len(body) % 4 == 0 and not any(bytes(body[used:])))
-        ):
-            raise InvalidMessage("", f"{rest} bytes too many")
+        _check_end(body, used, rules)
         message: msgspec.Struct = value
         return message
 
     return decode
 
 
+def _check_end(body: memoryview, used: int, rules: WireRules) -> None:
+    rest = len(body) - used
+    # Some middleware pads CDR to a multiple of four.
+    if (
+        rest
+        and not rules.followed
+        and not (rules.header and rest < 4 and len(body) % 4 == 0 and not any(bytes(body[used:])))
+    ):
+        raise InvalidMessage("", f"{rest} bytes too many")
+
+
+class _Room:
+    """Memory that the lists of a message may still take."""
+
+    def __init__(self) -> None:
+        self._left = _MOST_NUMBERS
+
+    def take(self, count: int, weight: int) -> None:
+        """Count items before they are decoded. Raises InvalidMessage."""
+        self._left -= count * weight
+        if self._left < 0:
+            raise InvalidMessage("", f"more than {_MOST_NUMBERS // _ITEM} items, or {_MOST_NUMBERS} numbers")
+
+
+_ReadInSteps = Callable[[memoryview, int, _Room], Steps[tuple[Any, int]]]
+
+
+def compile_step_decoder(
+    message: MessageType, rules: WireRules
+) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
+    """Return a decoder that takes long lists in steps, and leaves long octets outside of them as views.
+
+    It raises only InvalidMessage, also for more items than fit in memory several times.
+    """
+    read = _step_reader(message, rules)
+
+    def decode(data: bytes | memoryview) -> Steps[msgspec.Struct]:
+        body = _without_header(memoryview(data), rules.header)
+        try:
+            value, used = yield from read(body, 0, _Room())
+        except struct.error:
+            raise InvalidMessage("", CUT_SHORT) from None
+        _check_end(body, used, rules)
+        message: msgspec.Struct = value
+        return message
+
+    return decode
+
+
+def _step_reader(message: MessageType, rules: WireRules) -> _ReadInSteps:
+    fields = [
+        (slot.name, _reader(slot.type, rules, views=True), _steps_of(slot.type, rules))
+        for slot in message.slots
+    ]
+    make = message.struct
+
+    def read(data: memoryview, position: int, room: _Room) -> Steps[tuple[Any, int]]:
+        values = []
+        for name, read_field, read_in_steps in fields:
+            try:
+                if read_in_steps is None:
+                    value, position = read_field(data, position)
+                else:
+                    value, position = yield from read_in_steps(data, position, room)
+            except InvalidMessage as error:
+                raise under(name, error) from None
+            except struct.error:
+                raise InvalidMessage(name, CUT_SHORT) from None
+            values.append(value)
+        return make(*values), position
+
+    return read
+
+
+def _steps_of(field_type: FieldType, rules: WireRules) -> _ReadInSteps | None:
+    """Return a reader in steps; None for a field that cannot hold a list."""
+    match field_type:
+        case field_types.Message() if any(_steps_of(slot.type, rules) for slot in field_type.type.slots):
+            return _step_reader(field_type.type, rules)
+        case field_types.Array():
+            return _array_in_steps(field_type, rules)
+    return None
+
+
+def _array_in_steps(field_type: field_types.Array, rules: WireRules) -> _ReadInSteps:
+    element, fixed, aligned = field_type.element, field_type.length, rules.aligned
+    is_numbers = isinstance(element, (field_types.Bool, field_types.Int, field_types.Float))
+    size, weight = (CHUNK_NUMBERS, 1) if is_numbers else (CHUNK_ITEMS, _ITEM)
+    read_items, read_each = _read_items(element, rules), _steps_of(element, rules)
+    most = _MOST_EMPTY_ELEMENTS if _takes_no_bytes(element, rules) else None
+
+    def read(data: memoryview, position: int, room: _Room) -> Steps[tuple[Any, int]]:
+        count = fixed
+        if count is None:
+            count, position = _read_length(data, position, aligned)
+            check_length(count, None, field_type.bound)
+        if most is not None and count > most:
+            raise InvalidMessage("", f"expected at most {most} elements")
+        items: list[Any] = []
+        for start in range(0, count, size):
+            part = min(size, count - start)
+            room.take(part, weight)
+            if read_each is None:
+                found, position = read_items(data, position, part)
+                items += found
+            else:
+                for _ in range(part):
+                    item, position = yield from read_each(data, position, room)
+                    items.append(item)
+            yield
+        return items, position
+
+    return read
+
+
 def _without_header(data: memoryview, header: bytes) -> memoryview:
-    """Return the data after the encapsulation header, whose last two bytes are options."""
+    """Return the data after the encapsulation header, if any, whose last two bytes are options."""
+    if not header:
+        return data
     if len(data) < len(header):
         raise InvalidMessage("", CUT_SHORT)
     if bytes(data[:2]) != header[:2]:

@@ -127,7 +127,7 @@ async def start(graph: Ros1Graph, tasks: anyio.abc.TaskGroup, serve: Serve) -> H
         ),
         ((encode_header({**STRING, "md5sum": "1", "message_definition": "int8 a\n" * 60_000}),), "too large"),
         ((encode_header({"error": "go away"}),), "go away"),
-        ((encode_header(STRING), length_prefix(3) + b"abc"), "failed"),
+        ((encode_header(STRING), length_prefix(3) + b"abc"), "sent what is no std_msgs/String"),
     ],
 )
 async def test_a_hostile_publisher_hurts_nobody_else(

@@ -11,8 +11,8 @@ import anyio
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.ros1.wire import rpc
-from rwt_graph.ros1.wire.sockets import Stream, connect
-from rwt_graph.ros1.wire.tcpros import LARGE_BYTES, MESSAGE_BYTES, Frames, decode_header, encode_header
+from rwt_graph.ros1.wire.sockets import READ_BYTES, Frame, Stream, connect
+from rwt_graph.ros1.wire.tcpros import MESSAGE_BYTES, Frames, decode_header, encode_header
 
 if TYPE_CHECKING:
     from rwt_graph.ros1.wire.sockets import Sockets
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 CONNECT_SECONDS: Final = 5.0
 
 #: Maximum bytes of incomplete frames of all connections.
-_MOST_RECEIVED: Final = 512 * 1024 * 1024
+_MOST_RECEIVED: Final = 256 * 1024 * 1024
 
 OnLink: TypeAlias = "Callable[[Link], None]"
 OnFrame: TypeAlias = "Callable[[Link, bytes | memoryview], None]"
@@ -92,17 +92,18 @@ class Link:
 
     def _note_held(self) -> None:
         """Count the bytes of an incomplete frame."""
-        held = self.frames.held
+        frames = self.frames
+        held = frames.memory
         if held != self._held:
             self._sockets.receiving += held - self._held
             self._held = held
             if held and self._sockets.receiving > _MOST_RECEIVED:
                 raise WireError("too many large messages are being received")
-        self.stream.large = self if held + self.frames.missing >= LARGE_BYTES else None
+        self.stream.large = self if frames.held + frames.missing >= READ_BYTES else None
 
     def send_header(self, fields: Mapping[str, str]) -> None:
         """Send this side's header."""
-        self.stream.send((encode_header(fields),))
+        self.stream.send(Frame((encode_header(fields),)))
 
     def is_overdue(self) -> bool:
         """Return True if the peer has not sent its header in time."""
@@ -131,6 +132,7 @@ class Link:
     def _release(self) -> None:
         self._sockets.receiving -= self._held
         self._held = 0
+        self.frames.forget()
         self.ready.set()
         self.closed.set()
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
 import anyio
+import anyio.lowlevel
 import h11
 
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_graph.ros1.wire import xmlrpc
-from rwt_graph.ros1.wire.sockets import Stream
+from rwt_graph.ros1.wire.sockets import Frame, Stream
 
 if TYPE_CHECKING:
     from rwt_graph.ros1.wire.sockets import Sockets
@@ -24,11 +27,15 @@ CALL_SECONDS: Final = 5.0
 #: Seconds after which a connection without requests is closed.
 IDLE_SECONDS: Final = 60.0
 
-#: Maximum open connections of one node, and maximum bytes of requests that are being received.
+#: Maximum open connections of one node, and bytes of calls that are being received by all nodes.
 _MOST_CONNECTIONS: Final = 64
-_MOST_RECEIVED: Final = 32 * 1024 * 1024
+_MOST_RECEIVED: Final = 2 * xmlrpc.BODY_BYTES
 
 _READ_BYTES: Final = 65536
+
+#: Work of encoding a call or response at once: characters, and how many each text costs besides its own.
+_PART_COST: Final = 256 * 1024
+_TEXT_COST: Final = 100
 
 Dispatch = Callable[[str, tuple[xmlrpc.Value, ...]], xmlrpc.Value]
 """Answers a call; raises WireError if it does not fit."""
@@ -55,13 +62,18 @@ async def call(uri: str, method: str, *params: xmlrpc.Value) -> xmlrpc.Value:
     Raises:
         Ros1Error: it cannot be reached, does not answer in time, or refuses the call.
     """
-    return value_of(uri, method, await fetch(uri, method, *params))
+    return await value_of(uri, method, await fetch(uri, method, *params))
 
 
-def value_of(uri: str, method: str, body: bytes) -> xmlrpc.Value:
+async def value_of(uri: str, method: str, body: bytes) -> xmlrpc.Value:
     """Return the value of a response; raises Ros1Error."""
     try:
-        match xmlrpc.decode_response(body):
+        decoder = xmlrpc.Decoder()
+        for part in xmlrpc.parts_of(body):
+            decoder.feed(part)
+            if len(body) > len(part):
+                await anyio.lowlevel.checkpoint()
+        match decoder.response():
             case [1, str(), value]:
                 return value
             case [int(), str(text), *_]:
@@ -75,14 +87,37 @@ async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
     """Call a method and return the body of the response; raises Ros1Error."""
     try:
         host, port = address_of(uri)
-        content = xmlrpc.encode_call(method, params)
         with anyio.fail_after(CALL_SECONDS):
+            content = await _joined(_in_parts(xmlrpc.encode_call(method, params)))
             async with await anyio.connect_tcp(host, port) as stream:
                 return await _exchange(stream, f"{host}:{port}", content)
     except TimeoutError as error:
         raise Ros1Error(f"{uri} does not answer {method} within {CALL_SECONDS:g} s") from error
     except (OSError, anyio.BrokenResourceError, h11.RemoteProtocolError, WireError) as error:
         raise Ros1Error(f"{uri} cannot be reached: {error}") from error
+
+
+def _in_parts(texts: Iterator[str]) -> Iterator[str]:
+    """Join texts to some that take a few milliseconds each."""
+    part: list[str] = []
+    size = 0
+    for text in texts:
+        part.append(text)
+        size += len(text) + _TEXT_COST
+        if size > _PART_COST:
+            yield "".join(part)
+            part, size = [], 0
+    yield "".join(part)
+
+
+async def _joined(parts: Iterator[str]) -> bytes:
+    """Return the bytes of parts, between which the event loop goes on."""
+    found: list[bytes] = []
+    for part in parts:
+        if found:
+            await anyio.lowlevel.checkpoint()
+        found.append(part.encode())
+    return b"".join(found)
 
 
 async def _exchange(stream: anyio.abc.SocketStream, host: str, content: bytes) -> bytes:
@@ -127,34 +162,26 @@ class RpcServer:
 
     def __init__(self, sockets: Sockets, host: str, dispatch: Dispatch, port: int = 0) -> None:
         self._sockets = sockets
-        self._dispatch = dispatch
-        self._connections: set[_RpcConnection] = set()
+        self.dispatch = dispatch
+        # In the order of their last calls.
+        self._connections: dict[_RpcConnection, None] = {}
         self._listener = sockets.listen(host, self._accept, port)
         self.port = self._listener.port
 
     def _accept(self, accepted: socket.socket, _peer: str) -> None:
         if len(self._connections) >= _MOST_CONNECTIONS:
-            self.sweep()
-        if len(self._connections) >= _MOST_CONNECTIONS:
-            accepted.close()
-            return
-        self._connections.add(_RpcConnection(self, self._sockets, accepted))
+            # Whoever keeps connections open without calls cannot keep others out.
+            next(iter(self._connections)).close("crowded out")
+        self._connections[_RpcConnection(self, self._sockets, accepted)] = None
 
-    def answer(self, body: bytes) -> bytes:
-        """Return the response to a call."""
-        try:
-            method, params = xmlrpc.decode_call(body)
-            return xmlrpc.encode_response(self._dispatch(method, params))
-        except WireError as error:
-            return xmlrpc.encode_fault(str(error))
+    def answered(self, connection: _RpcConnection) -> None:
+        """Note that a connection is in use."""
+        if connection in self._connections:
+            self._connections[connection] = self._connections.pop(connection)
 
     def left(self, connection: _RpcConnection) -> None:
         """Remove a closed connection."""
-        self._connections.discard(connection)
-
-    def has_room(self) -> bool:
-        """Return False if too much is being received."""
-        return sum(len(each.body) for each in self._connections) < _MOST_RECEIVED
+        self._connections.pop(connection, None)
 
     def sweep(self) -> None:
         """Close idle connections."""
@@ -171,12 +198,14 @@ class RpcServer:
 
 
 class _RpcConnection:
-    """Connection of one caller."""
+    """Connection of one caller. A call is decoded as it arrives."""
 
     def __init__(self, server: RpcServer, sockets: Sockets, accepted: socket.socket) -> None:
         self._server = server
+        self._sockets = sockets
         self._http = h11.Connection(h11.SERVER)
-        self.body = bytearray()
+        self._decoder: xmlrpc.Decoder | None = None
+        self._error = ""
         # Set when a request is complete, so that a slow drip ends, too.
         self.last_used = time.monotonic()
         self._stream = Stream(sockets, accepted, self._on_data, self.close)
@@ -184,34 +213,83 @@ class _RpcConnection:
     def _on_data(self, data: bytes) -> None:
         self._http.receive_data(data)
         while True:
-            event = self._http.next_event()
+            try:
+                event = self._http.next_event()
+            except h11.RemoteProtocolError as error:
+                raise WireError(str(error)) from error
             if event is h11.NEED_DATA or event is h11.PAUSED:
                 return
-            if isinstance(event, h11.Data):
-                self.body += event.data
-                if len(self.body) > xmlrpc.BODY_BYTES or not self._server.has_room():
-                    raise WireError("the request is too large")
+            if isinstance(event, h11.Request):
+                if any(name == b"transfer-encoding" for name, _ in event.headers):
+                    raise WireError("calls in chunks are not supported")
+            elif isinstance(event, h11.Data):
+                self._decode(bytes(event.data))
             elif isinstance(event, h11.EndOfMessage):
-                self._respond()
+                self._answer()
             elif isinstance(event, h11.ConnectionClosed):
                 self.close("closed")
                 return
 
-    def _respond(self) -> None:
-        content = self._server.answer(bytes(self.body))
-        self.body.clear()
+    def _decode(self, data: bytes) -> None:
+        decoder = self._decoder = self._decoder or xmlrpc.Decoder()
+        self._sockets.calling += len(data)
+        if self._error:
+            decoder.size += len(data)
+            if decoder.size > xmlrpc.BODY_BYTES:
+                raise WireError(self._error)
+            return
+        try:
+            if self._sockets.calling > _MOST_RECEIVED:
+                raise WireError("too many large calls are being received")
+            decoder.feed(data)
+        except WireError as error:
+            self._error = str(error)
+
+    def _answer(self) -> None:
+        decoder, error = self._decoder or xmlrpc.Decoder(), self._error
+        self._forget()
+        try:
+            if error:
+                raise WireError(error)
+            parts = _in_parts(xmlrpc.encode_response(self._server.dispatch(*decoder.call())))
+            first, second = next(parts), next(parts, None)
+        except WireError as failure:
+            self._respond(xmlrpc.encode_fault(str(failure)))
+            return
+        if second is None:
+            self._respond(first.encode())
+        else:
+            parts = chain((first, second), parts)
+            self._sockets.spawn(partial(self._respond_later, parts), "a long response on ROS 1")
+
+    async def _respond_later(self, parts: Iterator[str]) -> None:
+        try:
+            content = await _joined(parts)
+        except WireError as error:
+            content = xmlrpc.encode_fault(str(error))
+        if not self._stream.closed:
+            self._respond(content, ("Connection", "close"))
+
+    def _respond(self, content: bytes, *more: tuple[str, str]) -> None:
         self.last_used = time.monotonic()
-        headers = [("Content-Type", "text/xml"), ("Content-Length", str(len(content)))]
+        self._server.answered(self)
+        headers = [("Content-Type", "text/xml"), ("Content-Length", str(len(content))), *more]
         head = self._http.send(h11.Response(status_code=200, headers=headers)) or b""
         self._http.send(h11.Data(content))
         self._http.send(h11.EndOfMessage())
-        self._stream.send((head, content))
+        self._stream.send(Frame((head, content)))
         if self._http.our_state is h11.MUST_CLOSE:
             self._server.left(self)
             self._stream.finish()
         else:
             self._http.start_next_cycle()
 
+    def _forget(self) -> None:
+        if self._decoder is not None:
+            self._sockets.calling -= self._decoder.size
+        self._decoder, self._error = None, ""
+
     def close(self, _reason: str) -> None:
+        self._forget()
         self._server.left(self)
         self._stream.close()

@@ -10,12 +10,14 @@ import errno
 import logging
 import os
 import socket
+import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
+import anyio.lowlevel
 
 from rwt_graph.errors import WireError
 from rwt_graph.ros1.wire.tcpros import ReceiveBuffers
@@ -28,21 +30,26 @@ logger = logging.getLogger(__name__)
 #: False on Windows.
 _HAS_SENDMSG: Final = hasattr(socket.socket, "sendmsg")
 
-#: Bytes that are read at once, except of large frames. The C library maps memory for each larger read, which
-#: costs more than a small message.
-READ_BYTES: Final = 32 * 1024
+#: Bytes that are read at once, except of frames that are larger: what they hold is handled at once.
+READ_BYTES: Final = 8 * 1024
 
 #: Maximum reads of one socket in one turn of the event loop.
 _READ_BATCH: Final = 4
 
-_PEER_CLOSED: Final = "the other program has closed the connection"
+#: Reason of a connection that the peer has closed.
+PEER_CLOSED: Final = "the other program has closed the connection"
 
 #: Maximum connections that are accepted in one turn of the event loop.
 _ACCEPT_BATCH: Final = 16
 
-#: Maximum bytes that wait for a slow reader before the oldest frames are dropped.
+#: Maximum bytes that wait for a slow reader, and for all of them, before the oldest frames are dropped.
 QUEUE_BYTES: Final = 16 * 1024 * 1024
+_ALL_QUEUES_BYTES: Final = 128 * 1024 * 1024
 
+#: Seconds of one turn of the event loop for reading sockets and writing large frames; the last one comes on
+#: top.
+_TURN_SECONDS: Final = 0.01
+_LARGE_WRITE_BYTES: Final = 64 * 1024
 
 #: Options by which peers that disappear without a word are noticed within a minute: the last one while bytes
 #: are unacknowledged, the others while the connection is idle. Windows and macOS lack some of them.
@@ -60,13 +67,18 @@ class Sockets:
     Attributes:
         spawn: starts a task on the graph's event loop.
         receiving: bytes of incomplete frames of all connections.
+        calling: bytes of incomplete calls of all connections.
+        is_full: True if the time of this turn of the event loop is used up.
+        queued: bytes that wait for slow readers; `slow` is their number.
         buffers: receive buffers of all connections.
     """
 
     def __init__(self, graph: MemoryGraph) -> None:
         self.spawn = graph.spawn
         self._graph = graph
-        self.receiving = 0
+        self.receiving = self.calling = self.queued = self.slow = 0
+        self.is_full = False
+        self._used = 0.0
         self.buffers = ReceiveBuffers()
         self._calls: dict[socket.socket, Callable[[], None]] = {}
         try:
@@ -86,7 +98,33 @@ class Sockets:
         self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
 
     def _read(self, call: Callable[[], None]) -> None:
+        if self.is_full:
+            return  # The socket is still readable in the next turn.
+        began = time.monotonic()
         self._graph.in_batch(call)
+        self._note(time.monotonic() - began)
+
+    def _note(self, seconds: float) -> None:
+        self._used += seconds
+        if self._used > _TURN_SECONDS and not self.is_full and self._loop is not None:
+            self.is_full = True
+            self._loop.call_soon(self._begin_turn)
+
+    def _begin_turn(self) -> None:
+        self.is_full = False
+        self._used = 0.0
+
+    def write(self, sock: socket.socket, parts: tuple[bytes | memoryview, ...], size: int) -> int:
+        """Write what a socket takes at once, and return the number of bytes; raises OSError."""
+        if size < _LARGE_WRITE_BYTES:
+            return _write(sock, parts)
+        if self.is_full:
+            return 0
+        began = time.monotonic()
+        try:
+            return _write(sock, parts)
+        finally:
+            self._note(time.monotonic() - began)
 
     async def _watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
         while sock in self._calls:
@@ -102,8 +140,7 @@ class Sockets:
         if self._calls.pop(sock, None) is not None:
             if self._loop is not None:
                 self._loop.remove_reader(sock.fileno())
-            else:
-                anyio.notify_closing(sock)
+            anyio.notify_closing(sock)
         sock.close()
 
     def listen(self, host: str, on_socket: Callable[[socket.socket, str], None], port: int = 0) -> Listener:
@@ -191,10 +228,24 @@ class LargeFrame(Protocol):
         """Called after bytes were received into :meth:`space`."""
 
 
+class Frame:
+    """Bytes to send to several readers. Memory that may be used again is copied once if one is slow."""
+
+    __slots__ = ("parts", "size")
+
+    def __init__(self, parts: tuple[bytes | memoryview, ...]) -> None:
+        self.parts = parts
+        self.size = sum(map(len, parts))
+
+    def keep(self) -> None:
+        """Copy memory that may be used again once the sender has returned."""
+        self.parts = tuple(map(bytes, self.parts))
+
+
 class Stream:
     """TCP connection whose data is passed to a function.
 
-    Frames wait in a queue while the peer does not read; beyond `most_queued` bytes, the oldest is dropped.
+    Frames wait in a queue while the peer does not read; beyond a limit, the oldest is dropped.
 
     Args:
         on_data: called with what was read; an exception closes the connection.
@@ -211,15 +262,14 @@ class Stream:
         sock: socket.socket,
         on_data: Callable[[bytes], None],
         on_close: Callable[[str], None],
-        most_queued: int = QUEUE_BYTES,
     ) -> None:
         self._sockets = sockets
         self._socket = sock
         self._on_data = on_data
         self._on_close = on_close
-        self._most_queued = most_queued
-        self._queue: deque[tuple[int, tuple[memoryview, ...]]] = deque()
+        self._queue: deque[Frame] = deque()
         self._queued = 0
+        self._sent = 0  # bytes of the first frame
         self._finishing = False
         self.closed = False
         self.dropped = 0
@@ -238,7 +288,7 @@ class Stream:
                 if data:
                     self._on_data(data)
                 else:
-                    self._lost(_PEER_CLOSED)
+                    self._lost(PEER_CLOSED)
             for _ in range(_READ_BATCH):
                 if self.large is None or self.closed or not self._read_large(self.large):
                     return
@@ -258,37 +308,41 @@ class Stream:
         with large.space() as space:
             count, most = self._socket.recv_into(space), len(space)
         if not count:
-            self._lost(_PEER_CLOSED)
+            self._lost(PEER_CLOSED)
         else:
             large.filled(count)
         return count == most
 
-    def send(self, parts: tuple[bytes | memoryview, ...]) -> None:
+    def send(self, frame: Frame) -> None:
         """Send a frame, at once if possible."""
         if self.closed:
             return
-        size = sum(map(len, parts))
+        sockets = self._sockets
         if not self._queue:
-            sent = self._send_now(parts)
-            if sent == size or self.closed:
+            self._sent = self._send_now(frame.parts, frame.size)
+            if self._sent == frame.size or self.closed:
                 return
-            self._queue.append((size - sent, _without(_kept(parts), sent)))
-            self._queued = size - sent
-            self._sockets.spawn(self._flush, "a slow reader on ROS 1")
-            return
-        self._queue.append((size, tuple(map(memoryview, _kept(parts)))))
-        self._queued += size
+            sockets.slow += 1
+            sockets.spawn(self._flush, "a slow reader on ROS 1")
+        frame.keep()
+        self._queue.append(frame)
+        self._count(frame.size)
         # The first frame may have been sent in part, and the last is the newest.
-        while self._queued > self._most_queued and len(self._queue) > 2:
-            self._queued -= self._queue[1][0]
+        most = min(QUEUE_BYTES, _ALL_QUEUES_BYTES // sockets.slow)
+        while self._queued > most and len(self._queue) > 2:
+            self._count(-self._queue[1].size)
             del self._queue[1]
             self.dropped += 1
+        if self._queued > most and sockets.queued > _ALL_QUEUES_BYTES:
+            self._lost("too many programs read too slowly")
 
-    def _send_now(self, parts: tuple[bytes | memoryview, ...]) -> int:
+    def _count(self, size: int) -> None:
+        self._queued += size
+        self._sockets.queued += size
+
+    def _send_now(self, parts: tuple[bytes | memoryview, ...], size: int) -> int:
         try:
-            if _HAS_SENDMSG:
-                return self._socket.sendmsg(parts)
-            return self._socket.send(b"".join(parts))
+            return self._sockets.write(self._socket, parts, size)
         except BlockingIOError:
             return 0
         except OSError as error:
@@ -302,14 +356,19 @@ class Stream:
             except (anyio.ClosedResourceError, OSError):
                 return
             while self._queue and not self.closed:
-                size, parts = self._queue[0]
-                sent = self._send_now(parts)
-                self._queued -= sent
-                if sent < size:
-                    if not self.closed:
-                        self._queue[0] = size - sent, _without(parts, sent)
+                if self._sockets.is_full:
+                    await anyio.lowlevel.checkpoint()
+                    continue
+                frame = self._queue[0]
+                left = frame.size - self._sent
+                self._sent += self._send_now(_without(frame.parts, self._sent), left)
+                if self._sent < frame.size:
                     break
+                self._sent = 0
+                self._count(-frame.size)
                 self._queue.popleft()
+        if not self.closed:
+            self._sockets.slow -= 1
         if self._finishing:
             self.close()
 
@@ -329,13 +388,15 @@ class Stream:
         """Close the connection; no-op if it is closed."""
         if not self.closed:
             self.closed = True
-            self._queue.clear()
+            if self._queue:
+                self._sockets.slow -= 1
+                self._count(-self._queued)
+                self._queue.clear()
             self._sockets.close(self._socket)
 
 
-def _kept(parts: tuple[bytes | memoryview, ...]) -> tuple[bytes, ...]:
-    """Return parts without views, whose buffers may be used again once the sender has returned."""
-    return tuple(map(bytes, parts))
+def _write(sock: socket.socket, parts: tuple[bytes | memoryview, ...]) -> int:
+    return sock.sendmsg(parts) if _HAS_SENDMSG else sock.send(b"".join(parts))
 
 
 def _without(parts: tuple[bytes | memoryview, ...], count: int) -> tuple[memoryview, ...]:

@@ -14,14 +14,19 @@ HEADER_BYTES: Final = 512 * 1024
 #: Maximum number of fields of a connection header.
 _MOST_FIELDS: Final = 64
 
+#: Maximum bytes of a value that is neither a definition nor an error.
+_VALUE_BYTES: Final = 4096
+
 #: Maximum bytes of a message, request or response.
-MESSAGE_BYTES: Final = 256 * 1024 * 1024
+MESSAGE_BYTES: Final = 128 * 1024 * 1024
 
 #: Minimum bytes of a frame that is yielded as a view of its receive buffer.
 LARGE_BYTES: Final = 64 * 1024
 
-#: Receive buffers of large frames: bytes at first; maximum number, and bytes of each, that are kept.
+#: Receive buffers of large frames: bytes at first, and added at once; maximum number, and bytes of each, that
+#: are kept.
 _FIRST_BYTES: Final = 256 * 1024
+_GROWTH_BYTES: Final = 1024 * 1024
 _MOST_BUFFERS: Final = 8
 _KEPT_BYTES: Final = 8 * 1024 * 1024
 
@@ -52,6 +57,8 @@ def decode_header(body: bytes) -> dict[str, str]:
         name, equals, value = body[start:at].partition(b"=")
         if at > len(body) or not equals or len(fields) >= _MOST_FIELDS:
             raise WireError("a connection header of ROS 1 is malformed")
+        if len(value) > _VALUE_BYTES and name not in (b"message_definition", b"error"):
+            raise WireError("a value in a connection header of ROS 1 is too long")
         fields[name.decode(errors="replace")] = value.decode(errors="replace")
     return fields
 
@@ -103,6 +110,7 @@ class Frames:
         is_success: status of the frame that was yielded last.
         missing: bytes that the current frame lacks; 0 between frames.
         held: bytes of the current frame.
+        memory: bytes of memory for it.
     """
 
     def __init__(self, most: int = HEADER_BYTES, buffers: ReceiveBuffers | None = None) -> None:
@@ -170,14 +178,22 @@ class Frames:
         if not self._buffer:
             self._buffer = self._buffers.take(size)
         if self.held == len(self._buffer):
-            # Doubled, so that memory stays in proportion to what was received.
-            self._buffer.extend(bytes(min(self.held, self.missing)))
+            # So that memory stays in proportion to what was received.
+            self._buffer.extend(bytes(min(self.held, self.missing, _GROWTH_BYTES)))
         return memoryview(self._buffer)[self.held : size]
 
     def filled(self, count: int) -> bytes | memoryview | None:
         """Count bytes in :meth:`space`; returns the frame that they complete."""
         self._count(count)
         return None if self.missing else self._complete()
+
+    @property
+    def memory(self) -> int:
+        return len(self._buffer)
+
+    def forget(self) -> None:
+        """Free the memory of the current frame, of which no more comes."""
+        self._buffer = bytearray()
 
     def _count(self, count: int) -> None:
         self.held += count

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 import xmlrpc.client
+from binascii import b2a_base64
+from collections.abc import Iterator
 from typing import Any, Final, TypeAlias
 from xml.parsers import expat
 
@@ -19,8 +21,20 @@ Value: TypeAlias = Any
 #: Maximum bytes of a call or response.
 BODY_BYTES: Final = 16 * 1024 * 1024
 
-_MOST_LEVELS: Final = 200
-_MOST_ELEMENTS: Final = 1_000_000
+#: Maximum bytes that are decoded at once.
+PART_BYTES: Final = 32 * 1024
+
+#: Maximum levels of lists and tables, of elements, and number of elements.
+_MOST_LEVELS: Final = 60
+_MOST_TAGS: Final = 200
+_MOST_ELEMENTS: Final = 300_000
+
+#: Values that are decoded at once, and maximum bytes of one.
+_SCALARS: Final = frozenset(("base64", "double", "int", "i4", "boolean"))
+_SCALAR_BYTES: Final = 4 * 1024 * 1024
+
+_INT32_MIN: Final = -(2**31)
+_INT32_MAX: Final = 2**31 - 1
 
 #: Characters that XML 1.0 cannot contain.
 _NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -37,18 +51,21 @@ _MALFORMED: Final = (
 )
 
 
-def encode_call(method: str, params: tuple[Value, ...]) -> bytes:
-    """Return a call as XML.
+def encode_call(method: str, params: tuple[Value, ...]) -> Iterator[str]:
+    """Yield the texts of a call; they raise WireError if XML-RPC has no such value."""
+    yield f"<?xml version='1.0'?>\n<methodCall><methodName>{_escaped(method)}</methodName><params>"
+    for value in params:
+        yield "<param>"
+        yield from _texts(value, 0)
+        yield "</param>"
+    yield "</params></methodCall>"
 
-    Raises:
-        WireError: XML-RPC has no such value.
-    """
-    return _encode(params, method)
 
-
-def encode_response(value: Value) -> bytes:
-    """Return a successful response as XML; raises WireError."""
-    return _encode((value,), None)
+def encode_response(value: Value) -> Iterator[str]:
+    """Yield the texts of a successful response, as :func:`encode_call` does."""
+    yield "<?xml version='1.0'?>\n<methodResponse><params><param>"
+    yield from _texts(value, 0)
+    yield "</param></params></methodResponse>"
 
 
 def encode_fault(text: str) -> bytes:
@@ -57,75 +74,127 @@ def encode_fault(text: str) -> bytes:
     return xmlrpc.client.dumps(fault, methodresponse=True).encode()
 
 
-def _encode(params: tuple[Value, ...], method: str | None) -> bytes:
-    try:
-        text = xmlrpc.client.dumps(params, method, methodresponse=method is None)
-        if _NOT_XML.search(text):
-            raise WireError("XML cannot contain control characters")
-        return text.encode()
-    except (OverflowError, TypeError, RecursionError, UnicodeError) as error:
-        raise WireError(f"ROS 1's XML-RPC cannot carry the value: {error}") from error
+def _texts(value: Value, level: int) -> Iterator[str]:
+    if level > _MOST_LEVELS:
+        raise WireError(f"ROS 1's XML-RPC cannot carry more than {_MOST_LEVELS} levels")
+    match value:
+        case bool():
+            yield f"<value><boolean>{value:d}</boolean></value>"
+        case int() if not _INT32_MIN <= value <= _INT32_MAX:
+            raise WireError("ROS 1's XML-RPC cannot carry the value: int exceeds XML-RPC limits")
+        case int():
+            yield f"<value><int>{value}</int></value>"
+        case float():
+            yield f"<value><double>{value!r}</double></value>"
+        case str():
+            yield "<value><string>"
+            for at in range(0, len(value), PART_BYTES):
+                yield _escaped(value[at : at + PART_BYTES])
+            yield "</string></value>"
+        case bytes() | bytearray():
+            yield f"<value><base64>\n{b2a_base64(value).decode()}</base64></value>"
+        case list() | tuple():
+            yield "<value><array><data>"
+            for item in value:
+                yield from _texts(item, level + 1)
+            yield "</data></array></value>"
+        case dict():
+            yield "<value><struct>"
+            for key, item in value.items():
+                if not isinstance(key, str):
+                    raise WireError("ROS 1's XML-RPC cannot carry the value: keys must be strings")
+                yield f"<member><name>{_escaped(key)}</name>"
+                yield from _texts(item, level + 1)
+                yield "</member>"
+            yield "</struct></value>"
+        case _:
+            raise WireError(
+                f"ROS 1's XML-RPC cannot carry the value: {type(value).__name__} is not supported"
+            )
 
 
-def decode_call(body: bytes) -> tuple[str, tuple[Value, ...]]:
-    """Return method and parameters of a call.
+def _escaped(text: str) -> str:
+    if _NOT_XML.search(text):
+        raise WireError("XML cannot contain control characters")
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+class Decoder:
+    """Decoder of one call or response, in parts: each takes a few milliseconds at most.
 
     Raises:
-        WireError: it is not a call.
+        WireError: the parts are not XML-RPC.
     """
-    params, method = _decode(body)
-    if method is None:
-        raise WireError("the request is not a call of XML-RPC")
-    return method, params
 
+    def __init__(self) -> None:
+        self._unmarshaller = xmlrpc.client.Unmarshaller(use_builtin_types=True)
+        self._unmarshaller.xml("", None)  # Strings are decoded by the parser.
+        self._parser = parser = expat.ParserCreate()
+        parser.StartDoctypeDeclHandler = self._on_doctype
+        parser.StartElementHandler = self._on_start
+        parser.EndElementHandler = self._on_end
+        parser.CharacterDataHandler = self._unmarshaller.data
+        parser.buffer_text = True
+        self._level = self._count = self._began = 0
+        self.size = 0
 
-def decode_response(body: bytes) -> Value:
-    """Return the value of a response.
+    def feed(self, data: bytes, *, is_last: bool = False) -> None:
+        """Decode a part of at most `PART_BYTES`."""
+        self.size += len(data)
+        try:
+            self._parser.Parse(data, is_last)
+        except WireError:
+            raise
+        except _MALFORMED as error:
+            raise WireError(f"malformed XML-RPC: {error}") from error
+        # The parser reads an unfinished tag or comment again with each part.
+        unread = 0 if is_last else self.size - self._parser.CurrentByteIndex
+        if self.size > BODY_BYTES or unread > 2 * PART_BYTES:
+            raise WireError(f"XML-RPC of more than {BODY_BYTES} bytes, or with such a tag, is not supported")
 
-    Raises:
-        WireError: it is not a response, or a fault.
-    """
-    params, _ = _decode(body)
-    if len(params) != 1:
-        raise WireError("the response of XML-RPC has no value")
-    return params[0]
+    def call(self) -> tuple[str, tuple[Value, ...]]:
+        """Return method and parameters of a call."""
+        params, method = self._close()
+        if method is None:
+            raise WireError("the request is not a call of XML-RPC")
+        return method, params
 
+    def response(self) -> Value:
+        """Return the value of a response; raises WireError also for a fault."""
+        params, _ = self._close()
+        if len(params) != 1:
+            raise WireError("the response of XML-RPC has no value")
+        return params[0]
 
-def _decode(body: bytes) -> tuple[tuple[Value, ...], str | None]:
-    unmarshaller = xmlrpc.client.Unmarshaller(use_builtin_types=True)
-    unmarshaller.xml("", None)  # Strings are decoded by the parser.
-    parser = expat.ParserCreate()
-    level = count = 0
+    def _close(self) -> tuple[tuple[Value, ...], str | None]:
+        self.feed(b"", is_last=True)
+        try:
+            return self._unmarshaller.close(), self._unmarshaller.getmethodname()
+        except xmlrpc.client.Fault as fault:
+            raise WireError(f"the other program failed: {fault.faultString}") from fault
+        except _MALFORMED as error:
+            raise WireError(f"malformed XML-RPC: {error}") from error
 
-    def on_doctype(*_: object) -> None:
+    def _on_doctype(self, *_: object) -> None:
         raise WireError("XML-RPC with a document type is not supported")
 
-    def on_start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal level, count
-        level += 1
-        count += 1
-        if level > _MOST_LEVELS or count > _MOST_ELEMENTS:
+    def _on_start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._level += 1
+        self._count += 1
+        if self._level > _MOST_TAGS or self._count > _MOST_ELEMENTS:
             raise WireError(
-                f"XML-RPC with more than {_MOST_LEVELS} levels or {_MOST_ELEMENTS} elements is not supported"
+                f"XML-RPC with more than {_MOST_TAGS} levels or {_MOST_ELEMENTS} elements is not supported"
             )
-        unmarshaller.start(tag, attributes)
+        self._began = self._parser.CurrentByteIndex
+        self._unmarshaller.start(tag, attributes)
 
-    def on_end(tag: str) -> None:
-        nonlocal level
-        level -= 1
-        unmarshaller.end(tag)
+    def _on_end(self, tag: str) -> None:
+        self._level -= 1
+        if tag in _SCALARS and self._parser.CurrentByteIndex - self._began > _SCALAR_BYTES:
+            raise WireError(f"XML-RPC with a {tag} of more than {_SCALAR_BYTES} bytes is not supported")
+        self._unmarshaller.end(tag)
 
-    parser.StartDoctypeDeclHandler = on_doctype
-    parser.StartElementHandler = on_start
-    parser.EndElementHandler = on_end
-    parser.CharacterDataHandler = unmarshaller.data
-    parser.buffer_text = True
-    try:
-        parser.Parse(body, True)
-        return unmarshaller.close(), unmarshaller.getmethodname()
-    except xmlrpc.client.Fault as fault:
-        raise WireError(f"the other program failed: {fault.faultString}") from fault
-    except WireError:
-        raise
-    except _MALFORMED as error:
-        raise WireError(f"malformed XML-RPC: {error}") from error
+
+def parts_of(body: bytes) -> Iterator[bytes]:
+    """Yield a body in parts for a :class:`Decoder`."""
+    return (body[at : at + PART_BYTES] for at in range(0, len(body), PART_BYTES))
