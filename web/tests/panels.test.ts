@@ -13,6 +13,7 @@ import { partOf, plotSettings } from "../src/panels/view/plot_panel";
 import { Series } from "../src/panels/view/series";
 import { numberAt, numericPaths } from "../src/robot/fields";
 import { Formula, formulaProblem } from "../src/robot/formula";
+import { jointsOf } from "../src/robot/jog";
 import { PartReader } from "../src/robot/mjpeg";
 import { placeOf } from "../src/scene/tools";
 
@@ -29,6 +30,32 @@ describe("driving", () => {
     });
     expect(wishOfGamepad(pad(false, [0, -1, 1, 0]))).toBeNull();
     expect(wishOfGamepad(pad(true, [0.05, -1, 0.5, 0]))).toEqual({ forward: 1, left: 0, turn: -0.5 });
+  });
+});
+
+describe("joints of a description", () => {
+  const urdf = (inner: string) => `<robot name="r"><link name="a"/>${inner}</robot>`;
+  const limit = '<limit lower="-1" upper="2" velocity="3" effort="1"/>';
+
+  test("joints with limits of their own", () => {
+    const joints = jointsOf(
+      urdf(
+        `<joint name="pan" type="revolute">${limit}</joint>
+         <joint name="rail" type="prismatic"><limit lower="0" upper="0.5" effort="1"/></joint>
+         <joint name="wheel" type="continuous">${limit}</joint>
+         <joint name="mount" type="fixed"/>
+         <joint name="finger" type="revolute">${limit}<mimic joint="pan"/></joint>
+         <joint name="odd" type="revolute"><limit lower="x" upper="1"/></joint>`,
+      ),
+    );
+    expect(joints).toEqual([
+      { name: "pan", lower: -1, upper: 2, speed: 2, isLinear: false },
+      { name: "rail", lower: 0, upper: 0.5, speed: 1, isLinear: true },
+    ]);
+  });
+
+  test.each(["", "no XML", "<robot><joint", "<a/>"])("%s has none", (text) => {
+    expect(jointsOf(text)).toEqual([]);
   });
 });
 
