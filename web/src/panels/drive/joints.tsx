@@ -151,6 +151,10 @@ function degrees(radians: number): string {
   return `${((radians * 180) / Math.PI).toFixed(1).replace("-", "−")}°`;
 }
 
+function namesOf(value: unknown): string[] {
+  return Array.isArray(value) ? value.map(String) : [];
+}
+
 /** Positions of all joints of the robot, while the panel is seen. */
 function useStates({ session, visible }: PanelContext): Signal<Positions> {
   const measured = useSignal<Positions>(new Map());
@@ -163,8 +167,10 @@ function useStates({ session, visible }: PanelContext): Signal<Positions> {
       type,
       ({ name, position }) => {
         const pairs = new Map(measured.peek());
-        for (const [at, value] of Array.from(position as ArrayLike<number>).entries()) {
-          if (Number.isFinite(value)) pairs.set(String((name as string[])[at]), value);
+        const positions = (position ?? []) as ArrayLike<number>;
+        for (const [at, joint] of namesOf(name).entries()) {
+          const value = positions[at];
+          if (typeof value === "number" && Number.isFinite(value)) pairs.set(joint, value);
         }
         measured.value = pairs;
       },
@@ -195,15 +201,15 @@ function useJoints({ session }: PanelContext, topic: string, measured: Signal<Po
     controlled.value = [];
     if (!isHeard) return undefined;
     const end = session.subscribe(controller, type, ({ joint_names }) => {
-      controlled.value = (joint_names as string[] | undefined) ?? [];
+      controlled.value = namesOf(joint_names);
       queueMicrotask(() => end());
     });
     return end;
   }, [session, controller, type, isHeard, controlled]);
-  const names = [...measured.value.keys()].sort().join(" ");
+  const names = JSON.stringify([...measured.value.keys()].sort());
   const [all, wanted] = [described.value, controlled.value];
   return useMemo(() => {
-    const there = names ? names.split(" ") : [];
+    const there = JSON.parse(names) as string[];
     const limited = all.filter(({ name }) => there.includes(name));
     const usual = limited.length ? limited : undescribed(there);
     if (!wanted.length) return usual;
