@@ -19,12 +19,14 @@ from rwt_lerobot.joints.limits import JointLimit
 from rwt_participant.images import compressed_image
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page
-from tests.browser.test_panels import open_panels, release, text
+from tests.browser.test_panels import release, text
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
 STATES = "sensor_msgs/JointState"
+KNOB = 16
+"""Width of a slider's knob in pixels, whose middle is at the position."""
 STOPPED = "document.querySelector('.stopped')"
 #: Angle of a joint in the model that the 3D view draws.
 DRAWN = (
@@ -61,8 +63,7 @@ async def slide(page: Page, joint: str, position: float) -> None:
         f" ((b) => [b.left, b.top, b.width, b.height, Number(it.min), Number(it.max)])"
         f"(it.getBoundingClientRect())))({slider})"
     )
-    # The middle of the knob, which is as wide as it is high, stays within the slider.
-    x = left + height / 2 + (width - height) * (position - least) / (most - least)
+    x = left + KNOB / 2 + (width - KNOB) * (position - least) / (most - least)
     await page.mouse("move", x, top + height / 2)
     await page.mouse("down")
     await page.mouse("up")
@@ -87,7 +88,12 @@ async def test_sliders_move_the_demo_robots_arm_and_a_stop_holds_it(browser: Bro
         url = server.urls[0].replace("ws", "http", 1) + "/"
         async with browser.page(f"{url}healthz", 1300, 900) as page:
             page.forgive(LEFT_MESH, LEFT_STREAM)
-            await open_panels(page, url, [("joints", {"share": 0.5}), ("scene", {}), ("camera", {})])
+            await page.goto(url)
+            await page.wait(
+                "document.querySelector('.panel-scene') && document.querySelector('.panel-camera')"
+            )
+            await page.click('header .menus summary:has-text("Add panel")')
+            await page.click("[data-kind=joints]")
             await page.wait("document.querySelectorAll('.jog .limit').length === 6")  # Not the wheels.
             pan = "shoulder_pan_joint"
             await slide_until(page, pan, 0.8, lambda: abs(arm[pan] - 0.8) < 0.1)
