@@ -86,9 +86,8 @@ async def test_sliders_move_the_demo_robots_arm_and_a_stop_holds_it(browser: Bro
             "/joint_states", lambda state: arm.update(zip(state.name, state.position, strict=True)), STATES
         )
         url = server.urls[0].replace("ws", "http", 1) + "/"
-        async with browser.page(f"{url}healthz", 1300, 900) as page:
+        async with browser.page(url, 1000, 640) as page:
             page.forgive(LEFT_MESH, LEFT_STREAM)
-            await page.goto(url)
             await page.wait(
                 "document.querySelector('.panel-scene') && document.querySelector('.panel-camera')"
             )

@@ -683,6 +683,20 @@ describe("a session", () => {
       expect(sent()).toEqual([]);
     });
 
+    test("a busy page goes on with a new grip", async () => {
+      measure(0, 0);
+      jog.move("pan", 1);
+      await vi.advanceTimersByTimeAsync(200);
+      robot.sent = [];
+      vi.setSystemTime(Date.now() + 1000);
+      await vi.advanceTimersByTimeAsync(100);
+      const [first, second, third] = positions();
+      expect(sent()[0]).toEqual(HOLD);
+      expect(first).toBeUndefined();
+      expect(second?.[0]).toBeCloseTo(0.15);
+      expect(third?.[0]).toBeCloseTo(0.175);
+    });
+
     test("holding, leaving the panel, a silent robot and a suspended page end it", async () => {
       const begin = async () => {
         measure(0, 0);

@@ -14,6 +14,8 @@ const HORIZON = 200;
 /** Steps of the last position, of which one may be lost, and after which the joints are there: then they are held. */
 const REPEATS = 4;
 const SETTLED = REPEATS + HORIZON / PERIOD + 1;
+/** Pause of the page, in milliseconds, after which the positions are no longer wanted. */
+const SUSPENDED = 2000;
 /** Distance from the last command at which something else has moved a joint, in radians or metres. */
 const MOVED = 0.1;
 /** Maximum speed, also of joints whose description states more; that of joints without a description. */
@@ -57,7 +59,7 @@ export function undescribed(names: readonly string[]): Joint[] {
 
 /**
  * Sends the positions of all joints of an arm, every 50 ms while one of them has not arrived: each is a step at a
- * limited speed. Then, and after a stop, a lost connection or a pause of this page, it holds the joints; if that is
+ * limited speed. Then, and after a stop, a lost connection or a suspension of this page, it holds the joints; if that is
  * lost, they stop within 0.2 s. For a gate, it is the release of the control.
  */
 export class Jog {
@@ -143,11 +145,12 @@ export class Jog {
     const now = Date.now();
     const elapsed = Math.abs(now - this.sentAt);
     this.sentAt = now;
-    // After a pause of the page it is unknown whether the position is still wanted.
-    if (elapsed > SILENT) {
+    if (elapsed > SUSPENDED) {
       this.hold();
       return;
     }
+    // The joints have stopped meanwhile. A gate takes what follows for a new grip, and not for queued commands.
+    if (elapsed > SILENT) this.publisher.publishZero(HOLD);
     const wanted = this.wanted.peek();
     let isThere = true;
     for (const { name, speed } of this.joints) {
