@@ -38,6 +38,8 @@ export function trajectoryTopics(session: RobotSession): string[] {
 
 /** The joints of a URDF that have limits of their own: wheels have none, and coupled joints follow others. */
 export function jointsOf(urdf: string): Joint[] {
+  // The browser's error page, which a text without XML is parsed to, has styles that the page's policy forbids.
+  if (!/<robot[\s>]/.test(urdf)) return [];
   const document = new DOMParser().parseFromString(urdf, "application/xml");
   return [...document.querySelectorAll("robot > joint")].flatMap((joint) => {
     const kind = joint.getAttribute("type");
