@@ -109,16 +109,19 @@ test-ros2-ci:
 	@if $(MAKE) --silent $(ROS2)/.installed; then $(MAKE) test-ros2 ARGS='-k "not thousand"'; \
 	else echo 'SKIPPED: tests beside real ROS 2. Its wheels, for Linux on x86-64 and CPython 3.11, cannot be installed.'; fi
 
-# Tests of rwt-lerobot with the real LeRobot and MuJoCo, in an environment of their own (6 GB); they need CPython 3.11 and
-# OpenGL: Debian's package libegl1 with libgl1-mesa-dri.
-LEROBOT := build/lerobot
+# Tests of rwt-lerobot with the real LeRobot and MuJoCo, in an environment of their own (6 GB); they need CPython 3.11,
+# OpenGL (Debian's packages libegl1 and libgl1-mesa-dri) and Chromium. Of newer versions of LeRobot, which need CPython
+# 3.12: `make test-lerobot LEROBOT_VERSION=0.6.1 LEROBOT_PYTHON=python3.12`; the figures: ARGS=--log-cli-level=INFO.
+LEROBOT_VERSION := 0.4.4
+LEROBOT_PYTHON := python3.11
+LEROBOT := build/lerobot-$(LEROBOT_VERSION)
 $(LEROBOT)/.installed:
-	python3.11 -m venv $(LEROBOT)
-	$(LEROBOT)/bin/python -m pip install --quiet lerobot==0.4.4 pytest pytest-timeout trio --editable . \
+	$(LEROBOT_PYTHON) -m venv $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet lerobot==$(LEROBOT_VERSION) pytest pytest-timeout trio --editable . \
 		--editable './rwt-lerobot[mujoco]' --editable ./rwt-lerobot/plugin
 	touch $@
 
-test-lerobot: $(LEROBOT)/.installed
+test-lerobot: $(LEROBOT)/.installed $(BROWSER)/node_modules/.installed $(PAGE)
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -W ignore rwt-lerobot/tests $(ARGS)
 
 # CPU time per delivered message beside rosbridge_suite; SUITE is your workspace of it, built for the Python of ROS2.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from lerobot.cameras import Camera, CameraConfig
 from lerobot.cameras.utils import make_cameras_from_configs
@@ -24,6 +25,8 @@ from rwt import Server
 from rwt_lerobot import LeRobotNode
 from rwt_lerobot.plugin.connection import CommandRejected, DeviceError, DoesNotFollow, StaleData
 from rwt_lerobot.plugin.robot import Following, FrameCount
+from rwt_participant.images import compressed_image
+from rwt_participant.qos import LATCHED
 
 JOINTS = {"joints": ["pan", "lift", "gripper"]}
 RULE: dict[str, Any] = {
@@ -61,17 +64,25 @@ def bench(arm: Any, tmp_path: Path) -> Iterator[Bench]:
         bench.node.close()
 
 
-def _error(device: Any, action: dict[str, Any] | None = None) -> DeviceError:
+def _error(device: Any, action: dict[str, Any] | None = None) -> Exception:
     """Run a loop like LeRobot's until it raises, and return the error."""
     end = time.monotonic() + 20
     while time.monotonic() < end:
         try:
             observed = device.get_observation()
             device.send_action(action or {name: observed[name] for name in device.action_features})
-        except DeviceError as error:
+        except (DeviceError, TimeoutError) as error:
             return error
         time.sleep(0.02)
     raise AssertionError("the loop did not raise")
+
+
+def _stream(device: Any, action: dict[str, Any]) -> None:
+    """Command as LeRobot's loop does, long enough for the gate to know the pace."""
+    for _ in range(6):
+        device.get_observation()
+        device.send_action(action)
+        time.sleep(0.03)
 
 
 @pytest.mark.parametrize(
@@ -223,6 +234,30 @@ def test_a_holder_that_fell_silent_raises_after_another_took_the_lease(bench: Be
     second.disconnect()
 
 
+def test_commands_that_waited_in_a_stalled_connection_raise(bench: Bench) -> None:
+    device = bench.device(max_age=30.0)
+    device.connect()
+    rest = {name: device.get_observation()[name] for name in device.action_features}
+    _stream(device, rest)
+    time.sleep(0.8)  # The connection stalls, and delivers all at once afterwards.
+    end = time.monotonic() + 20
+    with pytest.raises(CommandRejected, match=r"waited in a stalled connection for more than 0\.5 s"):
+        while time.monotonic() < end:
+            device.send_action(rest)
+    device.disconnect()
+
+
+def test_a_pause_between_episodes_is_no_stall(bench: Bench) -> None:
+    device = bench.device()
+    device.connect()
+    rest = {name: device.get_observation()[name] for name in device.action_features}
+    for _ in range(3):
+        _stream(device, rest)
+        time.sleep(0.8)  # Longer than the lease lasts, as when an episode is saved.
+    device.get_observation()
+    device.disconnect()
+
+
 def test_a_state_that_does_not_follow_raises(bench: Bench) -> None:
     bench.arm.is_stuck = True
     device = bench.device(follow_seconds=0.3)
@@ -260,6 +295,19 @@ def test_a_camera_that_stalls_raises(bench: Bench) -> None:
     camera.disconnect()
 
 
+def test_a_camera_that_stalls_ends_the_loop_of_its_robot(bench: Bench) -> None:
+    camera = CameraConfig.get_choice_class("rosbridge")(
+        topic="/wrist/compressed", url=bench.url, width=32, height=24, max_age=0.3
+    )
+    device = bench.device(cameras={"wrist": camera})
+    lens = bench.robot.advertise("/wrist/compressed", "sensor_msgs/CompressedImage", qos=LATCHED)
+    lens.publish(compressed_image(np.zeros((24, 32, 3), np.uint8), frame_id="wrist"))
+    device.connect()
+    with pytest.raises(TimeoutError, match=r"the last message on /wrist/compressed is 0.3\d s old"):
+        raise _error(device)
+    device.disconnect()
+
+
 def test_a_teleoperator_repeats_the_last_command(bench: Bench, tmp_path: Path) -> None:
     config = TeleoperatorConfig.get_choice_class("rosbridge")(
         url=bench.url, calibration_dir=tmp_path, **JOINTS
@@ -279,6 +327,11 @@ def test_a_teleoperator_repeats_the_last_command(bench: Bench, tmp_path: Path) -
     action = teleoperator.get_action()
     assert action["pan.pos"] == pytest.approx(45.0)
     assert action.keys() == teleoperator.action_features.keys()
+    end = time.monotonic() + 20
+    while teleoperator.get_action()["pan.pos"] != pytest.approx(10.0) and time.monotonic() < end:
+        bench.robot.publish("/teleop/joint_trajectory", {}, "trajectory_msgs/JointTrajectory")
+        time.sleep(0.05)
+    assert teleoperator.get_action()["pan.pos"] == pytest.approx(10.0)  # The arm has not moved yet.
     teleoperator.disconnect()
 
 
@@ -317,7 +370,20 @@ def test_late_frames_are_counted() -> None:
     count = FrameCount(10)
     for at in (0.0, 0.1, 0.2, 0.36, 0.46, 8.0, 8.1):  # One late frame, and a pause between episodes.
         count.note(at)
-    assert str(count) == "1 of 7 frames were late (14.3 %)"
+    said = "1 of 7 frames were late (14.3 %); 8.9 frames per second, 99 % of them at most 60 ms late"
+    assert str(count) == said
+
+
+def test_late_frames_are_reported_at_the_end(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    device = bench.device(fps=1000)
+    device.connect()
+    for _ in range(10):
+        device.get_observation()
+        time.sleep(0.01)
+    with caplog.at_level("WARNING", "rwt_lerobot"):
+        device.disconnect()
+    assert "of 10 frames were late" in caplog.text
+    assert "recorded time is shorter than real time" in caplog.text
 
 
 def test_progress_towards_the_command_is_no_error() -> None:

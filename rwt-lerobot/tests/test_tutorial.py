@@ -1,4 +1,4 @@
-"""The tutorial "An arm in your browser in five minutes", by the command line. Needs MuJoCo."""
+"""The tutorial "An arm in your browser in five minutes": its commands, and the browser. Needs MuJoCo."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
-from urllib.request import urlopen
 
+import anyio
 import pytest
+
+from rwt import connect
+from tests.browser.driver import LEFT_STREAM, find_browser, opened_browser
+from tests.browser.test_joints import DRAWN, slide_until
 
 if find_spec("mujoco") is None:  # Not imported here: it reads MUJOCO_GL, which the model sets.
     pytest.skip("MuJoCo is not installed", allow_module_level=True)
@@ -28,6 +32,37 @@ def _steps() -> list[str]:
     return steps
 
 
+async def _browse(url: str, folder: Path) -> None:
+    """Do what the tutorial says about the dashboard: move a slider, hold, and stop."""
+    kind = find_browser()
+    if kind is None:
+        pytest.skip("Chromium is not installed")
+    arm: dict[str, float] = {}
+    async with connect(url) as robot:
+        robot.subscribe(
+            "/joint_states", lambda state: arm.update(zip(state.name, state.position, strict=True)),
+            "sensor_msgs/JointState",
+        )  # fmt: skip
+        with opened_browser(kind, folder) as browser:
+            async with browser.page(url.replace("ws", "http", 1) + "/", 1300, 900) as page:
+                page.forgive(LEFT_STREAM)
+                for kind_of_panel in ("scene", "camera", "joints"):
+                    await page.wait(f"document.querySelector('.panel-{kind_of_panel}')")
+                await page.wait("document.querySelectorAll('.jog .limit').length === 6")
+                await slide_until(page, "shoulder_pan", 0.8, lambda: abs(arm["shoulder_pan"] - 0.8) < 0.05)
+                await page.wait(f"Math.abs({DRAWN.format('shoulder_pan')} - 0.8) < 0.1")
+                await page.wait("document.querySelector('.camera canvas')?.width > 0")
+                await slide_until(page, "shoulder_pan", -1.8, lambda: arm["shoulder_pan"] < 0.5)
+                await page.click(".joints .row button")
+                await anyio.sleep(0.5)
+                held = arm["shoulder_pan"]
+                assert held > -1.7
+                await anyio.sleep(0.5)
+                assert arm["shoulder_pan"] == pytest.approx(held, abs=0.02)
+                await page.keyboard("press", "Escape")
+                await page.wait("!document.querySelector('.jog input:enabled')")
+
+
 def test_the_tutorial(tmp_path: Path) -> None:
     # The verb by itself: a checkout that is not installed has no entry points.
     command = [
@@ -41,8 +76,7 @@ def test_the_tutorial(tmp_path: Path) -> None:
         assert server.stdout is not None
         url = server.stdout.readline().split()[-1]
         try:
-            with urlopen(url.replace("ws", "http", 1) + "/arm") as page:
-                assert "shoulder_pan" in page.read().decode()
+            anyio.run(_browse, url, tmp_path)
             printed = [
                 subprocess.run(
                     step.replace("rwt", f"{sys.executable} -m rwt.cli", 1),

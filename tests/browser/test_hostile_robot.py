@@ -26,6 +26,7 @@ TYPES = (
     "sensor_msgs/NavSatFix",
     *("nav_msgs/OccupancyGrid", "nav_msgs/Path", "visualization_msgs/MarkerArray", "rosgraph_msgs/Log"),
     *("diagnostic_msgs/DiagnosticArray", "geometry_msgs/PoseStamped", "rosbridge_msgs/ConnectedClients"),
+    "trajectory_msgs/JointTrajectory",
 )
 NAMED = {
     "/tf": "tf2_msgs/TFMessage",
@@ -35,6 +36,7 @@ NAMED = {
     "/gate/stopped": "rwt_gate_msgs/EmergencyStop",
     "/recorder/state": "rwt_recorder_msgs/RecorderState",
     "/robot_description": "std_msgs/String",
+    "/joint_states": "sensor_msgs/JointState",
 }
 #: By topic, so that names of topics are hostile, too.
 TOPICS = {f"/{HOSTILE}/{number}": type for number, type in enumerate(TYPES)} | NAMED
@@ -43,7 +45,7 @@ SERVICES = [
     *("/player/get_rate", f"/{HOSTILE}/toggle_paused", f"/{HOSTILE}/list_parameters", f"/{HOSTILE}"),
 ]
 #: Panels that show nothing which the robot says as a text.
-SILENT = {"device", "camera", "goal", "scene", "server", "plot", "position"}
+SILENT = {"device", "camera", "joints", "goal", "scene", "server", "plot", "position"}
 
 
 def message() -> dict[str, Any]:

@@ -34,6 +34,7 @@ KINDS = (
         "camera",
         "wall",
         "teleop",
+        "joints",
         "goal",
         "approvals",
         "device",

@@ -29,6 +29,8 @@ PANELS: list[tuple[str, dict[str, object]]] = [
     ("parameters", {"node": "/demo_robot"}),
     ("scene", {"waypoints": [{"place": {"x": 1.0, "y": 0.0, "yaw": 0.0}, "frame": "map"}]}),
 ]
+#: What holds the joints of an arm.
+HOLD: dict[str, list[object]] = {"joint_names": [], "points": []}
 #: The panels that the menu of a page offers, by the names of their kinds.
 ALL = """[...document.querySelectorAll('[data-kind]')].map((it) => it.dataset.kind)"""
 
@@ -106,6 +108,8 @@ def commands(sent: list[list[str]]) -> set[tuple[str, str]]:
         if op == "publish":
             # To stand still is no command.
             values = json.loads(message)
+            if values == HOLD:
+                return False
             parts = [values[each] for each in ("linear", "angular") if each in values]
             return not parts or any(value for part in parts for value in part.values())
         if op == "call_service":
@@ -146,6 +150,7 @@ async def try_all(page: Page) -> set[tuple[str, str]]:
         await page.evaluate(f"document.getElementById('tab {kind}').click()")
         await page.wait(f"document.querySelector('.panel-{kind}')")
         ready = {
+            "joints": ".jog input",
             "topics": ".panel-topics summary",
             "services": ".message-form input",
             "actions": ".message-form input",
@@ -182,6 +187,7 @@ async def test_while_stopped_no_control_of_any_panel_sends_a_command(browser: Br
         # The walk reaches every way in which the page commands a robot.
         for act in (
             ("publish", "/cmd_vel"),
+            ("publish", "/arm_controller/joint_trajectory"),
             ("publish", "/marks/feedback"),
             ("publish", "/initialpose"),
             ("publish", "/clicked_point"),

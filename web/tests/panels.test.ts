@@ -15,6 +15,7 @@ import { Series } from "../src/panels/view/series";
 import { numberAt, numericPaths } from "../src/robot/fields";
 import { fixOf, Track } from "../src/robot/fixes";
 import { Formula, formulaProblem } from "../src/robot/formula";
+import { jointsOf } from "../src/robot/jog";
 import { PartReader } from "../src/robot/mjpeg";
 import { placeOf } from "../src/scene/tools";
 
@@ -59,6 +60,32 @@ describe("positions by satellite", () => {
 
   test("the grid has round steps", () => {
     expect([0.9, 1, 3, 26, 70, 1000].map(roundedStep)).toEqual([0.5, 1, 2, 20, 50, 1000]);
+  });
+});
+
+describe("joints of a description", () => {
+  const urdf = (inner: string) => `<robot name="r"><link name="a"/>${inner}</robot>`;
+  const limit = '<limit lower="-1" upper="2" velocity="3" effort="1"/>';
+
+  test("joints with limits of their own", () => {
+    const joints = jointsOf(
+      urdf(
+        `<joint name="pan" type="revolute">${limit}</joint>
+         <joint name="rail" type="prismatic"><limit lower="0" upper="0.5" effort="1"/></joint>
+         <joint name="wheel" type="continuous">${limit}</joint>
+         <joint name="mount" type="fixed"/>
+         <joint name="finger" type="revolute">${limit}<mimic joint="pan"/></joint>
+         <joint name="odd" type="revolute"><limit lower="x" upper="1"/></joint>`,
+      ),
+    );
+    expect(joints).toEqual([
+      { name: "pan", lower: -1, upper: 2, speed: 2, isLinear: false },
+      { name: "rail", lower: 0, upper: 0.5, speed: 1, isLinear: true },
+    ]);
+  });
+
+  test.each(["", "no XML", "<robot><joint", "<a/>"])("%s has none", (text) => {
+    expect(jointsOf(text)).toEqual([]);
   });
 });
 

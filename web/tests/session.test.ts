@@ -4,6 +4,7 @@ import { keepAsking } from "../src/robot/asking";
 import { BlockedError } from "../src/robot/commands";
 import { Drive } from "../src/robot/drive";
 import { type Holder, personText } from "../src/robot/gate";
+import { HOLD, Jog } from "../src/robot/jog";
 import { RobotSession } from "../src/robot/session";
 import { Stop } from "../src/robot/stop";
 import type { WorkerPort } from "../src/robot/transport";
@@ -589,6 +590,138 @@ describe("a session", () => {
         stop.gate.giveBack("/cmd_vel");
         expect(called().filter((name) => name === "/gate/release_lease")).toHaveLength(2);
       });
+    });
+  });
+
+  describe("moving joints", () => {
+    const ARM = "/arm_controller/joint_trajectory";
+    const limits = { upper: 1.5, lower: -1.5, speed: 1, isLinear: false };
+    let stop: Stop;
+    let jog: Jog;
+    type Trajectory = { joint_names: string[]; points: { positions: number[]; time_from_start: object }[] };
+    const sent = () => robot.published(ARM) as Trajectory[];
+    const positions = () => sent().map(({ points }) => points[0]?.positions);
+    const last = () => positions().findLast(Boolean);
+
+    beforeEach(async () => {
+      robot.topics = [[ARM, "trajectory_msgs/msg/JointTrajectory"]];
+      await vi.advanceTimersByTimeAsync(4000);
+      stop = new Stop(session);
+      jog = new Jog(session, ARM, [
+        { name: "pan", ...limits },
+        { name: "lift", ...limits },
+      ]);
+      jog.share = 0.5;
+    });
+
+    const measure = (pan: number, lift: number) =>
+      jog.measure(
+        new Map([
+          ["pan", pan],
+          ["lift", lift],
+        ]),
+      );
+
+    test("nothing is sent before all positions are known, or without a change", async () => {
+      jog.measure(new Map([["pan", 0]]));
+      jog.move("pan", 0.1);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toEqual([]);
+    });
+
+    test("steps at the speed that is set, with all joints, then holds them", async () => {
+      measure(0, 0.4);
+      jog.move("pan", 0.1);
+      await vi.advanceTimersByTimeAsync(3000);
+      const [first] = sent();
+      expect(first?.joint_names).toEqual(["pan", "lift"]);
+      expect(first?.points[0]?.time_from_start).toEqual({ sec: 0, nanosec: 200_000_000 });
+      const found = positions();
+      expect(found).toHaveLength(8);
+      expect(sent().at(-1)).toEqual(HOLD);
+      for (const [at, pan] of [0.025, 0.05, 0.075, 0.1, 0.1, 0.1, 0.1].entries()) {
+        expect(found[at]?.[0]).toBeCloseTo(pan);
+        expect(found[at]?.[1]).toBe(0.4);
+      }
+      expect(jog.wanted.value.size).toBe(0);
+    });
+
+    test("a position beyond the limits is the limit", async () => {
+      measure(1.45, 0);
+      jog.move("pan", 99);
+      await vi.advanceTimersByTimeAsync(2000);
+      expect(last()?.[0]).toBe(1.5);
+    });
+
+    test("a sagging arm is not lowered; one that was moved otherwise is left there", async () => {
+      measure(0, 0.4);
+      jog.move("pan", 0.02);
+      await vi.advanceTimersByTimeAsync(1000);
+      measure(0.02, 0.38);
+      jog.move("pan", 0);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(last()?.[1]).toBe(0.4);
+      measure(0, -0.5);
+      jog.move("pan", 0.02);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(last()?.[1]).toBe(-0.5);
+    });
+
+    test("a stop holds the joints, is latched, and nothing moves by its release", async () => {
+      measure(0, 0);
+      jog.move("pan", 1);
+      await vi.advanceTimersByTimeAsync(200);
+      robot.sent = [];
+      stop.stop();
+      jog.move("pan", 1);
+      await vi.advanceTimersByTimeAsync(1500);
+      expect(sent().length).toBeGreaterThan(9);
+      for (const message of sent()) expect(message).toEqual(HOLD);
+      robot.sent = [];
+      stop.release();
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toEqual([]);
+    });
+
+    test("a busy page goes on with a new grip", async () => {
+      measure(0, 0);
+      jog.move("pan", 1);
+      await vi.advanceTimersByTimeAsync(200);
+      robot.sent = [];
+      vi.setSystemTime(Date.now() + 1000);
+      await vi.advanceTimersByTimeAsync(100);
+      const [first, second, third] = positions();
+      expect(sent()[0]).toEqual(HOLD);
+      expect(first).toBeUndefined();
+      expect(second?.[0]).toBeCloseTo(0.15);
+      expect(third?.[0]).toBeCloseTo(0.175);
+    });
+
+    test("holding, leaving the panel, a silent robot and a suspended page end it", async () => {
+      const begin = async () => {
+        measure(0, 0);
+        jog.move("pan", 1);
+        await vi.advanceTimersByTimeAsync(200);
+        expect(jog.wanted.value.get("pan")).toBe(1);
+        robot.sent = [];
+      };
+      await begin();
+      jog.hold();
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toEqual([HOLD]);
+      await begin();
+      robot.answering(600);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toEqual([HOLD]);
+      robot.answering(0);
+      await begin();
+      vi.setSystemTime(Date.now() + 3000);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toEqual([HOLD]);
+      await begin();
+      jog.dispose();
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toEqual([HOLD]);
     });
   });
 });

@@ -2,6 +2,7 @@
 
 import type { Signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
+import { useId } from "preact/hooks";
 import { t } from "../i18n/text";
 
 /** A choice among values; each option is a value, or a value and what is shown of it. */
@@ -77,6 +78,50 @@ export function Check(props: {
       />
       {children}
     </label>
+  );
+}
+
+/** A number within limits: a slider between two buttons, and what is shown of the number. */
+export function Slider(props: {
+  label: string;
+  value: number;
+  least: number;
+  most: number;
+  /** The slider's step, and that of the buttons. */
+  step: number;
+  by: number;
+  shown: string;
+  onChange: (value: number) => void;
+}) {
+  const { label, value, least, most, step, by, shown, onChange } = props;
+  const id = useId();
+  const button = (sign: string, change: number, key: "teleop.less" | "teleop.more") => (
+    <button
+      type="button"
+      data-scan="press"
+      aria-label={t(key, { name: label })}
+      onClick={() => onChange(value + change)}
+    >
+      {sign}
+    </button>
+  );
+  return (
+    <div class="limit">
+      <label for={id}>{label}</label>
+      {button("−", -by, "teleop.less")}
+      <input
+        id={id}
+        type="range"
+        min={least}
+        max={most}
+        step={step}
+        value={value}
+        aria-valuetext={shown}
+        onInput={(event) => onChange(Number(event.currentTarget.value))}
+      />
+      {button("+", by, "teleop.more")}
+      <span class="number">{shown}</span>
+    </div>
   );
 }
 

@@ -172,6 +172,12 @@ export const de: Record<TextKey, string> = {
   "teleop.back": "Zurück",
   "teleop.left": "Nach links drehen",
   "teleop.right": "Nach rechts drehen",
+  "joints.title": "Gelenke",
+  "joints.hold": "Halten",
+  "joints.speed": "Tempo",
+  "joints.waiting": "Es fehlen noch Nachrichten auf {topic}.",
+  "joints.hint":
+    "Die Gelenke folgen den Reglern mit diesem Anteil ihrer Höchstgeschwindigkeit. Sie halten an, wenn die Seite verlassen wird. Sendet auf {topic}.",
   "camera.title": "Kamera",
   "camera.picture": "Bild von {topic}",
   "camera.webrtc": "WebRTC",

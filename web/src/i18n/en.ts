@@ -168,6 +168,12 @@ export const en = {
   "teleop.back": "Back",
   "teleop.left": "Turn left",
   "teleop.right": "Turn right",
+  "joints.title": "Joints",
+  "joints.hold": "Hold",
+  "joints.speed": "Speed",
+  "joints.waiting": "Waiting for {topic}.",
+  "joints.hint":
+    "Move a slider, and the joints follow at this share of their maximum speed. They stop when the page is left. Publishes on {topic}.",
   "camera.title": "Camera",
   "camera.picture": "Image of {topic}",
   "camera.webrtc": "WebRTC",

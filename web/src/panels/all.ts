@@ -2,6 +2,7 @@
 
 import { device } from "./drive/device";
 import { goal } from "./drive/goal";
+import { joints } from "./drive/joints";
 import { teleop } from "./drive/teleop";
 import { actions, services } from "./graph/calls";
 import { frames } from "./graph/frames";
@@ -26,6 +27,7 @@ const inOrder = [
   camera,
   wall,
   teleop,
+  joints,
   goal,
   approvals,
   device,

@@ -9,6 +9,7 @@
 import { computed, effect, type ReadonlySignal, type Signal, signal, untracked } from "@preact/signals-core";
 import { driveTopics } from "./drive";
 import { Gate } from "./gate";
+import { HOLD, TRAJECTORY, trajectoryTopics } from "./jog";
 import { header, rosTime, shortType } from "./names";
 import type { RobotSession } from "./session";
 
@@ -35,11 +36,13 @@ export class Stop {
     });
   }
 
-  /** Targets: topics for driving, and actions whose goals can be cancelled. */
+  /** Targets: topics for driving and for trajectories of joints, and actions whose goals can be cancelled. */
   get reaches(): { topics: string[]; actions: string[] } {
     const { session } = this;
     return {
-      topics: driveTopics(session).filter((name) => session.may("publish", name)),
+      topics: [...driveTopics(session), ...trajectoryTopics(session)].filter((name) =>
+        session.may("publish", name),
+      ),
       actions: session.graph.value.actions.filter((name) => session.may("goals", name)),
     };
   }
@@ -82,12 +85,14 @@ export class Stop {
     const publisher = session.commands.publisher(topic, type);
     const zero = { x: 0, y: 0, z: 0 };
     const twist = { linear: zero, angular: zero };
-    const send = () =>
-      publisher.publishZero(
-        shortType(type) === "geometry_msgs/TwistStamped"
-          ? { header: header(session.version.peek(), "base_link", session.robotTime), twist }
-          : twist,
-      );
+    const standing = {
+      "geometry_msgs/TwistStamped": () => ({
+        header: header(session.version.peek(), "base_link", session.robotTime),
+        twist,
+      }),
+      [TRAJECTORY]: () => HOLD,
+    }[shortType(type)];
+    const send = () => publisher.publishZero(standing?.() ?? twist);
     send();
     const timer = setInterval(send, PERIOD);
     setTimeout(() => {

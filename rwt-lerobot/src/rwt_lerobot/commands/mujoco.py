@@ -81,7 +81,7 @@ def _run(arguments: Arguments) -> int:
 
     def on_up(server: Server) -> str:
         pages = [url.replace("ws", "http", 1) for url in server.urls if url.startswith("ws")]
-        return "\n".join([listening(server), *(f"sliders: {page}/arm" for page in pages)])
+        return "\n".join([listening(server), *(f"dashboard: {page}/" for page in pages)])
 
     try:
         with command_errors():

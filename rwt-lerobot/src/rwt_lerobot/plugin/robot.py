@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, Final
 
 from lerobot.cameras.utils import make_cameras_from_configs
@@ -23,6 +24,8 @@ FIRST_SECONDS: Final = 5.0
 #: Periods after which a frame is late, and seconds after which the loop has paused between episodes.
 _LATE_PERIODS: Final = 1.5
 _PAUSE_SECONDS: Final = 1.0
+#: Periods without an action after which the next one is a new grip of the control.
+_GRIP_PERIODS: Final = 3
 #: Movement that counts as progress towards a command, radians.
 _PROGRESS: Final = 0.02
 
@@ -41,6 +44,8 @@ class FrameCount:
     def __init__(self, fps: float) -> None:
         self._period = 1.0 / fps
         self._last: float | None = None
+        #: Number of intervals by their length in milliseconds, without pauses.
+        self._intervals = [0] * (round(_PAUSE_SECONDS * 1000) + 1)
         self.frames = 0
         self.late = 0
 
@@ -48,12 +53,24 @@ class FrameCount:
         """Count a frame at a time in seconds; after a pause of more than a second counting begins anew."""
         before, self._last = self._last, now
         self.frames += 1
-        if before is not None and self._period * _LATE_PERIODS < now - before < _PAUSE_SECONDS:
+        if before is None or now - before >= _PAUSE_SECONDS:
+            return
+        self._intervals[round((now - before) * 1000)] += 1
+        if now - before > self._period * _LATE_PERIODS:
             self.late += 1
 
     def __str__(self) -> str:
         share = 100 * self.late / max(1, self.frames)
-        return f"{self.late} of {self.frames} frames were late ({share:.1f} %)"
+        text = f"{self.late} of {self.frames} frames were late ({share:.1f} %)"
+        count = sum(self._intervals)
+        if not count:
+            return text
+        seconds = sum(length * number for length, number in enumerate(self._intervals)) / 1000
+        below = accumulate(self._intervals)
+        most = next(length for length, number in enumerate(below) if number >= 0.99 * count)
+        over = max(0.0, most - self._period * 1000)
+        rate = count / max(seconds, 0.001)
+        return f"{text}; {rate:.1f} frames per second, 99 % of them at most {over:.0f} ms late"
 
 
 class Following:
@@ -111,6 +128,7 @@ class RosbridgeRobot(Robot):
         self._states: Latest | None = None
         self._publisher: BlockingPublisher | None = None
         self._wanted: Mapping[str, float] = {}
+        self._sent_at = 0.0
         self._following = Following(config.follow_tolerance, config.follow_seconds)
 
     @cached_property
@@ -179,10 +197,18 @@ class RosbridgeRobot(Robot):
         return observation
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Publish a trajectory with one point; returns the action."""
+        """Publish a trajectory with one point; returns the action.
+
+        After a pause of the loop, as between episodes, an empty trajectory precedes it: for a gate with a
+        lease, what follows a pause without it would be commands that waited in a stalled connection.
+        """
         connection, states, publisher = self._parts()
         connection.check()
         states.get(self.config.max_age)
+        now = time.monotonic()
+        if self._wanted and now - self._sent_at > _GRIP_PERIODS / self.config.fps:
+            publisher.publish({})
+        self._sent_at = now
         wanted = self._map.radians(action)
         seconds, rest = divmod(round(self.config.seconds * 1e9), 10**9)
         point = {

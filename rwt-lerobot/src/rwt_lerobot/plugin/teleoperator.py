@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
 from lerobot.teleoperators import Teleoperator
 
-from rwt_lerobot.joints.controller import TOPIC_TYPE
+from rwt_lerobot.joints.controller import GOAL_TOLERANCE, TOPIC_TYPE
 from rwt_lerobot.plugin.config import RosbridgeTeleoperatorConfig
 from rwt_lerobot.plugin.connection import Connection, DeviceError, Latest, within
 from rwt_lerobot.plugin.joints import FeatureMap
@@ -18,7 +19,8 @@ class RosbridgeTeleoperator(Teleoperator):
     """Teleoperator whose commands arrive as trajectories: from sliders in a browser, a phone or a program.
 
     A command may name some joints; the others keep their last command, and before it their position at the
-    start. A topic that falls silent holds the last command: a lost lease or a stop is raised by the robot.
+    start. A trajectory without points, from a gate or at the end of a page's motion, holds the joints where
+    they are. A topic that falls silent holds the last command.
     """
 
     config_class = RosbridgeTeleoperatorConfig
@@ -29,6 +31,7 @@ class RosbridgeTeleoperator(Teleoperator):
         self.config = config
         self._map = FeatureMap(config.joints, config.units, config.ranges)
         self._connection: Connection | None = None
+        self._states = Latest(config.states)
         self._wanted: dict[str, float] = {}
 
     @cached_property
@@ -68,13 +71,13 @@ class RosbridgeTeleoperator(Teleoperator):
         config = self.config
         connection = Connection(config.url, config.token)
         try:
-            states: Latest = connection.latest(config.states, "sensor_msgs/JointState")
+            self._states = states = connection.latest(config.states, "sensor_msgs/JointState")
             if not within(FIRST_SECONDS, lambda: not states.is_empty, connection.check):
                 raise DeviceError(f"no joint states on {config.states} of {config.url}")
             message = states.get(config.max_age)
-            given = dict(zip(message.name, message.position, strict=False))
             self._map.read(message.name, message.position)
-            self._wanted = {name: given[name] for name in config.joints}
+            self._wanted = dict.fromkeys(config.joints, math.nan)
+            self._hold(message)
             connection.robot.subscribe(config.commands, self._take, TOPIC_TYPE)
         except ValueError as error:
             connection.close()
@@ -107,3 +110,13 @@ class RosbridgeTeleoperator(Teleoperator):
         if message.points:
             given = dict(zip(message.joint_names, message.points[-1].positions, strict=False))
             self._wanted = {name: given.get(name, before) for name, before in self._wanted.items()}
+        else:
+            self._hold(self._states.get(math.inf))
+
+    def _hold(self, state: Any) -> None:
+        # Joints that are at their command keep it: an arm that sags a little would sink with each stop.
+        given = dict(zip(state.name, state.position, strict=False))
+        self._wanted = {
+            name: before if abs(before - (here := given.get(name, before))) <= GOAL_TOLERANCE else here
+            for name, before in self._wanted.items()
+        }

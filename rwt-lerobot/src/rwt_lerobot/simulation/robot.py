@@ -13,7 +13,6 @@ from rwt_lerobot.joints.controller import TrajectoryController
 from rwt_lerobot.reports import warn
 from rwt_lerobot.simulation.cameras import CameraThread, Lens, camera_info, optical_frame
 from rwt_lerobot.simulation.model import ARM, HOME, Model, quaternion
-from rwt_lerobot.simulation.page import sliders_page
 from rwt_participant.messages import Message, MessageLike
 from rwt_participant.qos import LATCHED
 
@@ -46,7 +45,6 @@ class MujocoRobot:
         data: MuJoCo's `MjData`.
         controller: controller of the joints that have position actuators.
         paused: True while the simulation stands still.
-        http: page with sliders, for the server.
     """
 
     def __init__(
@@ -103,12 +101,6 @@ class MujocoRobot:
         self._owed = 0.0
         self._began_ns = node.clock.time_ns()
         self._ticked = node.clock.monotonic()
-        self.http = sliders_page(
-            node.resolve("joint_states"),
-            self.controller.topic,
-            [joint.limit for joint in self._driven],
-            {name: node.resolve(f"{name}/image_raw") for name in self._images},
-        )
         self.reset()
         self._timer = node.create_timer(CONTROL_SECONDS, self._tick)
 

@@ -54,7 +54,7 @@ const SIDEWAYS = [
 ] as const;
 
 /** Let go of every control when the page is hidden or left, or loses the keyboard; returns what ends that. */
-export function releaseWithPage(drive: Drive, onHidden?: () => void): () => void {
+export function releaseWithPage(drive: Pick<Drive, "releaseAll">, onHidden?: () => void): () => void {
   const letGo = () => drive.releaseAll();
   const whenHidden = () => {
     if (!document.hidden) return;

@@ -2,12 +2,12 @@
 
 import { useSignal } from "@preact/signals";
 import { SlidersHorizontal } from "lucide";
-import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { blockText } from "../../forms/commanding";
 import { Clamped, Driver } from "../../forms/gate";
 import { Icon } from "../../forms/icon";
-import { Check } from "../../forms/inputs";
+import { Check, Slider } from "../../forms/inputs";
 import { useNarrow } from "../../forms/narrow";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -192,39 +192,20 @@ function Limit(props: {
   unit: string;
 }) {
   const { context, name, value, most, unit } = props;
-  const id = useId();
-  const set = (wanted: number) => {
-    const limit = Math.min(Math.max(Math.round(wanted * 100) / 100, LEAST_LIMIT), most);
-    context.config.value = { ...context.config.value, [name]: limit };
-  };
-  const step = (sign: string, by: number, key: "teleop.less" | "teleop.more") => (
-    <button
-      type="button"
-      data-scan="press"
-      aria-label={t(key, { name: t(`teleop.${name}`) })}
-      onClick={() => set(value + by)}
-    >
-      {sign}
-    </button>
-  );
   return (
-    <div class="limit">
-      <label for={id}>{t(`teleop.${name}`)}</label>
-      {step("−", -LIMIT_STEP, "teleop.less")}
-      <input
-        id={id}
-        type="range"
-        min={LEAST_LIMIT}
-        max={most}
-        step={0.05}
-        value={value}
-        onInput={(event) => set(Number(event.currentTarget.value))}
-      />
-      {step("+", LIMIT_STEP, "teleop.more")}
-      <span class="number">
-        {value.toFixed(2)} {unit}
-      </span>
-    </div>
+    <Slider
+      label={t(`teleop.${name}`)}
+      value={value}
+      least={LEAST_LIMIT}
+      most={most}
+      step={0.05}
+      by={LIMIT_STEP}
+      shown={`${value.toFixed(2)} ${unit}`}
+      onChange={(wanted) => {
+        const limit = Math.min(Math.max(Math.round(wanted * 100) / 100, LEAST_LIMIT), most);
+        context.config.value = { ...context.config.value, [name]: limit };
+      }}
+    />
   );
 }
 
