@@ -11,9 +11,14 @@ import numpy as np
 import pytest
 
 FAKES: Final = Path(__file__).parent / "fakes"
+TESTS: Final = Path(__file__).parents[2] / "tests"
 
 if find_spec("lerobot") is None:
     sys.path.append(str(FAKES))
+
+if find_spec("tests.browser") is None:
+    # One of LeRobot's dependencies installs a package `tests`, which hides the folder of this project.
+    sys.modules["tests"].__path__.append(str(TESTS))
 
 
 class Motor:

@@ -297,7 +297,7 @@ def test_a_camera_that_stalls_raises(bench: Bench) -> None:
 
 def test_a_camera_that_stalls_ends_the_loop_of_its_robot(bench: Bench) -> None:
     camera = CameraConfig.get_choice_class("rosbridge")(
-        topic="/wrist/compressed", url=bench.url, width=32, height=24, max_age=0.3
+        topic="/wrist/compressed", url=bench.url, width=32, height=24, fps=30, max_age=0.3
     )
     device = bench.device(cameras={"wrist": camera})
     lens = bench.robot.advertise("/wrist/compressed", "sensor_msgs/CompressedImage", qos=LATCHED)
