@@ -210,13 +210,14 @@ async def test_the_robot_stands_while_another_client_floods_the_server() -> None
     async with _server() as (server, witness):
         with _driver(server) as driver:
             await witness.until(lambda: witness.drives)
+            # A busy machine stalls the driver before the signal does, which ends the lease as well.
+            last = len(witness.told)
             with _driver(server, speed=-0.9, period=0.0):
                 bridge = server.bridge
                 await witness.until(lambda: sum(peer.messages for peer in bridge.clients) > 3000)
                 witness.begin()
                 driver.send_signal(signal.SIGSTOP)
                 # When the lease is over, the one who floods is given it, and drives.
-                last = len(witness.told)
                 await witness.until(
                     lambda: (
                         any(node == "/gate" for _, _, node in witness.told[last:])
@@ -224,7 +225,7 @@ async def test_the_robot_stands_while_another_client_floods_the_server() -> None
                     )
                 )
         stop = next(at for at, _, node in witness.told[last:] if node == "/gate")
-        before = max(at for at, speed, _ in witness.told[: last + 1] if speed == SPEED)
+        before = max(at for at, speed, _ in witness.told if at < stop and speed == SPEED)
         assert stop - before <= LEASE + MARGIN + witness.lateness
         # Nothing of the one who floods came before it.
         assert all(speed != -0.9 for at, speed, _ in witness.told if at < stop)
