@@ -603,6 +603,41 @@ async def test_integers_of_64_bits_and_numbers_that_are_not_finite(browser: Brow
             await page.wait(f"{text('.detail .tree')}.includes('not finite')")
 
 
+async def search(page: Page, wanted: str) -> None:
+    await page.evaluate(
+        f"""((input) => {{
+          input.value = {json.dumps(wanted)};
+          input.dispatchEvent(new Event("input", {{ bubbles: true }}));
+        }})(document.querySelector(".detail [type=search]"))"""
+    )
+
+
+async def test_fields_of_a_message_are_filtered_and_compared(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        place = server.node("robot").advertise("/place", "geometry_msgs/PoseStamped", qos=LATCHED)
+        header = {"stamp": {"sec": 1, "nanosec": 1}, "frame_id": "map"}
+        place.publish({"header": header, "pose": {"position": {"x": 1.0}}})
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 900, 700) as page:
+            await open_panels(page, url, [("topics", {"topic": "/place"})])
+            await page.wait("document.querySelector('.detail .tree')")
+            await search(page, "Position.X")
+            await page.wait(f"{text('.detail .fields')} === 'pose.position.x1'")
+            await search(page, "nothing")
+            await page.wait(f"{text('.detail')}.includes('No field has this name.')")
+            await search(page, "")
+            await page.wait("document.querySelector('.detail .tree')")
+            await page.click(".detail >> text=Differences from this message")
+            await page.wait(f"{text('.detail')}.includes('No differences.')")
+            header["frame_id"] = "odom"
+            place.publish({"header": header, "pose": {"position": {"x": 2.5, "y": math.nan}}})
+            differences = (
+                'header.frame_id"map" → "odom"pose.position.x1 → 2.5'
+                "pose.position.y0 → not finite (NaN or infinite)"
+            )
+            await page.wait(f"{text('.detail .fields')} === {json.dumps(differences)}")
+
+
 async def test_without_transforms_the_missing_frames_are_named_and_one_is_offered(browser: Browser) -> None:
     async with Server("ws://127.0.0.1:0") as server:
         node = server.node("laser")

@@ -12,7 +12,7 @@ import { readMetrics } from "../src/panels/health/server";
 import { partOf, plotSettings } from "../src/panels/view/plot_panel";
 import { roundedStep } from "../src/panels/view/position_panel";
 import { Series } from "../src/panels/view/series";
-import { numberAt, numericPaths } from "../src/robot/fields";
+import { numberAt, numericPaths, selectedFields } from "../src/robot/fields";
 import { fixOf, Track } from "../src/robot/fixes";
 import { Formula, formulaProblem } from "../src/robot/formula";
 import { jointsOf } from "../src/robot/jog";
@@ -127,6 +127,20 @@ describe("values by their paths", () => {
   test("what can be plotted", () => {
     expect(numericPaths(message)).toEqual(["pose.x", "pose.ok", "ranges.0", "ranges.2"]);
     expect(numericPaths({ list: new Float32Array(1000) }).length).toBe(32);
+  });
+
+  test("by their names, and those that differ from an earlier message", () => {
+    const message = { pose: { x: 1, note: "a", far: null }, ids: [2n] };
+    expect(selectedFields(message, "POSE.").map(({ path }) => path)).toEqual([
+      "pose.x",
+      "pose.note",
+      "pose.far",
+    ]);
+    const earlier = { pose: { x: 1, note: "b", far: 3 }, ids: [2n] };
+    expect(selectedFields(message, "", earlier)).toEqual([
+      { path: "pose.note", value: "a", earlier: "b" },
+      { path: "pose.far", value: null, earlier: 3 },
+    ]);
   });
 });
 

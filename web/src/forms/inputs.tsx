@@ -39,13 +39,13 @@ export function Choice(props: {
 }
 
 /** A field for what is searched. */
-export function Search({ text }: { text: Signal<string> }) {
+export function Search({ text, name = t("topics.search") }: { text: Signal<string>; name?: string }) {
   return (
     <label class="search">
-      <span class="hidden">{t("topics.search")}</span>
+      <span class="hidden">{name}</span>
       <input
         type="search"
-        placeholder={t("topics.search")}
+        placeholder={name}
         value={text.value}
         onInput={(event) => {
           text.value = event.currentTarget.value;

@@ -36,11 +36,27 @@ export function leafPaths(message: unknown): string[] {
   return pathsOf(message, ["number", "boolean", "string"]);
 }
 
+/** A field of a message, and its value in an earlier one. */
+export interface Change {
+  path: string;
+  value: unknown;
+  earlier: unknown;
+}
+
+/** The plain values whose paths contain a text; beside an earlier message, only those that differ from it. */
+export function selectedFields(message: unknown, text: string, earlier?: unknown): Change[] {
+  const wanted = text.toLowerCase();
+  return pathsOf(message, ["number", "boolean", "string", "bigint", "null"])
+    .filter((path) => path.toLowerCase().includes(wanted))
+    .map((path) => ({ path, value: valueAt(message, path), earlier: valueAt(earlier, path) }))
+    .filter((field) => earlier === undefined || !Object.is(field.value, field.earlier));
+}
+
 function pathsOf(message: unknown, types: readonly string[]): string[] {
   const found: string[] = [];
   const walk = (value: unknown, path: string, depth: number) => {
     if (found.length >= MOST_PATHS || depth > MOST_DEPTH) return;
-    if (types.includes(typeof value)) {
+    if (types.includes(value === null ? "null" : typeof value)) {
       found.push(path);
       return;
     }

@@ -3,11 +3,12 @@
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Commanding } from "../../forms/commanding";
-import { NameButton, Search } from "../../forms/inputs";
+import { Check, NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
-import { MessageTree } from "../../forms/message_tree";
+import { MessageTree, shortValue } from "../../forms/message_tree";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
+import { selectedFields } from "../../robot/fields";
 import { shortType } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
 import type { Definitions } from "../../robot/typedefs";
@@ -159,11 +160,56 @@ function OneTopic({ context, name }: { context: PanelContext; name: string }) {
       </p>
       {!mayHear && <Refusal context={context} act="subscribe" name={name} />}
       {mayHear &&
-        (last.value ? <MessageTree value={last.value.message} /> : <p>{t("panel.waiting", { name })}</p>)}
+        (last.value ? <LastMessage message={last.value.message} /> : <p>{t("panel.waiting", { name })}</p>)}
       {session.may("publish", name) ? (
         <PublishForm context={context} name={name} type={type} />
       ) : (
         <Refusal context={context} act="publish" name={name} />
+      )}
+    </>
+  );
+}
+
+/** The last message: the whole as a tree, or fields by their names, or what differs from a message kept before. */
+function LastMessage({ message }: { message: Message }) {
+  const text = useSignal("");
+  const earlier = useSignal<Message | undefined>(undefined);
+  const isWhole = !text.value && !earlier.value;
+  const fields = isWhole ? [] : selectedFields(message, text.value, earlier.value);
+  return (
+    <>
+      <div class="plot-bar">
+        <Search text={text} name={t("topics.filter")} />
+        <Check
+          checked={earlier.value !== undefined}
+          onChange={(on) => {
+            earlier.value = on ? message : undefined;
+          }}
+        >
+          {t("topics.compare")}
+        </Check>
+      </div>
+      {isWhole ? (
+        <MessageTree value={message} />
+      ) : (
+        <dl class="fields">
+          {fields.map((field) => (
+            <div key={field.path}>
+              <dt>{field.path}</dt>
+              <dd>
+                {earlier.value && field.earlier !== undefined && (
+                  <>
+                    <del>{shortValue(field.earlier)}</del> →{" "}
+                  </>
+                )}
+                <code>{shortValue(field.value)}</code>
+              </dd>
+            </div>
+          ))}
+        </dl>
+      )}
+      {!isWhole && !fields.length && (
+        <p class="faint">{t(earlier.value ? "topics.no_difference" : "topics.no_field")}</p>
       )}
     </>
   );
