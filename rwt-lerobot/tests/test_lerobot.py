@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import cycle
@@ -103,13 +104,13 @@ def _operator(url: str, folder: Path) -> Iterator[None]:
                             return
 
     (folder / "browser").mkdir()
-    operator = threading.Thread(target=anyio.run, args=(operate,))
-    operator.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        operator.join()
+    with ThreadPoolExecutor() as pool:
+        operator = pool.submit(anyio.run, operate)
+        try:
+            yield
+        finally:
+            ended.set()
+        operator.result()
 
 
 def _columns(folder: Path) -> tuple[Any, Any]:

@@ -55,9 +55,9 @@ async def slide(page: Page, joint: str, position: float) -> None:
     slider = (
         f"[...document.querySelectorAll('.jog .limit')]"
         f".find((row) => row.querySelector('label').textContent === {json.dumps(joint)})"
-        ".querySelector('input:not(:disabled)')"
+        "?.querySelector('input:not(:disabled)')"
     )
-    await page.wait(f"{slider}?.matches(':enabled')")
+    await page.wait(f"Boolean({slider})")
     left, top, width, height, least, most = await page.evaluate(
         f"((it) => (it.scrollIntoView({{ block: 'center' }}),"
         f" ((b) => [b.left, b.top, b.width, b.height, Number(it.min), Number(it.max)])"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import make_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +77,10 @@ def make_robot(words: Sequence[str]) -> Any:
             importlib.import_module(f"lerobot.robots.{module.name}")
         except ImportError:
             continue  # The robot needs a package that is not installed; others do not.
-    arguments = [f"--{word.removeprefix('--robot.')}" for word in words]
+    # As LeRobot's commands do: draccus reads a choice of types only from a field.
+    options = make_dataclass("Options", [("robot", RobotConfig)])
     try:
-        config = draccus.parse(RobotConfig, args=arguments)
-        return make_robot_from_config(config)
+        return make_robot_from_config(draccus.parse(options, args=list(words)).robot)
     except (draccus.utils.ParsingError, ValueError) as error:
         raise CommandError(f"the robot: {error}", exit_code=2) from error
 
