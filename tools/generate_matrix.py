@@ -3,6 +3,7 @@
     make matrix                           # everything that needs no checkout of somebody else's
     make matrix ARGS='--only roslibpy'    # what has this in its name; other rows stay as they are
     make matrix ARGS='--only rosbridge_suite --checkout ../rosbridge_suite'
+    make matrix ARGS='--only "real rclpy" --workspace ~/suite_ws/install'    # for build/rclpy-kilted
 
 What there is stands in tools/matrix.toml, results in docs/reference/matrix.json. npm and PyPI packages are
 installed in build/matrix.
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
@@ -27,6 +29,16 @@ RESULTS: Final = ROOT / "docs" / "reference" / "matrix.json"
 PAGE: Final = ROOT / "docs" / "reference" / "matrix.md"
 INSTALLED: Final = ROOT / "build" / "matrix"
 ADAPTERS: Final = ROOT / "conformance" / "rosbridge_conformance" / "adapters"
+
+ROS2: Final = ROOT / "build" / "rclpy-kilted"
+_ROS2_ENVIRONMENT: Final = {
+    "AMENT_PREFIX_PATH": str(ROS2),
+    "LD_LIBRARY_PATH": str(ROS2 / "lib"),
+    "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "ROS_DISTRO": "kilted",
+    "ROS_VERSION": "2",
+}
 
 _GRACE: Final = 10.0
 """Seconds in which a server has to end when it is asked to."""
@@ -59,17 +71,21 @@ def main() -> int:
     )
     parser.add_argument("--checkout", type=Path, help="your checkout of rosbridge_suite, branch ros2")
     parser.add_argument(
+        "--workspace", type=Path, help="your workspace of rosbridge_suite, as `make bench-ros2` takes it"
+    )
+    parser.add_argument(
         "--page", action="store_true", help="write the page again from the results; grade nothing"
     )
     options = parser.parse_args()
     failed = 0
     for kind, subject in [] if options.page else _asked(options.only):
         title = title_of(subject)
-        if subject.get("checkout") and options.checkout is None:
-            print(f"{title}: needs --checkout; its row stays as it is")
+        needed = subject.get("needs", "")
+        if needed and getattr(options, needed) is None:
+            print(f"{title}: needs --{needed}; its row stays as it is")
             continue
         try:
-            report = _grade(kind, subject, options.checkout)
+            report = _grade(kind, subject, options)
         except MatrixError as error:
             sys.stderr.write(f"generate_matrix: {title}: {error}\n")
             failed += 1
@@ -145,8 +161,8 @@ def _row(subject: Subject, result: Mapping[str, Any] | None) -> str:
     name = f"| {subject['name']} | {subject['version']} | {runs_on} | {threads} "
     if result is None:
         how = (
-            "`make matrix ARGS='--only rosbridge_suite --checkout …'`"
-            if subject.get("checkout")
+            f"`make matrix ARGS='--only rosbridge_suite --{subject['needs']} …'`"
+            if "needs" in subject
             else "`make matrix`"
         )
         return f"{name}| not yet: {how} | | | | |"
@@ -184,17 +200,17 @@ def _asked(only: str) -> Iterator[tuple[str, Subject]]:
         yield from ((kind, subject) for subject in tables[kind] if only in title_of(subject))
 
 
-def _grade(kind: str, subject: Subject, checkout: Path | None) -> Any:
+def _grade(kind: str, subject: Subject, options: argparse.Namespace) -> Any:
     """The suite's report of a subject."""
     INSTALLED.mkdir(parents=True, exist_ok=True)
     report = INSTALLED / f"{_folder(subject).name}.json"
     report.unlink(missing_ok=True)
     suite = [sys.executable, "-m", "rosbridge_conformance"]
-    asked = ["--target", str(subject["target"]), "--json", str(report)]
+    asked = ["--target", str(subject["target"]), "--json", str(report), *subject.get("suite", ())]
     if kind == "clients":
         _run([*suite, "client", "--jobs", "6", *asked, "--", *_program(subject)], accepted=(0, 1))
     else:
-        with _server(subject, checkout) as url:
+        with _server(subject, options) as url:
             _run([*suite, url, *asked], accepted=(0, 1))
     return json.loads(report.read_text(encoding="utf-8"))
 
@@ -222,12 +238,17 @@ def _program(subject: Subject) -> list[str]:
 
 
 @contextmanager
-def _server(subject: Subject, checkout: Path | None) -> Iterator[str]:
+def _server(subject: Subject, options: argparse.Namespace) -> Iterator[str]:
     """The URL of a server, which says it in a line of its own once it listens."""
-    command = [str(part).format(python=sys.executable, checkout=checkout) for part in subject["start"]]
+    python = str(ROS2 / "bin" / "python") if subject.get("needs") == "workspace" else sys.executable
+    places = {"python": python, "checkout": options.checkout, "workspace": options.workspace}
+    command = [str(part).format(**places) for part in subject["start"]]
+    environment = {**os.environ, **_ROS2_ENVIRONMENT} if python != sys.executable else None
     with (
         Path(f"{_folder(subject)}.log").open("w") as log,
-        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True) as server,
+        subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True, env=environment
+        ) as server,
     ):
         assert server.stdout is not None
         said = next((line for line in server.stdout if line.startswith("listening on ")), "")

@@ -43,7 +43,6 @@ def _accept(listener: socket.socket) -> socket.socket:
         b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         b"Sec-WebSocket-Accept: " + key + b"\r\n\r\n"
     )
-    client.setblocking(False)
     return client
 
 
@@ -75,7 +74,7 @@ def serve(topic: str, type_name: str) -> None:
                     frame = frame or _frame(topic, Payload.relayed_cdr(type, sample.data))
                     for number, client in list(clients.items()):
                         try:
-                            client.send(frame)
+                            client.sendall(frame)
                         except ConnectionError:
                             clients.pop(number).close()
 

@@ -50,7 +50,8 @@ class Grip:
         elif self._control == "stick":
             await self._page.mouse("up")
         else:
-            await self._page.evaluate("(pad.axes[1] = 0, pad.buttons[4].pressed = false)")
+            await self._page.evaluate("(pad.axes[1] = 0, pad.buttons[4].pressed = false, pad.reads = 0)")
+            await self._page.wait("pad.reads > 0")  # The page sees it when it looks again.
 
     async def drive_until(self, moves: Callable[[], bool]) -> None:
         """Hold the control until the robot moves, with a new grip every second.

@@ -34,8 +34,8 @@ OLD = "document.querySelector('.camera canvas.old')"
 FRESH = "document.querySelector('.camera canvas:not(.old)')"
 
 GAMEPAD = """(() => {
-  globalThis.pad = {axes: [0, 0, 0, 0], buttons: Array.from({length: 8}, () => ({pressed: false}))};
-  navigator.getGamepads = () => [globalThis.pad];
+  globalThis.pad = {axes: [0, 0, 0, 0], buttons: Array.from({length: 8}, () => ({pressed: false})), reads: 0};
+  navigator.getGamepads = () => (globalThis.pad.reads++, [globalThis.pad]);
 })()"""
 
 

@@ -75,16 +75,19 @@ async def test_goals_end_when_their_server_leaves(ros: Ros, graph: Ros1Graph) ->
 
 
 async def test_an_actionlib_client_of_this_process(ros: Ros, graph: Ros1Graph) -> None:
-    sent = anyio.Event()
+    sent, heard = anyio.Event(), anyio.Event()
 
     async def execute(goal: ReceivedGoal) -> dict[str, object]:
-        await sent.wait()  # Clients in Python lose what comes before `send_goal` has returned.
+        await sent.wait()  # Clients in Python lose what comes before `send_goal` has returned,
         goal.publish_feedback({"feedback": 7})
+        await heard.wait()  # and feedback that the result overtakes on its own connection.
         return {"result": 2 * goal.request.goal}
 
     graph.node("server").advertise_action("/double", "actionlib/Test", execute)
     program = ros.program()
     assert await anyio.to_thread.run_sync(program.run, CLIENT.format(goal=21)) is True
     sent.set()
+    await until(lambda: program.run("result = heard") == [7])
+    heard.set()
     await anyio.to_thread.run_sync(program.run, "client.wait_for_result(rospy.Duration(20))")
     assert program.run("result = [client.get_state(), client.get_result().result, heard]") == [3, 42, [7]]

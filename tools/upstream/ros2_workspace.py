@@ -15,6 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -26,6 +27,8 @@ _ROSAPI: Final = "lib/rosapi/rosapi_node"
 
 #: Seconds after which rosapi is taken for stuck; it waits for five for the services of a node's parameters.
 _PATIENCE: Final = 8.0
+#: Seconds between two questions. Each answer reaches every client of the service, rosbridge_server's too.
+_PAUSE: Final = 0.5
 _START_SECONDS: Final = 60.0
 _END_SECONDS: Final = 3.0
 
@@ -124,7 +127,7 @@ class _Rosapi:
                 self._process = subprocess.Popen(self._command)
                 self._client.wait_for_service(_START_SECONDS)
             self._client.remove_pending_request(future)
-            rclpy.spin_once(self._node, timeout_sec=0.5)
+            time.sleep(_PAUSE)
 
     def close(self) -> None:
         """End the program."""
