@@ -55,7 +55,7 @@ def make_robot(words: Sequence[str]) -> Any:
         words: options such as `--robot.type=so101_follower`.
 
     Raises:
-        CommandError: LeRobot is not installed, or rejects the options.
+        CommandError: LeRobot or the robot's driver is not installed, or LeRobot rejects the options.
     """
     if not any(word.startswith("--robot.type") for word in words):
         raise CommandError("the robot is missing: --robot.type=so101_follower", exit_code=2)
@@ -83,6 +83,8 @@ def make_robot(words: Sequence[str]) -> Any:
         return make_robot_from_config(draccus.parse(options, args=list(words)).robot)
     except (draccus.utils.ParsingError, ValueError) as error:
         raise CommandError(f"the robot: {error}", exit_code=2) from error
+    except ImportError as error:  # Of the robot's driver.
+        raise CommandError(f"the robot needs a package that is not installed: {error}") from error
 
 
 def _run(arguments: Arguments) -> int:
@@ -104,8 +106,11 @@ def _run(arguments: Arguments) -> int:
         raise CommandError(f"the calibration cannot be read: {error}") from error
     units = dict(text.partition("=")[::2] for text in arguments.unit)
     robot = make_robot(arguments.passed)
-    # Calibration asks questions on the terminal: `lerobot-calibrate` does that.
-    robot.connect(calibrate=False)
+    try:
+        # Calibration asks questions on the terminal: `lerobot-calibrate` does that.
+        robot.connect(calibrate=False)
+    except Exception as error:  # Drivers raise errors of many classes.
+        raise CommandError(f"the robot cannot be connected: {type(error).__name__}: {error}") from error
     try:
         limits = urdf_limits(description) if description else None
         joints = motor_joints(robot, limits, units, speed=arguments.max_speed, step=arguments.max_step)
