@@ -59,11 +59,17 @@ def _command(program: str, url: str, folder: Path, *options: str) -> list[str]:
         "--robot.type=rosbridge",
         f"--robot.url={url}",
         f"--robot.calibration_dir={folder}",
-        "--play_sounds=false",
-        "--dataset.repo_id=me/arm",
-        f"--dataset.root={folder / 'data'}",
         *options,
     ]
+
+
+def _with_dataset(program: str, url: str, folder: Path, *options: str) -> list[str]:
+    dataset = ("--play_sounds=false", "--dataset.repo_id=me/arm", f"--dataset.root={folder / 'data'}")
+    return _command(program, url, folder, *dataset, *options)
+
+
+def _teleoperator(url: str, folder: Path) -> tuple[str, ...]:
+    return "--teleop.type=rosbridge", f"--teleop.url={url}", f"--teleop.calibration_dir={folder}"
 
 
 def _record(url: str, folder: Path, episodes: int) -> list[str]:
@@ -72,10 +78,10 @@ def _record(url: str, folder: Path, episodes: int) -> list[str]:
         f"{{front: {{{camera}, topic: /front/image_raw/compressed}},"
         f" wrist: {{{camera}, topic: /wrist_camera/image_raw/compressed}}}}"
     )
-    return _command(
+    return _with_dataset(
         "lerobot-record", url, folder,
         f"--robot.cameras={cameras}",
-        "--teleop.type=rosbridge", f"--teleop.url={url}", f"--teleop.calibration_dir={folder}",
+        *_teleoperator(url, folder),
         "--dataset.single_task=turn", "--dataset.push_to_hub=false", *RECORDER,
         f"--dataset.num_episodes={episodes}",
         f"--dataset.episode_time_s={SECONDS}", "--dataset.reset_time_s=0.2",
@@ -155,7 +161,7 @@ def test_record_from_the_dashboard_replay_and_read_back(tmp_path: Path) -> None:
         server.call("/simulation/reset")
         sent: list[Any] = []
         server.subscribe("/arm_controller/joint_trajectory", sent.append, TOPIC_TYPE)
-        _run(_command("lerobot-replay", url, tmp_path, "--dataset.episode=2"), tmp_path)
+        _run(_with_dataset("lerobot-replay", url, tmp_path, "--dataset.episode=2"), tmp_path)
         time.sleep(1.0)
         recorded = [[*action] for action in frames[frames["episode_index"] == 2]["action"]]
         commands = [command.points[0].positions for command in sent if command.points]
@@ -197,6 +203,26 @@ def test_a_killed_server_ends_the_recording_and_leaves_its_finished_episodes(tmp
     assert dataset.num_episodes == 1
     assert len(dataset) > SECONDS * 10
     assert dataset[len(dataset) - 1]["observation.images.front"].shape == (3, 240, 320)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_lerobot_teleoperates_the_arm(tmp_path: Path) -> None:
+    with Server("ws://127.0.0.1:0", extra_nodes=[MujocoRobot]) as server:
+        url = server.server.urls[0]
+        options = (*_teleoperator(url, tmp_path), "--teleop_time_s=60")
+        command = _command("lerobot-teleoperate", url, tmp_path, *options)
+        with subprocess.Popen(command, env=_environment(tmp_path), stdout=subprocess.DEVNULL) as program:
+            try:
+                pan, end = 0.0, time.monotonic() + 100
+                while abs(pan - 0.5) > math.radians(0.5) and time.monotonic() < end:
+                    points = [{"positions": [0.5]}]
+                    server.publish(TOPIC, {"joint_names": ["shoulder_pan"], "points": points}, TOPIC_TYPE)
+                    time.sleep(0.1)
+                    pan = server.once("/joint_states", "sensor_msgs/JointState", timeout=10).position[0]
+                assert pan == pytest.approx(0.5, abs=math.radians(0.5))
+            finally:
+                program.terminate()
 
 
 @pytest.mark.slow

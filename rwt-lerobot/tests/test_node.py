@@ -9,13 +9,16 @@ from typing import Any
 import anyio
 import pytest
 
-from rwt import connect
+from rwt import Server, connect
 from rwt_graph import MemoryGraph, Node
 from rwt_lerobot import LeRobotNode
+from rwt_participant.errors import RobotError
 from rwt_participant.images import image_to_numpy
 
 TRAJECTORY = "trajectory_msgs/JointTrajectory"
 TOPIC = "/arm_controller/joint_trajectory"
+ACTION = "/arm_controller/follow_joint_trajectory"
+ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
 
 
 @pytest.fixture
@@ -98,8 +101,6 @@ async def test_a_mobile_base_stops_after_half_a_second_of_silence(arm: Any) -> N
 
 @pytest.mark.anyio
 async def test_a_robot_that_joins_a_server_over_rosbridge(arm: Any) -> None:
-    from rwt import Server
-
     async with (
         Server("ws://127.0.0.1:0") as server,
         connect(server.urls[0]) as robot,
@@ -111,4 +112,24 @@ async def test_a_robot_that_joins_a_server_over_rosbridge(arm: Any) -> None:
         goal = {"joint_names": ["pan"], "points": [{"positions": [0.0], "time_from_start": {"sec": 1}}]}
         handle = await user.send_goal("/left/arm_controller/follow_joint_trajectory", {"trajectory": goal})
         assert (await handle.result(20)).succeeded
+        node.close()
+
+
+@pytest.mark.anyio
+async def test_a_viewer_sees_the_arm_and_cannot_command_it(arm: Any) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", auth={"default_role": "viewer"}) as server,
+        connect(server.urls[0]) as viewer,
+    ):
+        node = LeRobotNode(server.node("arm"), arm, rate=100.0)
+        rejected: list[str] = []
+        viewer.on_event(lambda event: rejected.append(event.text))
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        trajectory = {"joint_names": ["pan"], "points": [{"positions": [0.0]}]}
+        viewer.publish(TOPIC, trajectory, TRAJECTORY)
+        await _until(lambda: f"publish: role 'viewer' may not publish on {TOPIC}" in " ".join(rejected))
+        with pytest.raises(RobotError, match=r"viewer|knows no action"):
+            await (await viewer.send_goal(ACTION, {"trajectory": trajectory}, ACTION_TYPE)).result(20)
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        assert arm.actions == []
         node.close()
