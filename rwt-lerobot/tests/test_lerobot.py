@@ -225,6 +225,55 @@ def test_lerobot_teleoperates_the_arm(tmp_path: Path) -> None:
                 program.terminate()
 
 
+def _untrained_policy(folder: Path, pan: float) -> None:
+    """Save a small policy whose actions are near a position of the first joint, in degrees."""
+    import torch
+    from lerobot.configs.types import FeatureType, PolicyFeature
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.factory import make_pre_post_processors
+
+    image = "observation.images.front"
+    config = ACTConfig(
+        device="cpu", push_to_hub=False, pretrained_backbone_weights=None, use_vae=False,
+        dim_model=32, n_heads=2, dim_feedforward=32, n_encoder_layers=1, chunk_size=10, n_action_steps=10,
+        input_features={
+            "observation.state": PolicyFeature(FeatureType.STATE, (6,)),
+            image: PolicyFeature(FeatureType.VISUAL, (3, 240, 320)),
+        },
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (6,))},
+    )  # fmt: skip
+    stats = {
+        "action": {"mean": torch.tensor([pan, -28.6, 74.5, 45.8, 0.0, 11.5]), "std": torch.full((6,), 0.01)},
+        "observation.state": {"mean": torch.zeros(6), "std": torch.full((6,), 50.0)},
+        image: {"mean": torch.full((3, 1, 1), 0.5), "std": torch.full((3, 1, 1), 0.5)},
+    }
+    ACTPolicy(config).save_pretrained(folder)
+    for processor in make_pre_post_processors(config, dataset_stats=stats):
+        processor.save_pretrained(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_policy_drives_the_arm(tmp_path: Path) -> None:
+    if find_spec("lerobot.rollout") is None:
+        pytest.skip("this version of LeRobot has no lerobot-rollout")
+    _untrained_policy(tmp_path / "policy", pan=20.0)
+    with Server("ws://127.0.0.1:0", extra_nodes=[MujocoRobot]) as server:
+        url = server.server.urls[0]
+        camera = f'type: rosbridge, url: "{url}", topic: /front/image_raw/compressed'
+        command = _command(
+            "lerobot-rollout", url, tmp_path,
+            f"--robot.cameras={{front: {{{camera}, width: 320, height: 240, fps: 30, max_age: 5}}}}",
+            f"--policy.path={tmp_path / 'policy'}", "--task=turn", "--duration=5", "--device=cpu",
+            "--play_sounds=false", "--return_to_initial_position=false",
+        )  # fmt: skip
+        _run(command, tmp_path)
+        time.sleep(1.0)
+        state = server.once("/joint_states", "sensor_msgs/JointState", timeout=10)
+        assert math.degrees(state.position[0]) == pytest.approx(20.0, abs=0.5)
+
+
 @pytest.mark.slow
 def test_lerobots_robot_joins_a_server_by_the_command_line(tmp_path: Path) -> None:
     with (
