@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import cycle
@@ -275,13 +275,14 @@ def test_a_policy_drives_the_arm(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_lerobots_robot_joins_a_server_by_the_command_line(tmp_path: Path) -> None:
-    with (
-        Server("ws://127.0.0.1:0", extra_nodes=[MujocoRobot]) as simulation,
-        Server("ws://127.0.0.1:0") as server,
-    ):
+def test_lerobots_robot_joins_a_server_by_the_command_line_and_again_after_its_restart(
+    tmp_path: Path,
+) -> None:
+    with ExitStack() as running, Server("ws://127.0.0.1:0", extra_nodes=[MujocoRobot]) as simulation:
+        server = running.enter_context(Server("ws://127.0.0.1:0"))
+        url = server.server.urls[0]
         serve = [
-            sys.executable, "-m", "rwt.cli", "lerobot", "serve", "--url", server.server.urls[0],
+            sys.executable, "-m", "rwt.cli", "lerobot", "serve", "--url", url,
             "--robot.type=rosbridge", f"--robot.url={simulation.server.urls[0]}",
             f"--robot.calibration_dir={tmp_path}",
             *(f"--unit={joint}=degrees" for joint in ("shoulder_pan", "shoulder_lift", "elbow_flex")),
@@ -297,6 +298,10 @@ def test_lerobots_robot_joins_a_server_by_the_command_line(tmp_path: Path) -> No
                 assert handle.result(30).succeeded
                 moved = simulation.once("/joint_states", "sensor_msgs/JointState", timeout=10)
                 assert moved.position[0] == pytest.approx(0.4, abs=0.1)
+                running.close()
+                server = running.enter_context(Server(url))
+                state = server.once("/joint_states", "sensor_msgs/JointState", timeout=60)
+                assert state.position[0] == pytest.approx(0.4, abs=0.1)
             finally:
                 robot.terminate()
 

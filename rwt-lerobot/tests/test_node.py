@@ -8,6 +8,7 @@ from typing import Any
 
 import anyio
 import pytest
+from anyio.abc import TaskStatus
 
 from rwt import Server, connect
 from rwt_graph import MemoryGraph, Node
@@ -133,3 +134,30 @@ async def test_a_viewer_sees_the_arm_and_cannot_command_it(arm: Any) -> None:
         await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
         assert arm.actions == []
         node.close()
+
+
+@pytest.mark.anyio
+async def test_an_arm_whose_server_is_lost_holds(arm: Any) -> None:
+    ended = anyio.Event()
+
+    async def serve(*, task_status: TaskStatus[Server]) -> None:
+        async with Server("ws://127.0.0.1:0") as server:
+            task_status.started(server)
+            await ended.wait()
+
+    async with anyio.create_task_group() as tasks:
+        server: Server = await tasks.start(serve)
+        async with connect(server.urls[0]) as robot:
+            events: list[str] = []
+            robot.on_event(lambda event: events.append(event.kind))
+            node, user = LeRobotNode(robot, arm, rate=100.0), server.node("user")
+            await user.once("/joint_states", timeout=20)
+            point = {"positions": [1.5], "time_from_start": {"sec": 60}}
+            user.publish(TOPIC, {"joint_names": ["pan"], "points": [point]}, TRAJECTORY)
+            await _until(lambda: len(arm.actions) > 3)
+            ended.set()
+            await _until(lambda: "lost" in events)
+            count = len(arm.actions)
+            await _until(lambda: len(arm.actions) > count + 10)
+            assert len({action["pan.pos"] for action in arm.actions[-8:]}) == 1
+            node.close()

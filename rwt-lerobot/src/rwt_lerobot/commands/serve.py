@@ -117,7 +117,8 @@ def _run(arguments: Arguments) -> int:
 
         async def serve() -> None:
             stopped = anyio.Event()
-            async with connecting(arguments) as api:
+            # A lost connection must not end the program, which would switch the torque off.
+            async with connecting(arguments, until_interrupted=True) as api:
                 api.on_event(lambda event: stopped.set() if event.kind == "closed" else None)
                 node = LeRobotNode(
                     api, robot, joints, rate=arguments.rate, description=description,
