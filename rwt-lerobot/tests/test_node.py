@@ -97,6 +97,12 @@ async def test_a_mobile_base_stops_after_half_a_second_of_silence(arm: Any) -> N
         velocity = await user.once("/velocity", timeout=20)
         assert velocity.twist.angular.z == pytest.approx(math.pi / 2)
         await _until(lambda: arm.positions["x.vel"] == 0.0)
+        user.publish(
+            "/cmd_vel", {"linear": {"x": math.nan}, "angular": {"z": math.inf}}, "geometry_msgs/Twist"
+        )
+        count = len(arm.actions)
+        await _until(lambda: len(arm.actions) > count + 3)
+        assert {action["x.vel"] for action in arm.actions[count:]} == {0.0}
         node.close()
 
 

@@ -219,9 +219,12 @@ class LeRobotNode:
 
     def _drive(self, twist: Message) -> None:
         assert self._watchdog is not None  # Subscribed with it.
+        velocities = twist.linear.x, twist.linear.y, math.degrees(twist.angular.z)
+        if not all(map(math.isfinite, velocities)):
+            warn(self._api, self._name, "rejected a velocity that is not finite")
+            return
         self._watchdog.feed()
-        theta = math.degrees(twist.angular.z)
-        self._base = dict(zip(_BASE, (twist.linear.x, twist.linear.y, theta), strict=True))
+        self._base = dict(zip(_BASE, velocities, strict=True))
 
     def _stop_base(self) -> None:
         self._base = dict.fromkeys(_BASE, 0.0)
