@@ -117,7 +117,7 @@ LEROBOT_PYTHON := python3.11
 LEROBOT := build/lerobot-$(LEROBOT_VERSION)
 $(LEROBOT)/.installed:
 	$(LEROBOT_PYTHON) -m venv $(LEROBOT)
-	$(LEROBOT)/bin/python -m pip install --quiet lerobot==$(LEROBOT_VERSION) pytest pytest-timeout trio --editable '.[mcap]' \
+	$(LEROBOT)/bin/python -m pip install --quiet 'lerobot[dataset]==$(LEROBOT_VERSION)' pytest pytest-timeout trio --editable '.[mcap]' \
 		--editable './rwt-lerobot[mujoco]' --editable ./rwt-lerobot/plugin
 	touch $@
 

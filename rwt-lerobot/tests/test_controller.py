@@ -82,6 +82,8 @@ async def test_a_command_without_a_time_moves_at_the_maximum_speed(lab: Lab) -> 
         ([(0.0, [0.0, 0.6])], None, "lift is 0.6 rad away from 0.6 rad; a command without a time"),
         ([(1.0, [0.0])], None, "a point has 1 positions for 2 joints"),
         ([(1.0, [0.0])], ["knee"], "'knee' is not a joint; the robot has pan, lift"),
+        ([(1.0, [0.0])], ["k" * 9_000], f"'{'k' * 100}' is not a joint"),
+        ([(0.01 * number, [0.0, 0.0]) for number in range(1, 5002)], None, "5001 points are more than 5000"),
         ([(1.0, [0.0, 0.1])], ["pan", "pan"], "name each joint once"),
         ([(1.0, [0.1, 0.1]), (0.5, [0.1, 0.1])], None, "a point at 0.5 s comes after one at 1 s"),
     ],

@@ -16,6 +16,7 @@ import pytest
 from rwt import Server, connect
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_lerobot.joints.limits import urdf_limits
+from rwt_participant.errors import RobotError
 from rwt_participant.goals import GoalStatus
 from rwt_participant.images import image_to_numpy
 
@@ -180,3 +181,14 @@ async def test_cameras() -> None:
             assert pixels.std() > 10  # It shows something.
             info = await user.once(f"/{camera}/camera_info", "sensor_msgs/CameraInfo", timeout=20)
             assert (info.width, info.height, info.k[2]) == (160, 120, 80)
+
+
+@pytest.mark.anyio
+async def test_a_viewer_cannot_pause_or_reset_the_simulation() -> None:
+    server = Server("ws://127.0.0.1:0", extra_nodes=[MujocoRobot], auth={"default_role": "viewer"})
+    async with server, connect(server.urls[0]) as viewer:
+        for verb in ("pause", "step", "reset"):
+            kind = "std_srvs/SetBool" if verb == "pause" else "std_srvs/Trigger"
+            with pytest.raises(RobotError, match=rf"role 'viewer' may not call /simulation/{verb}"):
+                await viewer.call(f"/simulation/{verb}", {}, kind, timeout=20)
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)

@@ -8,14 +8,18 @@ from typing import Any
 
 import anyio
 import pytest
+from anyio.abc import TaskStatus
 
-from rwt import connect
+from rwt import Server, connect
 from rwt_graph import MemoryGraph, Node
 from rwt_lerobot import LeRobotNode
+from rwt_participant.errors import RobotError
 from rwt_participant.images import image_to_numpy
 
 TRAJECTORY = "trajectory_msgs/JointTrajectory"
 TOPIC = "/arm_controller/joint_trajectory"
+ACTION = "/arm_controller/follow_joint_trajectory"
+ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
 
 
 @pytest.fixture
@@ -93,13 +97,17 @@ async def test_a_mobile_base_stops_after_half_a_second_of_silence(arm: Any) -> N
         velocity = await user.once("/velocity", timeout=20)
         assert velocity.twist.angular.z == pytest.approx(math.pi / 2)
         await _until(lambda: arm.positions["x.vel"] == 0.0)
+        user.publish(
+            "/cmd_vel", {"linear": {"x": math.nan}, "angular": {"z": math.inf}}, "geometry_msgs/Twist"
+        )
+        count = len(arm.actions)
+        await _until(lambda: len(arm.actions) > count + 3)
+        assert {action["x.vel"] for action in arm.actions[count:]} == {0.0}
         node.close()
 
 
 @pytest.mark.anyio
 async def test_a_robot_that_joins_a_server_over_rosbridge(arm: Any) -> None:
-    from rwt import Server
-
     async with (
         Server("ws://127.0.0.1:0") as server,
         connect(server.urls[0]) as robot,
@@ -112,3 +120,50 @@ async def test_a_robot_that_joins_a_server_over_rosbridge(arm: Any) -> None:
         handle = await user.send_goal("/left/arm_controller/follow_joint_trajectory", {"trajectory": goal})
         assert (await handle.result(20)).succeeded
         node.close()
+
+
+@pytest.mark.anyio
+async def test_a_viewer_sees_the_arm_and_cannot_command_it(arm: Any) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", auth={"default_role": "viewer"}) as server,
+        connect(server.urls[0]) as viewer,
+    ):
+        node = LeRobotNode(server.node("arm"), arm, rate=100.0)
+        rejected: list[str] = []
+        viewer.on_event(lambda event: rejected.append(event.text))
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        trajectory = {"joint_names": ["pan"], "points": [{"positions": [0.0]}]}
+        viewer.publish(TOPIC, trajectory, TRAJECTORY)
+        await _until(lambda: f"publish: role 'viewer' may not publish on {TOPIC}" in " ".join(rejected))
+        with pytest.raises(RobotError, match=r"viewer|knows no action"):
+            await (await viewer.send_goal(ACTION, {"trajectory": trajectory}, ACTION_TYPE)).result(20)
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        assert arm.actions == []
+        node.close()
+
+
+@pytest.mark.anyio
+async def test_an_arm_whose_server_is_lost_holds(arm: Any) -> None:
+    ended = anyio.Event()
+
+    async def serve(*, task_status: TaskStatus[Server]) -> None:
+        async with Server("ws://127.0.0.1:0") as server:
+            task_status.started(server)
+            await ended.wait()
+
+    async with anyio.create_task_group() as tasks:
+        server: Server = await tasks.start(serve)
+        async with connect(server.urls[0]) as robot:
+            events: list[str] = []
+            robot.on_event(lambda event: events.append(event.kind))
+            node, user = LeRobotNode(robot, arm, rate=100.0), server.node("user")
+            await user.once("/joint_states", timeout=20)
+            point = {"positions": [1.5], "time_from_start": {"sec": 60}}
+            user.publish(TOPIC, {"joint_names": ["pan"], "points": [point]}, TRAJECTORY)
+            await _until(lambda: len(arm.actions) > 3)
+            ended.set()
+            await _until(lambda: "lost" in events)
+            count = len(arm.actions)
+            await _until(lambda: len(arm.actions) > count + 10)
+            assert len({action["pan.pos"] for action in arm.actions[-8:]}) == 1
+            node.close()

@@ -348,21 +348,21 @@ with Server("ws://127.0.0.1:0") as robot:
 """
 
 
-def test_a_killed_server_raises_within_half_a_second(tmp_path: Path) -> None:
+def test_a_killed_server_raises_at_once(tmp_path: Path) -> None:
     program = [sys.executable, "-c", SERVER.format(tests=str(Path(__file__).parent))]
     with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         url = server.stdout.readline().strip()
-        config = RobotConfig.get_choice_class("rosbridge")(url=url, calibration_dir=tmp_path, **JOINTS)
+        # No state is too old: the end of the connection raises. `python -m bench.lerobot` measures its time.
+        config = RobotConfig.get_choice_class("rosbridge")(
+            url=url, calibration_dir=tmp_path, max_age=1000.0, **JOINTS
+        )
         device: Any = make_robot_from_config(config)
         device.connect()
         device.get_observation()
         os.kill(server.pid, signal.SIGKILL)
-        killed = time.monotonic()
-        error = _error(device)
-        took = time.monotonic() - killed
-    assert type(error) in (DeviceError, StaleData)
-    assert took < 5  # 0.5 s on an idle machine.
+        with pytest.raises(DeviceError, match=f"the connection to {url} was lost: "):
+            raise _error(device)
     device.disconnect()
 
 

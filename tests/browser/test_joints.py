@@ -38,6 +38,12 @@ URDF = """<robot name="two_joints"><link name="base"/><link name="upper"/><link 
 <limit lower="-1.5" upper="1.5" velocity="2" effort="1"/></joint>
 <joint name="lift" type="revolute"><parent link="upper"/><child link="hand"/><axis xyz="0 1 0"/>
 <limit lower="-1.5" upper="1.5" velocity="2" effort="1"/></joint></robot>"""
+#: A gamepad whose left stick is to the left; its left trigger is button 6.
+GAMEPAD = """(() => {
+  globalThis.pad = {axes: [-1, 0, 0, 0], buttons: Array.from({length: 8}, () => ({pressed: false}))};
+  navigator.getGamepads = () => [globalThis.pad];
+})()"""
+TRIGGER = "globalThis.pad.buttons[6].pressed = {}"
 GATE: dict[str, Any] = {
     "rules": {
         "arm": {
@@ -55,9 +61,9 @@ async def slide(page: Page, joint: str, position: float) -> None:
     slider = (
         f"[...document.querySelectorAll('.jog .limit')]"
         f".find((row) => row.querySelector('label').textContent === {json.dumps(joint)})"
-        ".querySelector('input:not(:disabled)')"
+        "?.querySelector('input:not(:disabled)')"
     )
-    await page.wait(f"{slider}?.matches(':enabled')")
+    await page.wait(f"Boolean({slider})")
     left, top, width, height, least, most = await page.evaluate(
         f"((it) => (it.scrollIntoView({{ block: 'center' }}),"
         f" ((b) => [b.left, b.top, b.width, b.height, Number(it.min), Number(it.max)])"
@@ -161,6 +167,44 @@ async def test_an_arm_opens_its_panels_and_shows_leases_and_rejections(browser: 
             await anyio.sleep(0.5)
             assert arm["pan"] == pytest.approx(held, abs=0.01)
             assert not math.isclose(held, -1.4, abs_tol=0.01)
+
+
+async def test_a_gamepad_moves_joints_while_its_trigger_is_held(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", gate=GATE) as server, robot_arm(server) as arm:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(url, 1300, 900) as page:
+            await page.wait("document.querySelectorAll('.jog .limit').length === 2")
+            await page.evaluate(GAMEPAD)
+            await anyio.sleep(0.5)
+            assert arm["pan"] == 0
+
+            async def push_to(position: float) -> None:
+                """Hold the trigger, again every five seconds: a page that was too busy needs a new grip."""
+                for _ in range(12):
+                    await page.evaluate(TRIGGER.format("true"))
+                    with anyio.move_on_after(5):
+                        await until(lambda: arm["pan"] > position)
+                        return
+                    await page.evaluate(TRIGGER.format("false"))
+                    await anyio.sleep(0.5)
+                raise TimeoutError(f"pan does not arrive at {position}")
+
+            await push_to(0.3)
+            await page.evaluate(TRIGGER.format("false"))
+            await anyio.sleep(1)
+            held = arm["pan"]
+            await anyio.sleep(0.5)
+            assert arm["pan"] == held < 1.4
+            await push_to(held + 0.1)
+            operator = server.node("operator")
+            await operator.call("/gate/stop", {"reason": "somebody is near"}, "rwt_gate_msgs/Stop")
+            await page.wait(f"{STOPPED} && !document.querySelector('.jog input:enabled')")
+            held = arm["pan"]
+            await release(page)
+            await page.wait("document.querySelector('.jog input:enabled')")
+            await anyio.sleep(0.5)
+            assert arm["pan"] == pytest.approx(held, abs=0.01)  # The trigger is held as before the stop.
+            assert arm["lift"] == 0
 
 
 async def test_a_controller_that_names_its_joints_gets_those(browser: Browser) -> None:

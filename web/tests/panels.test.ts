@@ -2,8 +2,8 @@
 import { describe, expect, test } from "vitest";
 import { pacer, quaternionOf } from "../src/device/sensors";
 import { wishOfKeys } from "../src/elements/teleop/controls";
+import { pushOfGamepad, wishOfGamepad } from "../src/elements/teleop/gamepad";
 import { fitting } from "../src/forms/suggest";
-import { wishOfGamepad } from "../src/panels/drive/teleop";
 import { talks } from "../src/panels/graph/nodes";
 import { nodeOf } from "../src/panels/graph/parameters";
 import { logLevel } from "../src/panels/health/log";
@@ -25,13 +25,27 @@ describe("driving", () => {
     expect(wishOfKeys(["w", "s", "x"])).toEqual({ forward: 0, left: 0, turn: 0 });
   });
 
-  test("a gamepad counts only while a shoulder button is held", () => {
-    const pad = (pressed: boolean, axes: number[]) => ({
-      axes,
-      buttons: Array.from({ length: 8 }, (_, at) => ({ pressed: pressed && at === 5 }) as GamepadButton),
-    });
-    expect(wishOfGamepad(pad(false, [0, -1, 1, 0]))).toBeNull();
-    expect(wishOfGamepad(pad(true, [0.05, -1, 0.5, 0]))).toEqual({ forward: 1, left: 0, turn: -0.5 });
+  const pad = (held: number, axes: number[]) => ({
+    axes,
+    buttons: Array.from({ length: 8 }, (_, at) => ({ pressed: at === held }) as GamepadButton),
+  });
+
+  test("a gamepad drives only while a shoulder button is held", () => {
+    expect(wishOfGamepad(pad(6, [0, -1, 1, 0]))).toBeNull();
+    expect(wishOfGamepad(pad(5, [0.05, -1, 0.5, 0]))).toEqual({ forward: 1, left: 0, turn: -0.5 });
+  });
+
+  test("a gamepad moves the first four joints while the left trigger is held, else the next ones", () => {
+    const names = ["a", "b", "c", "d", "e", "f"];
+    expect(pushOfGamepad(pad(5, [1, 0, 0, 0]), names)).toBeNull();
+    expect([...(pushOfGamepad(pad(6, [-1, 0.05, 0.5, 0]), names) ?? [])]).toEqual([
+      ["a", 1],
+      ["b", 0],
+      ["c", -0.5],
+      ["d", 0],
+    ]);
+    expect([...(pushOfGamepad(pad(7, [0, 1, 0, 0]), names)?.keys() ?? [])]).toEqual(["e", "f"]);
+    expect(pushOfGamepad(pad(7, [0, 1, 0, 0]), ["a"])).toBeNull();
   });
 });
 

@@ -646,6 +646,32 @@ describe("a session", () => {
       expect(jog.wanted.value.size).toBe(0);
     });
 
+    test("a push moves joints until it is released, at its share of the speed, to the limits", async () => {
+      measure(1.4, 0);
+      const push = () =>
+        jog.push(
+          new Map([
+            ["pan", 1],
+            ["lift", -0.5],
+          ]),
+        );
+      push();
+      expect(jog.isPushed).toBe(true);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(last()?.[0]).toBe(1.5);
+      expect(last()?.[1]).toBeCloseTo(-0.25);
+      jog.release();
+      expect(sent().at(-1)).toEqual(HOLD);
+      expect(jog.isPushed).toBe(false);
+      const count = sent().length;
+      jog.release();
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(sent()).toHaveLength(count);
+      push();
+      jog.hold();
+      expect(jog.isPushed).toBe(false);
+    });
+
     test("a position beyond the limits is the limit", async () => {
       measure(1.45, 0);
       jog.move("pan", 99);

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final, Protocol
 
 import anyio.to_thread
 
+from rwt_client import ConnectionEvent, NotConnected, Robot
 from rwt_lerobot.calibration import CalibrationError
 from rwt_lerobot.joints.controller import TrajectoryController
 from rwt_lerobot.joints.limits import JointLimit
@@ -130,7 +132,8 @@ class LeRobotNode:
     It reads and commands the robot `rate` times a second, in a thread. Trajectories arrive on
     `arm_controller/joint_trajectory` and the action `arm_controller/follow_joint_trajectory`; a mobile base
     takes `cmd_vel`, and stops after half a second without one. If the robot does not answer, trajectories are
-    rejected with the reason, no states are published, and reading is tried once a second.
+    rejected with the reason, no states are published, and reading is tried once a second. If the connection
+    to its server is lost, the robot holds its position.
 
     Args:
         api: node of a graph, or client of a server.
@@ -197,6 +200,8 @@ class LeRobotNode:
             publisher = api.advertise(f"{self._prefix}/robot_description", "std_msgs/String", qos=LATCHED)
             publisher.publish({"data": description})
         self._timer = api.create_timer(self._period, self._step)
+        if isinstance(api, Robot):
+            api.on_event(self._on_event)
 
     def close(self) -> None:
         """Stop reading and commanding. The robot stays connected, and its motors hold their position."""
@@ -207,11 +212,19 @@ class LeRobotNode:
             self._watchdog.close()
         self._states.close()
 
+    def _on_event(self, event: ConnectionEvent) -> None:
+        if event.kind == "lost":  # A stop cannot arrive.
+            self.controller.hold("the connection to the server was lost")
+            self._stop_base()
+
     def _drive(self, twist: Message) -> None:
         assert self._watchdog is not None  # Subscribed with it.
+        velocities = twist.linear.x, twist.linear.y, math.degrees(twist.angular.z)
+        if not all(map(math.isfinite, velocities)):
+            warn(self._api, self._name, "rejected a velocity that is not finite")
+            return
         self._watchdog.feed()
-        theta = math.degrees(twist.angular.z)
-        self._base = dict(zip(_BASE, (twist.linear.x, twist.linear.y, theta), strict=True))
+        self._base = dict(zip(_BASE, velocities, strict=True))
 
     def _stop_base(self) -> None:
         self._base = dict.fromkeys(_BASE, 0.0)
@@ -235,7 +248,8 @@ class LeRobotNode:
         if self.error:
             self.error = ""
             warn(self._api, self._name, "the robot answers again, and holds its position")
-        self._publish(observation, images)
+        with suppress(NotConnected):  # Nobody hears it until the client has restored the connection.
+            self._publish(observation, images)
 
     def _fail(self, reason: str) -> None:
         if reason != self.error:

@@ -71,6 +71,8 @@ export class Jog {
   share = 0.25;
 
   private readonly measured = new Map<string, number>();
+  /** Shares of their speeds at which joints are pushed; empty unless a gamepad does. */
+  private pushed: ReadonlyMap<string, number> = new Map();
   /** Positions of the last command. */
   private readonly sent = new Map<string, number>();
   private readonly publisher;
@@ -106,15 +108,34 @@ export class Jog {
     const joint = this.joints.find((each) => each.name === name);
     if (!joint || this.session.commands.block.peek()) return;
     if (this.timer === undefined && !this.begin()) return;
-    const within = Math.max(joint.lower, Math.min(joint.upper, position));
-    this.wanted.value = new Map(this.wanted.peek()).set(name, within);
+    this.wanted.value = new Map(this.wanted.peek()).set(name, within(joint, position));
     this.settled = 0;
+  }
+
+  /** Move joints at shares of their speeds, from -1 to 1, until {@link release}; the sliders' positions are forgotten. */
+  push(shares: ReadonlyMap<string, number>): void {
+    if (this.session.commands.block.peek()) return;
+    if (this.timer === undefined && !this.begin()) return;
+    if (this.wanted.peek().size) this.wanted.value = new Map();
+    this.pushed = shares;
+    this.settled = 0;
+  }
+
+  /** Whether joints are pushed. */
+  get isPushed(): boolean {
+    return this.pushed.size > 0;
+  }
+
+  /** Hold the joints if they are pushed. */
+  release(): void {
+    if (this.isPushed) this.hold();
   }
 
   /** Hold the joints where they are. */
   hold(): void {
     clearInterval(this.timer);
     this.timer = undefined;
+    this.pushed = new Map();
     if (this.wanted.peek().size) this.wanted.value = new Map();
     this.publisher.publishZero(HOLD);
   }
@@ -155,14 +176,17 @@ export class Jog {
     if (elapsed > SILENT) this.publisher.publishZero(HOLD);
     const wanted = this.wanted.peek();
     let isThere = true;
-    for (const { name, speed } of this.joints) {
+    for (const joint of this.joints) {
+      const { name } = joint;
       const here = this.sent.get(name) as number;
-      const way = (wanted.get(name) ?? here) - here;
-      const most = (speed * this.share * Math.min(elapsed, 2 * PERIOD)) / 1000;
+      const most = (joint.speed * this.share * Math.min(elapsed, 2 * PERIOD)) / 1000;
+      const push = this.pushed.get(name);
+      const there = push === undefined ? (wanted.get(name) ?? here) : within(joint, here + push * most);
+      const way = there - here;
       this.sent.set(name, here + Math.max(-most, Math.min(most, way)));
       if (Math.abs(way) > most) isThere = false;
     }
-    this.settled = isThere ? this.settled + 1 : 0;
+    this.settled = isThere && !this.isPushed ? this.settled + 1 : 0;
     if (this.settled > SETTLED) this.hold();
     else if (this.settled <= REPEATS) this.publish();
   }
@@ -173,4 +197,8 @@ export class Jog {
     const joint_names = this.joints.map(({ name }) => name);
     this.publisher.publishFresh({ joint_names, points: [{ positions, time_from_start }] });
   }
+}
+
+function within({ lower, upper }: Joint, position: number): number {
+  return Math.max(lower, Math.min(upper, position));
 }

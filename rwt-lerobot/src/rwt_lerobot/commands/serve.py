@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import make_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ def make_robot(words: Sequence[str]) -> Any:
         words: options such as `--robot.type=so101_follower`.
 
     Raises:
-        CommandError: LeRobot is not installed, or rejects the options.
+        CommandError: LeRobot or the robot's driver is not installed, or LeRobot rejects the options.
     """
     if not any(word.startswith("--robot.type") for word in words):
         raise CommandError("the robot is missing: --robot.type=so101_follower", exit_code=2)
@@ -76,12 +77,14 @@ def make_robot(words: Sequence[str]) -> Any:
             importlib.import_module(f"lerobot.robots.{module.name}")
         except ImportError:
             continue  # The robot needs a package that is not installed; others do not.
-    arguments = [f"--{word.removeprefix('--robot.')}" for word in words]
+    # As LeRobot's commands do: draccus reads a choice of types only from a field.
+    options = make_dataclass("Options", [("robot", RobotConfig)])
     try:
-        config = draccus.parse(RobotConfig, args=arguments)
-        return make_robot_from_config(config)
+        return make_robot_from_config(draccus.parse(options, args=list(words)).robot)
     except (draccus.utils.ParsingError, ValueError) as error:
         raise CommandError(f"the robot: {error}", exit_code=2) from error
+    except ImportError as error:  # Of the robot's driver.
+        raise CommandError(f"the robot needs a package that is not installed: {error}") from error
 
 
 def _run(arguments: Arguments) -> int:
@@ -103,15 +106,19 @@ def _run(arguments: Arguments) -> int:
         raise CommandError(f"the calibration cannot be read: {error}") from error
     units = dict(text.partition("=")[::2] for text in arguments.unit)
     robot = make_robot(arguments.passed)
-    # Calibration asks questions on the terminal: `lerobot-calibrate` does that.
-    robot.connect(calibrate=False)
+    try:
+        # Calibration asks questions on the terminal: `lerobot-calibrate` does that.
+        robot.connect(calibrate=False)
+    except Exception as error:  # Drivers raise errors of many classes.
+        raise CommandError(f"the robot cannot be connected: {type(error).__name__}: {error}") from error
     try:
         limits = urdf_limits(description) if description else None
         joints = motor_joints(robot, limits, units, speed=arguments.max_speed, step=arguments.max_step)
 
         async def serve() -> None:
             stopped = anyio.Event()
-            async with connecting(arguments) as api:
+            # A lost connection must not end the program, which would switch the torque off.
+            async with connecting(arguments, until_interrupted=True) as api:
                 api.on_event(lambda event: stopped.set() if event.kind == "closed" else None)
                 node = LeRobotNode(
                     api, robot, joints, rate=arguments.rate, description=description,

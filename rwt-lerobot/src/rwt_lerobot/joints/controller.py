@@ -28,6 +28,10 @@ GOAL_SECONDS: Final = 1.0
 #: Positions so little beyond a limit are taken for the limit: leader arms and recordings overshoot.
 _ROUNDING: Final = 0.01
 _FEEDBACK_SECONDS: Final = 0.1
+#: Maximum number of points of a trajectory, which are checked at once.
+_MAX_POINTS: Final = 5000
+#: Characters of a name that are quoted in a rejection.
+_QUOTED: Final = 100
 #: Error codes of `control_msgs/FollowJointTrajectory`.
 _INVALID_GOAL: Final = -1
 _GOAL_TOLERANCE_VIOLATED: Final = -5
@@ -204,6 +208,8 @@ class TrajectoryController:
         columns = self._columns(message.joint_names)
         if not message.points:
             raise TrajectoryRejected("the trajectory has no points")
+        if len(message.points) > _MAX_POINTS:
+            raise TrajectoryRejected(f"{len(message.points)} points are more than {_MAX_POINTS}")
         waypoints = [Waypoint(0.0, self.setpoint)]
         for point in message.points:
             here, seconds = waypoints[-1], stamp_ns(point.time_from_start) / 1e9
@@ -223,7 +229,7 @@ class TrajectoryController:
         known = ", ".join(self._index)
         for name in names:
             if name not in self._index:
-                raise TrajectoryRejected(f"{name!r} is not a joint; the robot has {known}")
+                raise TrajectoryRejected(f"{name[:_QUOTED]!r} is not a joint; the robot has {known}")
         if not names or len(set(names)) < len(names):
             raise TrajectoryRejected(f"name each joint once; the robot has {known}")
         return {self._index[name]: column for column, name in enumerate(names)}

@@ -3,6 +3,7 @@
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useMemo } from "preact/hooks";
 import { releaseWithPage } from "../../elements/teleop/controls";
+import { followGamepad, pushOfGamepad } from "../../elements/teleop/gamepad";
 import { blockText } from "../../forms/commanding";
 import { Clamped, Driver } from "../../forms/gate";
 import { Choice, Slider } from "../../forms/inputs";
@@ -96,8 +97,17 @@ function Controls(props: {
     };
   }, [jog, stop, topic]);
   useLayoutEffect(() => {
-    if (!visible.value) jog.releaseAll();
-  }, [jog, visible.value]);
+    if (!visible.value) {
+      jog.releaseAll();
+      return undefined;
+    }
+    const names = known.map(({ name }) => name);
+    return followGamepad((pad) => pushOfGamepad(pad, names), {
+      isHeld: () => jog.isPushed,
+      hold: (shares) => jog.push(shares),
+      release: () => jog.release(),
+    });
+  }, [jog, known, visible.value]);
   const why = blockText(session, t);
   return (
     <>

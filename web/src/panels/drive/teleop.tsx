@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { SlidersHorizontal } from "lucide";
 import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
+import { followGamepad, wishOfGamepad } from "../../elements/teleop/gamepad";
 import { blockText } from "../../forms/commanding";
 import { Clamped, Driver } from "../../forms/gate";
 import { Icon } from "../../forms/icon";
@@ -12,7 +13,7 @@ import { useNarrow } from "../../forms/narrow";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { cameraTopics } from "../../robot/camera";
-import { Drive, driveTopics, type Wish } from "../../robot/drive";
+import { Drive, driveTopics } from "../../robot/drive";
 import { componentPanel, now, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { View } from "../view/camera";
@@ -82,7 +83,11 @@ function Controls(props: { context: PanelContext; topic: string; isPhone: boolea
   // Before the page is drawn, since what is seen to be there may be pressed.
   useLayoutEffect(() => {
     const endPage = releaseWithPage(drive, () => stop.gate.giveBack(topic));
-    const endGamepad = followGamepad(drive);
+    const endGamepad = followGamepad(wishOfGamepad, {
+      isHeld: () => drive.holds("gamepad"),
+      hold: (wish) => drive.hold("gamepad", wish),
+      release: () => drive.release("gamepad"),
+    });
     const endAwake = keepAwake(drive);
     return () => {
       endPage();
@@ -229,33 +234,4 @@ function keepAwake(drive: Drive): () => void {
     end();
     void lock?.then((held) => held?.release());
   };
-}
-
-/** The shoulder buttons of a standard gamepad: one must be held for the sticks to count. */
-const ENABLING = [4, 5];
-const DEAD_ZONE = 0.12;
-const GAMEPAD_PERIOD = 50;
-
-/** Request of a gamepad; null unless one of its enabling buttons is held. */
-export function wishOfGamepad(pad: Pick<Gamepad, "axes" | "buttons">): Wish | null {
-  if (!ENABLING.some((index) => pad.buttons[index]?.pressed)) return null;
-  const axis = (index: number) => {
-    const value = pad.axes[index] ?? 0;
-    return Math.abs(value) < DEAD_ZONE ? 0 : -value;
-  };
-  return { forward: axis(1), left: axis(0), turn: axis(2) };
-}
-
-function followGamepad(drive: Drive): () => void {
-  let taken = false;
-  const timer = setInterval(() => {
-    const pads = navigator.getGamepads?.() ?? [];
-    const wish = pads.map((pad) => pad && wishOfGamepad(pad)).find(Boolean);
-    // What was stopped, or lost its connection or the page, begins again with another grip only.
-    const isLost = taken && !drive.holds("gamepad");
-    taken = Boolean(wish);
-    if (wish && !isLost && document.hasFocus()) drive.hold("gamepad", wish);
-    else drive.release("gamepad");
-  }, GAMEPAD_PERIOD);
-  return () => clearInterval(timer);
 }
