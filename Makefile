@@ -15,7 +15,7 @@ PAGE := src/rwt/web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
 client-grades size clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
@@ -168,6 +168,10 @@ test-rclpy-real: $(STAMP)-test build/rclpy-jazzy/.installed build/rclpy-kilted/.
 firefox: $(STAMP)-dev $(BROWSER)/node_modules/.installed tests/browser/firefox/node_modules/.installed $(PAGE)
 	BROWSER=firefox LIBGL_ALWAYS_SOFTWARE=1 tests/browser/firefox/with_sound xvfb-run --auto-servernum --server-args '-screen 0 1600x1200x24' \
 		$(BIN)/pytest tests/browser $(ARGS)
+
+# Scores of the dashboard by Lighthouse, which npx installs.
+lighthouse: $(STAMP)-dev $(PAGE)
+	$(BIN)/python -m tools.lighthouse
 
 # Requests that schemathesis makes from the OpenAPI document of a robot.
 schemathesis: $(STAMP)-dev
