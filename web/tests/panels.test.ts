@@ -1,8 +1,8 @@
 // @vitest-environment happy-dom
-import { describe, expect, test } from "vitest";
+import { describe, expect, test, vi } from "vitest";
 import { pacer, quaternionOf } from "../src/device/sensors";
 import { wishOfKeys } from "../src/elements/teleop/controls";
-import { pushOfGamepad, wishOfGamepad } from "../src/elements/teleop/gamepad";
+import { followGamepad, pushOfGamepad, wishOfGamepad } from "../src/elements/teleop/gamepad";
 import { fitting } from "../src/forms/suggest";
 import { talks } from "../src/panels/graph/nodes";
 import { nodeOf } from "../src/panels/graph/parameters";
@@ -46,6 +46,34 @@ describe("driving", () => {
     ]);
     expect([...(pushOfGamepad(pad(7, [0, 1, 0, 0]), names)?.keys() ?? [])]).toEqual(["e", "f"]);
     expect(pushOfGamepad(pad(7, [0, 1, 0, 0]), ["a"])).toBeNull();
+  });
+
+  test("a gamepad that was held before, or lost its grip, drives after it was released", () => {
+    vi.useFakeTimers();
+    let held = pad(4, [0, -1, 0, 0]);
+    let isHeld = false;
+    vi.stubGlobal("navigator", { getGamepads: () => [held] });
+    vi.stubGlobal("document", { hasFocus: () => true });
+    const end = followGamepad(wishOfGamepad, {
+      isHeld: () => isHeld,
+      hold: () => {
+        isHeld = true;
+      },
+      release: () => {
+        isHeld = false;
+      },
+    });
+    const grip = (button: number) => {
+      held = pad(button, [0, -1, 0, 0]);
+      vi.advanceTimersByTime(200);
+      return isHeld;
+    };
+    expect([grip(4), grip(-1), grip(4)]).toEqual([false, false, true]);
+    isHeld = false; // A stop, or a lost connection.
+    expect([grip(4), grip(-1), grip(4)]).toEqual([false, false, true]);
+    end();
+    vi.unstubAllGlobals();
+    vi.useRealTimers();
   });
 });
 

@@ -37,7 +37,8 @@ export function pushOfGamepad(pad: Pad, names: readonly string[]): ReadonlyMap<s
 
 /** Let the gamepads hold a control; returns the end of that. */
 export function followGamepad<Asked>(asked: (pad: Pad) => Asked | null, grip: Grip<Asked>): () => void {
-  let taken = false;
+  // What was held before a panel was there, or was shown again, is no grip of it.
+  let taken = true;
   const timer = setInterval(() => {
     const pads = navigator.getGamepads?.() ?? [];
     const wish = pads.map((pad) => pad && asked(pad)).find(Boolean);
