@@ -30,6 +30,7 @@ from tests.browser.driver import NODE, Browser, Kind, Page, Size, find_browser, 
 KINDS = (
     *("scene", "camera", "teleop", "goal", "approvals", "device", "topics", "plot", "services", "actions"),
     *("parameters", "log", "diagnostics", "battery", "frames", "nodes", "player", "server"),
+    *("wall", "values", "joints", "position"),
 )
 SIZE: Size = {"width": 1400, "height": 900}
 WARM_UP = 0.1

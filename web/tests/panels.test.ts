@@ -117,13 +117,20 @@ describe("joints of a description", () => {
          <joint name="wheel" type="continuous">${limit}</joint>
          <joint name="mount" type="fixed"/>
          <joint name="finger" type="revolute">${limit}<mimic joint="pan"/></joint>
-         <joint name="odd" type="revolute"><limit lower="x" upper="1"/></joint>`,
+         <joint name="odd" type="revolute"><limit lower="x" upper="1"/></joint>
+         <joint name="far" type="revolute"><limit lower="-Infinity" upper="1"/></joint>
+         <joint name="away" type="revolute"><limit lower="0" upper="1" velocity="-0.5"/></joint>`,
       ),
     );
     expect(joints).toEqual([
       { name: "pan", lower: -1, upper: 2, speed: 2, isLinear: false },
       { name: "rail", lower: 0, upper: 0.5, speed: 1, isLinear: true },
+      { name: "away", lower: 0, upper: 1, speed: 0.5, isLinear: false },
     ]);
+  });
+
+  test("only so many are moved", () => {
+    expect(jointsOf(urdf(`<joint name="a" type="revolute">${limit}</joint>`.repeat(1000))).length).toBe(100);
   });
 
   test.each(["", "no XML", "<robot><joint", "<a/>"])("%s has none", (text) => {

@@ -21,6 +21,8 @@ const MOVED = 0.1;
 /** Maximum speed, also of joints whose description states more; that of joints without a description. */
 const MOST_SPEED = 2;
 const USUAL_SPEED = 1;
+/** Joints of a description that are moved. */
+const MOST_JOINTS = 100;
 
 /** Joint with its limits, in radians and radians per second; a linear one in metres. */
 export interface Joint {
@@ -41,16 +43,18 @@ export function jointsOf(urdf: string): Joint[] {
   // The browser's error page, which a text without XML is parsed to, has styles that the page's policy forbids.
   if (!/<robot[\s>]/.test(urdf)) return [];
   const document = new DOMParser().parseFromString(urdf, "application/xml");
-  return [...document.querySelectorAll("robot > joint")].flatMap((joint) => {
+  const joints = [...document.querySelectorAll("robot > joint")].flatMap((joint) => {
     const kind = joint.getAttribute("type");
     const limit = joint.querySelector("limit");
     if ((kind !== "revolute" && kind !== "prismatic") || !limit || joint.querySelector("mimic")) return [];
     const number = (name: string) => Number(limit.getAttribute(name) ?? 0);
     const [lower, upper] = [number("lower"), number("upper")];
-    if (!(lower < upper)) return [];
-    const speed = Math.min(number("velocity") || USUAL_SPEED, MOST_SPEED);
+    if (!(lower < upper) || !Number.isFinite(upper - lower)) return [];
+    // A speed below zero would lead away from the position that is asked for.
+    const speed = Math.min(Math.abs(number("velocity")) || USUAL_SPEED, MOST_SPEED);
     return [{ name: joint.getAttribute("name") ?? "", lower, upper, speed, isLinear: kind === "prismatic" }];
   });
+  return joints.slice(0, MOST_JOINTS);
 }
 
 /** Joints of a robot without a description: a turn either way. */
