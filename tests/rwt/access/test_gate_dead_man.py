@@ -212,10 +212,10 @@ async def test_the_robot_stands_while_another_client_floods_the_server() -> None
             await witness.until(lambda: witness.drives)
             # A busy machine stalls the driver before the signal does, which ends the lease as well.
             last = len(witness.told)
+            witness.begin()
             with _driver(server, speed=-0.9, period=0.0):
                 bridge = server.bridge
                 await witness.until(lambda: sum(peer.messages for peer in bridge.clients) > 3000)
-                witness.begin()
                 driver.send_signal(signal.SIGSTOP)
                 # When the lease is over, the one who floods is given it, and drives.
                 await witness.until(
