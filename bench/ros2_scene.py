@@ -117,8 +117,8 @@ stop = {{ repeat_seconds = 1 }}
 "linear.x" = {{ min = -{FASTEST}, max = {FASTEST}, beyond = "clamp" }}
 """
 
-MEMORY_FROM_SECONDS: Final = 600.0
-"""Length of the runs whose memory is judged: until then caches and pools of allocators fill."""
+SETTLED_FROM_SECONDS: Final = 600.0
+"""Length of the runs whose memory and threads are judged: until then caches and pools fill."""
 _ERROR: Final = re.compile(r" (ERROR|CRITICAL) |^Traceback")
 
 _SETTLE_SECONDS: Final = 240.0
@@ -174,13 +174,14 @@ class Scene:
         third = max(1, len(settled) // 3)
         early, late = settled[:third], settled[-third:]
         # Clients come and go: what has grown is never as little as before.
-        for name in ("files", "threads", "endpoints"):
+        is_long = seconds >= SETTLED_FROM_SECONDS
+        for name in ("files", "endpoints", *(["threads"] if is_long else [])):
             before = max(getattr(each, name) for each in early)
             after = min(getattr(each, name) for each in late)
             if after > before:
                 wrong.append(f"{name} have grown from {before} to {after}")
         before, after = (max(each.memory for each in part) for part in (early, late))
-        if seconds >= MEMORY_FROM_SECONDS and after - before > ROOM_BYTES:
+        if is_long and after - before > ROOM_BYTES:
             wrong.append(f"memory has grown from {before:,} to {after:,} bytes")
         return wrong
 
