@@ -124,7 +124,8 @@ async def test_a_goal_of_a_server_of_ros_2_is_cancelled(graph: Ros2Graph, progra
     await until(lambda: diary.result)
     assert diary.result is not None
     assert diary.result[0] is GoalStatus.CANCELED
-    assert diary.result[1] == diary.feedback[-1]
+    last = diary.feedback[-1]  # DDS keeps no order between feedback and result, which may overtake it.
+    assert diary.result[1][: len(last)] == last
     others = [send(graph, ours, 1000)[1] for _ in range(3)]
     await until(lambda: all(each.feedback for each in others))
     for _ in ours.cancel_every_goal("/fib"):
