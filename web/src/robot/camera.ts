@@ -160,7 +160,8 @@ export class Camera {
   /** Begin another way, where there is none yet. */
   private besides(): void {
     if (this.end || this.ended) return;
-    if (this.options.messages) this.subscribe();
+    // The server's stream of a topic shows what the robot sees now, not what is in a recording.
+    if (this.options.messages || this.session.isRecording) this.subscribe();
     else this.stream();
   }
 
