@@ -148,7 +148,8 @@ async function recording(change: (content: Uint8Array) => Uint8Array = (content)
   for (let at = 0; at <= 100; at++) await add(count, at, `00010000${at.toString(16).padStart(2, "0")}`);
   await add(broken, 100, "00010000");
   await writer.end();
-  return new File([change(Uint8Array.from(parts.flatMap((part) => [...part])))], "run.mcap");
+  const content = change(Uint8Array.from(parts.flatMap((part) => [...part])));
+  return new File([content as BlobPart], "run.mcap");
 }
 
 describe("the worker that plays a recording", () => {

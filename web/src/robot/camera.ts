@@ -257,7 +257,8 @@ export class Camera {
     if (this.arrivals.length > WINDOW) this.arrivals.shift();
     const first = this.arrivals[0] as number;
     this.rate.value = now > first ? ((this.arrivals.length - 1) * 1000) / (now - first) : 0;
-    this.takenAt.value = now - delay * 1000;
+    // While a recording rests, its picture is of that time.
+    this.takenAt.value = this.session.isRecording ? 0 : now - delay * 1000;
     this.latency.value = delay * 1000;
   }
 }
