@@ -36,9 +36,9 @@ class Stopped(SystemExit):
 def on_signals(handlers: Mapping[int, Callable[[], object]]) -> Iterator[None]:
     """Call plain functions on the running event loop when signals arrive, within the block.
 
-    Ctrl-C is handled once: a second one has its previous effect, so that it ends a program that hangs. A second
-    SIGTERM changes nothing: supervisors, and GNU's ``timeout``, send it twice, and SIGKILL to what hangs. No-op
-    outside the main thread, the only one that receives signals.
+    Ctrl-C is handled once: a second one has its previous effect, so that it ends a program that hangs. A
+    second SIGTERM changes nothing: GNU's ``timeout`` sends it twice, and supervisors send SIGKILL to what
+    hangs. No-op outside the main thread, the only one that receives signals.
     """
     call_soon = call_soon_threadsafe()
 

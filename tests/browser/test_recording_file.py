@@ -15,6 +15,7 @@ from rwt_participant.qos import LATCHED
 from tests.browser.driver import Browser, Page
 from tests.browser.test_data_panels import address, write
 from tests.browser.test_panels import open_panels, text, violations
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -72,9 +73,7 @@ async def test_a_dropped_recording_takes_the_place_of_the_robot(browser: Browser
             await page.wait("document.querySelector('.timeline')")
             assert await page.evaluate("document.title") == "run.mcap · Robot"
             # The robot has no client any more, and a stop that reaches nothing is not offered.
-            with anyio.fail_after(60):
-                while clients[-1] > 0:
-                    await anyio.sleep(0.1)
+            await until(lambda: clients[-1] == 0)
             assert not await page.evaluate("document.querySelector('.stop')")
             await page.wait(f"{text('.side')}.includes('/cmd_vel')")
             assert "/scan" not in await page.evaluate(text(".side"))
@@ -147,7 +146,9 @@ async def test_a_recording_of_the_robot_is_played_by_keys(browser: Browser, tmp_
         await page.keyboard("press", "Enter")
         await page.wait(f"{text(TIMELINE)}.startsWith('0:00.1 ')")
         assert await violations(page) == []
-        await page.evaluate("document.querySelector('[aria-label=\"Remove the bookmark at 0:00.1\"]').focus()")
+        await page.evaluate(
+            "document.querySelector('[aria-label=\"Remove the bookmark at 0:00.1\"]').focus()"
+        )
         await page.keyboard("press", "Enter")
         await page.wait("!document.querySelector('.bookmark')")
         # From the end on it begins again.
@@ -172,4 +173,6 @@ async def test_what_is_no_recording_leaves_the_page_at_the_robot(
         await open_panels(page, address(server), [("topics", {})])
         await drop(page, content, "<b>x</b>.mcap")
         await page.wait(f"{text('.notices')}.includes('<b>x</b>.mcap cannot be opened: ')")
-        assert await page.evaluate("!!document.querySelector('.state-open') && !!document.querySelector('.stop')")
+        assert await page.evaluate(
+            "!!document.querySelector('.state-open') && !!document.querySelector('.stop')"
+        )
