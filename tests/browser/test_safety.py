@@ -121,9 +121,9 @@ def commands(sent: list[list[str]]) -> set[tuple[str, str]]:
 
 
 @asynccontextmanager
-async def walk(browser: Browser) -> AsyncIterator[tuple[Server, Page]]:
+async def walk(browser: Browser, **settings: Any) -> AsyncIterator[tuple[Server, Page]]:
     """Open all panels, one shown at a time, at a robot with everything that takes commands."""
-    async with Server("ws://127.0.0.1:0", demo=True) as server:
+    async with Server("ws://127.0.0.1:0", demo=True, **settings) as server:
         node = server.node("marks")
         node.advertise("/initialpose", "geometry_msgs/PoseWithCovarianceStamped")
         markers = InteractiveMarkerServer(node, "/marks")
@@ -141,8 +141,12 @@ async def walk(browser: Browser) -> AsyncIterator[tuple[Server, Page]]:
             yield server, page
 
 
-async def try_all(page: Page) -> set[tuple[str, str]]:
-    """Try every control of every panel; return the ops that act on the robot."""
+async def try_all(page: Page, *, is_viewer: bool = False) -> set[tuple[str, str]]:
+    """Try every control of every panel; return the ops that act on the robot.
+
+    Args:
+        is_viewer: most controls are missing.
+    """
     await page.evaluate("globalThis.sent.length = 0")
     tabs = await page.evaluate("[...document.querySelectorAll('[role=tab]')].map((it) => it.id.slice(4))")
     assert len(tabs) >= 20
@@ -157,12 +161,12 @@ async def try_all(page: Page) -> set[tuple[str, str]]:
             "parameters": ".panel-parameters tbody tr",
             "scene": ".scene-tools",
         }.get(kind)
-        if ready:
+        if ready and (kind == "scene" or not is_viewer):
             await page.wait(f"document.querySelector({ready!r})")
-        if kind == "scene":
+        if kind == "scene" and not is_viewer:
             rows = "document.querySelector('.scene-view').robotScene.rows.value"
             await page.wait(f"{rows}.some(({{ layer }}) => layer?.handles.value.length)")
-        if kind == "topics":
+        if kind == "topics" and not is_viewer:
             await page.evaluate("document.querySelector('.detail details').open = true")
             await page.wait("document.querySelector('.message-form input')")
             # Zero is no command: something that moves is to be published.
@@ -204,6 +208,15 @@ async def test_while_stopped_no_control_of_any_panel_sends_a_command(browser: Br
         assert await try_all(page) == set()
         assert set(moved) <= {0.0}
         await page.wait(f"{text('.notices')}.includes('not sent. Blocked: the stop is on.')")
+
+
+async def test_a_viewer_sends_no_command_by_any_control(browser: Browser) -> None:
+    viewer = {"default_role": "viewer"}
+    async with walk(browser, auth=viewer) as (_, page):
+        await page.evaluate(RECORD)
+        assert await try_all(page, is_viewer=True) == set()
+        # Some have no control that could be disabled, as a click in the 3D view.
+        await page.wait(f"{text('.notices')}.includes('not sent. Your role does not allow it.')")
 
 
 #: Clicks each box of the list of layers twice, the second time before or after the list is drawn again.

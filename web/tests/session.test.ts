@@ -5,6 +5,7 @@ import { BlockedError } from "../src/robot/commands";
 import { Drive } from "../src/robot/drive";
 import { type Holder, personText } from "../src/robot/gate";
 import { HOLD, Jog } from "../src/robot/jog";
+import { Permissions } from "../src/robot/permissions";
 import { RobotSession } from "../src/robot/session";
 import { Stop } from "../src/robot/stop";
 import type { WorkerPort } from "../src/robot/transport";
@@ -419,6 +420,36 @@ describe("a session", () => {
       robot.lose();
       expect(await tryAll()).toEqual([false, false]);
       expect(commands.block.value).toBe("lost");
+    });
+
+    test("that the role does not allow are not sent; what stops the robot always is", () => {
+      const allows = { publish: ["/light"], call: ["/go"], set_param: ["/node:speed"] };
+      session.permissions.value = new Permissions({ role: "viewer", unrestricted: false, allows });
+      const { commands } = session;
+      const tryOn = (topic: string, service: string, parameter: string) => {
+        const publisher = commands.publisher(topic, "std_msgs/msg/Bool");
+        publisher.publishFresh({ data: true });
+        for (const [name, request] of [
+          [service, {}],
+          ["/rosapi/set_param", { name: parameter, value: "1" }],
+        ] as const) {
+          commands.call(name, request).catch(() => undefined); // What is sent is seen below.
+        }
+        return publisher.publish({ data: true });
+      };
+      robot.sent = [];
+      expect(tryOn("/cmd_vel", "/stop_motors", "/node:other")).toBe(false);
+      expect(() => commands.sendGoal("/dock", "demo/action/Dock", {})).toThrow("the role does not allow it");
+      expect(robot.sent.filter(({ op }) => op !== "advertise")).toEqual([]);
+      expect(commands.lastBlocked.value).toMatchObject({ why: "role", name: "/dock" });
+      expect(tryOn("/light", "/go", "/node:speed")).toBe(true);
+      expect(
+        robot.sent.map(({ op, service }) => service ?? op).filter((each) => each !== "advertise"),
+      ).toEqual(["publish", "/go", "/rosapi/set_param", "publish"]);
+      commands.publisher("/cmd_vel", "geometry_msgs/msg/Twist").publishZero({});
+      expect(robot.published("/cmd_vel")).toEqual([{}]);
+      session.permissions.value = new Permissions(null);
+      expect(tryOn("/cmd_vel", "/stop_motors", "/node:other")).toBe(true);
     });
 
     test("a stop without a connection is sent once there is one", async () => {

@@ -34,6 +34,7 @@ export const de: Record<TextKey, string> = {
   "blocked.silent": "Gesperrt: Der Roboter antwortet nicht.",
   "blocked.lost": "Gesperrt: Es gibt keine Verbindung.",
   "blocked.recording": "Gesperrt: Dies ist eine Aufzeichnung.",
+  "blocked.role": "Ihre Rolle erlaubt es nicht.",
   "blocked.notice": "{name}: nicht gesendet. {reason}",
   "act.publish": "veröffentlichen",
   "act.subscribe": "abonnieren",

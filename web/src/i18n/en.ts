@@ -31,6 +31,7 @@ export const en = {
   "blocked.silent": "Blocked: the robot does not answer.",
   "blocked.lost": "Blocked: not connected.",
   "blocked.recording": "Blocked: this is a recording.",
+  "blocked.role": "Your role does not allow it.",
   "blocked.notice": "{name}: not sent. {reason}",
   "act.publish": "publish on",
   "act.subscribe": "subscribe to",

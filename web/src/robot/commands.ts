@@ -3,16 +3,19 @@
 import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
 import { type Ros, Topic } from "roslib";
 import { type GoalHandle, type GoalOptions, sendGoal } from "./goals";
+import type { Act } from "./permissions";
 import type { RobotSession } from "./session";
 import type { Message } from "./subscriptions";
 
 /** Why no command is sent: the stop is on, the robot does not answer in time, or there is no connection or no robot. */
 export type Block = "stopped" | "silent" | "lost" | "recording";
+/** Also a role to which the robot refuses this one command. */
+export type Refused = Block | "role";
 
 /** Blocked command, for people. */
 export interface BlockedCommand {
   number: number;
-  why: Block;
+  why: Refused;
   /** Topic, service or action. */
   name: string;
 }
@@ -20,19 +23,22 @@ export interface BlockedCommand {
 /** A command that was not sent because commands are blocked. */
 export class BlockedError extends Error {
   constructor(
-    readonly why: Block,
+    readonly why: Refused,
     readonly target: string,
   ) {
     super(`${target}: not sent (${BLOCKS[why]})`);
   }
 }
 
-const BLOCKS: Record<Block, string> = {
+const BLOCKS: Record<Refused, string> = {
   stopped: "the stop is on",
   silent: "the robot does not answer",
   lost: "there is no connection",
   recording: "a recording is shown, not a robot",
+  role: "the role does not allow it",
 };
+
+const SET_PARAM = "/rosapi/set_param";
 
 /** A topic that this page publishes on. */
 export interface RobotPublisher {
@@ -85,7 +91,7 @@ export class Commands {
     let known = this.publishers.get(key);
     if (!known) {
       known = { topic: new Topic<Message>({ ros: this.ros, name, messageType: type }), users: 0 };
-      known.topic.advertise();
+      if (this.session.permissions.peek().may("publish", name)) known.topic.advertise();
       this.publishers.set(key, known);
     }
     const mine = known;
@@ -93,12 +99,12 @@ export class Commands {
     let held = true;
     return {
       publish: (message) => {
-        if (!held || !this.mayCommand(name)) return false;
+        if (!held || !this.mayCommand(name, "publish")) return false;
         mine.topic.publish(message);
         return true;
       },
       publishFresh: (msg) => {
-        if (!held || !this.mayCommand(name)) return false;
+        if (!held || !this.mayCommand(name, "publish")) return false;
         this.sendFresh({ op: "publish", id: `publish:${name}:${++this.samples}`, topic: name, msg });
         return true;
       },
@@ -130,7 +136,8 @@ export class Commands {
     type = "",
     patience?: number,
   ): Promise<Answer> {
-    this.require(name);
+    if (name === SET_PARAM) this.require(String(request.name), "set_param");
+    else this.require(name, "call");
     return this.session.call<Answer>(name, request, type, patience);
   }
 
@@ -149,22 +156,29 @@ export class Commands {
    * @throws BlockedError commands are blocked
    */
   sendGoal(action: string, type: string, goal: Message, options: GoalOptions = {}): GoalHandle {
-    this.require(action);
+    this.require(action, "goals");
     const handle = sendGoal(this.ros, this.session.version.peek(), action, type, goal, options);
     this.session.abandonWithConnection(handle);
     return handle;
   }
 
-  private require(name: string): void {
-    const why = this.block.peek();
+  private require(name: string, act: Act): void {
+    const why = this.refusal(name, act);
     if (!why) return;
-    this.mayCommand(name);
+    this.mayCommand(name, act);
     throw new BlockedError(why, name);
   }
 
-  /** True if commands are sent; otherwise the attempt is noted, once in a row for each name. */
-  mayCommand(name: string): boolean {
+  private refusal(name: string, act: Act): Refused | null {
     const why = this.block.peek();
+    // Of its own services the gate decides for itself.
+    if (why || (act === "call" && name.startsWith("/gate/"))) return why;
+    return this.session.permissions.peek().may(act, name) ? null : "role";
+  }
+
+  /** True if a command is sent; otherwise the attempt is noted, once in a row for each name. */
+  mayCommand(name: string, act: Act): boolean {
+    const why = this.refusal(name, act);
     if (!why) return true;
     const last = this.lastBlocked.peek();
     if (last?.name !== name || last.why !== why) {

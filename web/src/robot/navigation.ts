@@ -110,7 +110,7 @@ export class Navigation {
     const { session, way } = this;
     if (!way) return "blocked";
     const { commands } = session;
-    if (!commands.mayCommand(way.name)) return "blocked";
+    if (!commands.mayCommand(way.name, way.kind === "topic" ? "publish" : "goals")) return "blocked";
     const pose = this.stamped(place, frame);
     this.progress.value = {
       place,

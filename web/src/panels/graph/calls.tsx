@@ -220,7 +220,7 @@ function OneAction({ context, name }: { context: PanelContext; name: string }) {
   const send = (event: Event) => {
     event.preventDefault();
     feedback.value = end.value = null;
-    if (!session.commands.mayCommand(name)) return;
+    if (!session.commands.mayCommand(name, "goals")) return;
     const sent = session.commands.sendGoal(name, type, value.value, {
       onFeedback: (message) => {
         feedback.value = message;

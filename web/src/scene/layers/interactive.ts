@@ -332,7 +332,7 @@ export class InteractiveLayer extends Layer {
 
   /** True unless commands are blocked; the attempt is noted. */
   private mayCommand(): boolean {
-    return this.context.session.commands.mayCommand(`${this.namespace}/feedback`);
+    return this.context.session.commands.mayCommand(`${this.namespace}/feedback`, "publish");
   }
 
   /** Put back what is held, without a message: it counts again only once it is taken anew. */
