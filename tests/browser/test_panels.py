@@ -6,6 +6,7 @@ import io
 import json
 import math
 import os
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -27,7 +28,8 @@ from tests.waiting import until
 pytestmark = pytest.mark.anyio
 
 DISTROS = pytest.mark.parametrize("distro", ["jazzy", "noetic"])
-AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
+WEB = Path(__file__).parents[2] / "web"
+AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
 KINDS = (
     *(
         "scene",
@@ -131,10 +133,12 @@ async def test_a_service_is_called_from_a_form(browser: Browser, distro: str) ->
 async def test_a_goal_is_sent_with_feedback_and_result(browser: Browser, distro: str) -> None:
     async with panel(browser, distro, "actions", name="/fibonacci") as (_, page):
         await page.wait("document.querySelector('.message-form input')")
-        await fill(page, "order", "4")
+        await fill(page, "order", "11")
         await page.click(".panel-actions [type=submit]")
         await page.wait(f"{text('.panel-actions')}.includes('Feedback')")
-        await page.wait(f"{text('.panel-actions [role=status]')}.includes('Succeeded')")
+        # All twelve numbers, without a click.
+        result = text(".panel-actions [role=status]")
+        await page.wait(f"{result}.includes('Succeeded') && /sequence.*34.*55.*89/s.test({result})")
 
 
 async def test_a_goal_is_cancelled(browser: Browser) -> None:
@@ -522,13 +526,45 @@ async def test_the_page_speaks_german_to_those_who_do(browser: Browser) -> None:
             assert not await page.evaluate(f"document.body.textContent.includes({english!r})"), english
 
 
+def texts(language: str) -> dict[str, str]:
+    """Return the texts of the page by their keys."""
+    table = (WEB / "src" / "i18n" / f"{language}.ts").read_text(encoding="utf-8")
+    return dict(re.findall(r'^  "([^"]+)":\s+"((?:[^"\\]|\\.)*)",$', table, re.MULTILINE))
+
+
+def english_alone() -> list[str]:
+    """Return the texts of several words that a German page does not have."""
+    english, german = texts("en"), texts("de")
+    assert english.keys() == german.keys() and len(english) > 400
+    both = set(german.values())
+    return [each for each in english.values() if " " in each and "{" not in each and each not in both]
+
+
+#: What is read and what a screen reader says.
+ALL_TEXTS = """[
+  document.body.innerText,
+  ...['aria-label', 'title', 'placeholder'].flatMap((name) =>
+    [...document.querySelectorAll(`[${name}]`)].map((it) => it.getAttribute(name))),
+].join('\\n')"""
+
+
 @pytest.mark.parametrize(
-    ("theme", "width", "height"), [("light", 1300, 800), ("dark", 1300, 800), ("light", 390, 844)]
+    ("theme", "width", "height", "language"),
+    [
+        ("light", 1300, 800, "en"),
+        ("dark", 1300, 800, "de-AT"),
+        ("light", 390, 844, "de-AT"),
+        ("dark", 390, 844, "en"),
+    ],
 )
-async def test_axe_finds_nothing(browser: Browser, theme: str, width: int, height: int) -> None:
+async def test_axe_finds_nothing(
+    browser: Browser, theme: str, width: int, height: int, language: str
+) -> None:
+    """In both languages; of a German page, no text is English."""
+    foreign = english_alone() if language != "en" else []
     async with (
         stand("jazzy", browser.built) as served,
-        browser.page(f"{served.url}healthz", width, height) as page,
+        browser.page(f"{served.url}healthz", width, height, language=language) as page,
     ):
         await page.evaluate(f"localStorage.setItem('rwt-theme', {theme!r})")
         page.forgive(LEFT_MESH, LEFT_STREAM)
@@ -544,6 +580,10 @@ async def test_axe_finds_nothing(browser: Browser, theme: str, width: int, heigh
             await page.goto(f"{served.url}healthz")
             await open_panels(page, served.url, [(kind, config)])
             await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
+            if kind == "joints":
+                await page.wait("document.querySelector('.jog input')")
+            shown = await page.evaluate(ALL_TEXTS)
+            found += [f"{kind}: in English: {each}" for each in foreign if each in shown]
             found += [f"{kind}: {violation}" for violation in await violations(page)]
             if width < 400:
                 found += [f"{kind}: smaller than a finger: {each}" for each in await page.evaluate(SMALL)]
