@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,6 +25,8 @@ import anyio
 import numpy as np
 
 from rwt import Server
+from rwt_graph import Node
+from rwt_participant.qos import LATCHED
 from tests.browser.driver import NODE, Browser, Kind, Page, Size, find_browser, opened_browser
 
 KINDS = (
@@ -33,6 +35,14 @@ KINDS = (
     *("wall", "values", "joints", "position"),
 )
 SIZE: Size = {"width": 1400, "height": 900}
+CASES = ("panels", "cloud", "map", "plots", "topics")
+"""All panels, or a single load: a cloud, a large map every five seconds, plots, many topics."""
+PLOTS = 20
+"""Plots, of a topic of 100 messages a second each."""
+TOPICS = 500
+"""Topics, of ten messages a second each."""
+MAP_CELLS = 4000
+"""Cells of the large map along each side."""
 WARM_UP = 0.1
 """Share of the time after which the heap counts."""
 TRACED = 20.0
@@ -73,23 +83,64 @@ class Figures:
     long_tasks_run: float
 
 
-def serve(points: int) -> None:
-    """Serve the demo robot, with a cloud of a spiral that turns; print where."""
+def serve(points: int, case: str) -> None:
+    """Serve the demo robot, with a cloud of a spiral that turns or the load of a case; print where."""
 
     async def main() -> None:
         async with Server("ws://127.0.0.1:0", demo=True) as server:
-            cloud = server.node("lidar").advertise("/cloud", "sensor_msgs/PointCloud2")
-            print(server.urls[0], flush=True)
-            clouds = [_cloud(points, turn) for turn in np.linspace(0, 2 * math.pi, 20, endpoint=False)]
-            number = 0
-            due = anyio.current_time()
-            while True:
-                cloud.publish(clouds[number % len(clouds)])
-                number += 1
-                due = max(due + 0.1, anyio.current_time() - 0.5)
-                await anyio.sleep(max(0.0, due - anyio.current_time()))
+            node = server.node("load")
+            match case:
+                case "map":
+                    await _repeat(5.0, _publish_map(node), server)
+                case "plots":
+                    await _repeat(0.01, _publish_numbers(node, PLOTS), server)
+                case "topics":
+                    await _repeat(0.1, _publish_numbers(node, TOPICS), server)
+                case _:
+                    await _repeat(0.1, _publish_cloud(node, points), server)
 
     anyio.run(main)
+
+
+async def _repeat(period: float, publish: Callable[[int], None], server: Server) -> None:
+    """Print where the server is, and publish again and again; periods that were missed are not caught up."""
+    print(server.urls[0], flush=True)
+    number = 0
+    due = anyio.current_time()
+    while True:
+        publish(number)
+        number += 1
+        due = max(due + period, anyio.current_time() - 0.5)
+        await anyio.sleep(max(0.0, due - anyio.current_time()))
+
+
+def _publish_cloud(node: Node, points: int) -> Callable[[int], None]:
+    cloud = node.advertise("/cloud", "sensor_msgs/PointCloud2")
+    clouds = [_cloud(points, turn) for turn in np.linspace(0, 2 * math.pi, 20, endpoint=False)]
+    return lambda number: cloud.publish(clouds[number % len(clouds)])
+
+
+def _publish_map(node: Node) -> Callable[[int], None]:
+    """A map whose other half is occupied each time."""
+    publisher = node.advertise("/large_map", "nav_msgs/OccupancyGrid", qos=LATCHED)
+    info = {"resolution": 0.05, "width": MAP_CELLS, "height": MAP_CELLS}
+
+    def publish(number: int) -> None:
+        cells = np.zeros((MAP_CELLS, MAP_CELLS), np.int8)
+        cells[number % 2 :: 2, ::50] = 100
+        publisher.publish({"header": {"frame_id": "map"}, "info": info, "data": cells.ravel()})
+
+    return publish
+
+
+def _publish_numbers(node: Node, count: int) -> Callable[[int], None]:
+    publishers = [node.advertise(f"/number_{at:03}", "std_msgs/Float64") for at in range(count)]
+
+    def publish(number: int) -> None:
+        for at, publisher in enumerate(publishers):
+            publisher.publish({"data": math.sin(number / 20 + at)})
+
+    return publish
 
 
 def _cloud(points: int, turn: float) -> dict[str, Any]:
@@ -116,9 +167,9 @@ def _cloud(points: int, turn: float) -> dict[str, Any]:
 
 
 @contextmanager
-def robot(points: int) -> Iterator[str]:
+def robot(points: int, case: str = "panels") -> Iterator[str]:
     """The robot in a process of its own; its page's address."""
-    words = [sys.executable, "-m", "bench.page.soak", "--serve", "--points", str(points)]
+    words = [sys.executable, "-m", "bench.page.soak", "--serve", "--points", str(points), "--case", case]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -135,8 +186,8 @@ def measured_browser(kind: Kind) -> Iterator[Browser]:
         yield opened
 
 
-async def measure(browser: Browser, url: str, seconds: float) -> Figures:
-    """Open the page afresh, then with all panels, and look at it for so long."""
+async def measure(browser: Browser, url: str, seconds: float, case: str = "panels") -> Figures:
+    """Open the page afresh, then with the panels of a case, and look at it for so long."""
     async with browser.page(f"{url}healthz", **SIZE) as page:
         page.forgive("")  # It is a measurement; what is left while it loads is no fault of it.
         await page.goto(url)
@@ -148,7 +199,7 @@ async def measure(browser: Browser, url: str, seconds: float) -> Figures:
         first_load = await _loaded(page)
         await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
         with_3d = await _loaded(page)
-        await _open_all(page, url)
+        await _open_all(page, url, case)
         await anyio.sleep(seconds * WARM_UP)
         start = await _heap(page)
         before = await _counts(page)
@@ -181,20 +232,24 @@ async def measure(browser: Browser, url: str, seconds: float) -> Figures:
     )
 
 
-async def _open_all(page: Page, url: str) -> None:
+async def _open_all(page: Page, url: str, case: str) -> None:
     configs: dict[str, dict[str, object]] = {
         "topics": {"topic": "/odom"},
         "plot": {"lines": [{"topic": "/odom", "path": "twist.twist.linear.x"}]},
         "services": {"name": "/add_two_ints"},
         "actions": {"name": "/fibonacci"},
     }
-    panels = [{"id": kind, "kind": kind, "config": configs.get(kind, {})} for kind in KINDS]
-    layout = json.dumps({"version": 1, "panels": panels, "dock": None})
+    kinds = {"panels": KINDS, "topics": ("scene", "topics")}.get(case, ("scene",))
+    panels = [{"id": kind, "kind": kind, "config": configs.get(kind, {})} for kind in kinds]
+    layout = json.dumps({"version": 1, "panels": panels, "dock": None} if case != "plots" else _plots())
     key = f"rwt-last-layout{url.replace('http', 'ws', 1)}"
     await page.goto(f"{url}healthz")
     await page.evaluate(f"localStorage.setItem({json.dumps(key)}, {json.dumps(layout)})")
     await page.goto(url)
-    await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
+    if case == "plots":
+        await page.wait(f"document.querySelectorAll('.plot-chart canvas').length === {PLOTS}")
+    else:
+        await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
     await page.evaluate(
         """(() => {
           globalThis.seen = { frames: 0, long: 0, clouds: 0 };
@@ -202,10 +257,47 @@ async def _open_all(page: Page, url: str) -> None:
           frame();
           const watch = new PerformanceObserver((list) => { seen.long += list.getEntries().length });
           watch.observe({ type: "longtask" });
-          const { session } = document.querySelector(".scene-view").robotScene;
-          session.traffic.subscribe((topics) => { seen.clouds += topics.get("/cloud")?.messages ?? 0 });
+          document.querySelector(".scene-view")?.robotScene.session.traffic.subscribe((topics) => {
+            seen.clouds += topics.get("/cloud")?.messages ?? 0;
+          });
         })()"""
     )
+
+
+def _plots() -> dict[str, Any]:
+    """A layout of plots in rows and columns, in the page's own form."""
+    names = [f"plot {at}" for at in range(PLOTS)]
+    width, height = SIZE["width"], SIZE["height"] - 100
+    columns = [
+        {
+            "type": "branch",
+            "size": width / 4,
+            "data": [
+                {
+                    "type": "leaf",
+                    "size": height / len(names[at::4]),
+                    "data": {"id": name, "views": [name], "activeView": name},
+                }
+                for name in names[at::4]
+            ],
+        }
+        for at in range(4)
+    ]
+    return {
+        "version": 1,
+        "panels": [
+            {"id": name, "kind": "plot", "config": {"lines": [{"topic": f"/number_{at:03}", "path": "data"}]}}
+            for at, name in enumerate(names)
+        ],
+        "dock": {
+            "grid": {
+                "root": {"type": "branch", "size": height, "data": columns},
+                **{"width": width, "height": height, "orientation": "HORIZONTAL"},
+            },
+            "panels": {name: {"id": name, "contentComponent": "plot", "title": "Plot"} for name in names},
+            "activeGroup": names[0],
+        },
+    }
 
 
 async def _loaded(page: Page) -> float:
@@ -220,7 +312,8 @@ async def _loaded(page: Page) -> float:
 
 async def _counts(page: Page) -> list[float]:
     counts: list[float] = await page.evaluate(
-        "[seen.frames, document.querySelector('.scene-view').robotScene.view.drawn, seen.clouds, seen.long]"
+        "[seen.frames, document.querySelector('.scene-view')?.robotScene.view.drawn ?? 0,"
+        " seen.clouds, seen.long]"
     )
     return counts
 
@@ -255,18 +348,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and print a line for each figure."""
     parser = argparse.ArgumentParser(prog="python -m bench.page.soak", description=__doc__.split("\n")[0])
     parser.add_argument("--seconds", type=float, default=600.0, help="how long (default 600)")
+    parser.add_argument("--case", choices=CASES, default="panels", help="what is shown (default panels: all)")
     parser.add_argument("--points", type=int, default=100_000, help="of a cloud (default 100000)")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.serve:
-        serve(given.points)
+        serve(given.points, given.case)
         return 0
     kind = find_browser()
     if kind is None or kind.driver.parent != NODE:
         print("Chromium is not installed: `apt-get install chromium` on Debian", file=sys.stderr)
         return 1
-    with measured_browser(kind) as browser, robot(given.points) as url:
-        figures = anyio.run(measure, browser, url, given.seconds)
+    with measured_browser(kind) as browser, robot(given.points, given.case) as url:
+        figures = anyio.run(measure, browser, url, given.seconds, given.case)
     for key, value in asdict(figures).items():
         print(f"{key:20} {value:10.1f}")
     return 0

@@ -27,6 +27,7 @@ import type { PanelContext } from "../registry";
 import { AddField, type Field } from "./add_field";
 import type { Span } from "./plot_chart";
 import { Series } from "./series";
+import { drawInTurn } from "./turns";
 
 /** One line of the plot. */
 interface Line extends Field {
@@ -48,8 +49,7 @@ interface Settings {
   linked: boolean;
 }
 
-/** Milliseconds between two drawings, and between two updates of the table. */
-const REDRAW = 50;
+/** Milliseconds between two updates of the table. */
 const TABLE = 250;
 const COLOURS = 4;
 const MOST_LINES = 2 * COLOURS;
@@ -449,9 +449,7 @@ function Chart({ settings, of, span, stands, visible, dark, onZoom }: ChartProps
   useEffect(() => {
     if (!visible) return undefined;
     chart.current?.redraw();
-    if (stands) return undefined;
-    const timer = setInterval(() => chart.current?.redraw(), REDRAW);
-    return () => clearInterval(timer);
+    return stands ? undefined : drawInTurn(() => chart.current?.redraw());
   }, [visible, stands, shown]);
   const values = lines.map((line) => of(line));
   const spans = values.map((each) => each.span).filter((each) => each !== null);
