@@ -93,6 +93,7 @@ async function buildAll() {
   bundled.clear();
 
   const worker = await bundleAlone("src/decode/worker.ts", "web");
+  const recordingWorker = await bundleAlone("src/decode/recording_worker.ts", "web");
   const worklet = await bundleAlone("src/device/microphone_worklet.ts", "web");
   const page = await bundle({
     entryPoints: { app: "src/app/main.tsx" },
@@ -103,6 +104,7 @@ async function buildAll() {
     splitting: true,
     define: {
       DECODE_WORKER: JSON.stringify(worker),
+      RECORDING_WORKER: JSON.stringify(recordingWorker),
       MICROPHONE_WORKLET: JSON.stringify(worklet),
       ...NO_WASM,
     },

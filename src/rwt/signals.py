@@ -36,13 +36,14 @@ class Stopped(SystemExit):
 def on_signals(handlers: Mapping[int, Callable[[], object]]) -> Iterator[None]:
     """Call plain functions on the running event loop when signals arrive, within the block.
 
-    A stop signal is handled once: a second one has its previous effect, so that a second Ctrl-C ends a
-    program that hangs. No-op outside the main thread, the only one that receives signals.
+    Ctrl-C is handled once: a second one has its previous effect, so that it ends a program that hangs. A
+    second SIGTERM changes nothing: GNU's ``timeout`` sends it twice, and supervisors send SIGKILL to what
+    hangs. No-op outside the main thread, the only one that receives signals.
     """
     call_soon = call_soon_threadsafe()
 
     def handle(number: int, frame: FrameType | None) -> None:
-        if number in STOP_SIGNALS:
+        if number in STOP_SIGNALS and number != signal.SIGTERM:
             signal.signal(number, before[number])
         call_soon(handlers[number])
 

@@ -41,16 +41,16 @@ test("a layout that the page did not survive is not opened again", async () => {
     ({ postMessage: () => undefined, terminate: () => undefined }) as unknown as WorkerPort;
   const last = JSON.stringify({ version: 1, panels: [panel], dock: null });
   localStorage.setItem("rwt-last-layoutws://robot", last);
-  const first = new App(settings, "ws://robot", worker);
+  const first = new App(settings, "ws://robot", worker, () => undefined);
   await first.begin(null);
   expect(first.panels.value).toEqual([panel]);
   // Another tab, opened meanwhile, has the layout, too.
-  const other = new App(settings, "ws://robot", worker);
+  const other = new App(settings, "ws://robot", worker, () => undefined);
   await other.begin(null);
   expect(other.panels.value).toEqual([panel]);
   // The page hangs: nothing of it runs any more. It is loaded again after a while.
   vi.spyOn(Date, "now").mockReturnValue(Date.now() + 60_000);
-  const second = new App(settings, "ws://robot", worker);
+  const second = new App(settings, "ws://robot", worker, () => undefined);
   await second.begin("some layout of the address");
   expect(second.panels.value).toEqual([]);
   expect(second.session.notices.value.map(({ text }) => text)).toEqual([t("layout.hung")]);

@@ -150,6 +150,19 @@ def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, demo: str, how: signa
         assert [topic.name for topic in recording.topics] == ["/odom", "/tf", "/tf_static"]
 
 
+def test_a_second_sigterm_does_not_cut_a_recording(tmp_path: Path) -> None:
+    """GNU's `timeout` sends it to its child, and then to the whole group of processes."""
+    path = tmp_path / "run.mcap"
+    with running("serve", "ws://127.0.0.1:0", "--demo", "--record", str(path), real=True) as (server, _):
+        time.sleep(0.3)
+        for _ in range(2):
+            server.send_signal(signal.SIGTERM)
+            time.sleep(0.001)  # Signals at the same time would be one.
+        server.communicate(timeout=60)
+    with open_recording([path]) as recording:
+        assert recording.complete
+
+
 def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     arguments = ("serve", "ws://127.0.0.1:0", "--demo", "--introspection", "--record", str(path))

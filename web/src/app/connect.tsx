@@ -1,6 +1,8 @@
 /** Forms to choose a robot, and to show it a token. */
 
 import { useSignal } from "@preact/signals";
+import { TextField } from "../forms/inputs";
+import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import { type App, isRobotUrl } from "./state";
 
@@ -9,10 +11,11 @@ export function ConnectForm({ app }: { app: App }) {
   const wrong = useSignal(false);
   const go = (event: Event) => {
     event.preventDefault();
-    wrong.value = !isRobotUrl(url.value);
+    const wanted = url.value.trim();
+    wrong.value = !isRobotUrl(wanted);
     if (wrong.value) return;
     const target = new URL(location.href);
-    target.searchParams.set("robot", url.value);
+    target.searchParams.set("robot", wanted);
     // The page is loaded anew: its policy names the robots that it may connect to.
     location.assign(target);
   };
@@ -20,24 +23,14 @@ export function ConnectForm({ app }: { app: App }) {
     <form class="card" onSubmit={go}>
       <h2>{t("connect.title")}</h2>
       <p>{t("state.reason", { reason: app.session.reason.value })}</p>
-      <label>
-        {t("connect.url")}
-        <input
-          type="text"
-          name="robot"
-          inputMode="url"
-          value={url.value}
-          aria-invalid={wrong.value}
-          onInput={(event) => {
-            url.value = event.currentTarget.value.trim();
-          }}
-        />
-      </label>
-      {wrong.value && (
-        <p class="problem" role="alert">
-          {t("connect.bad")}
-        </p>
-      )}
+      <TextField
+        label={t("connect.url")}
+        text={url}
+        name="robot"
+        inputMode="url"
+        aria-invalid={wrong.value}
+      />
+      {wrong.value && <Problem text={t("connect.bad")} />}
       <button type="submit">{t("connect.go")}</button>
     </form>
   );
@@ -55,18 +48,7 @@ export function TokenForm({ app }: { app: App }) {
     >
       <h2>{t("token.title")}</h2>
       <p>{t("state.reason", { reason: app.session.reason.value })}</p>
-      <label>
-        {t("token.label")}
-        <input
-          type="password"
-          name="token"
-          autoComplete="off"
-          value={token.value}
-          onInput={(event) => {
-            token.value = event.currentTarget.value;
-          }}
-        />
-      </label>
+      <TextField label={t("token.label")} text={token} type="password" name="token" autoComplete="off" />
       <p class="faint">{t("token.kept")}</p>
       <button type="submit">{t("token.go")}</button>
     </form>

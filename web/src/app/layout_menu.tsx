@@ -3,6 +3,8 @@
 import { useSignal } from "@preact/signals";
 import { Undo2 } from "lucide";
 import { Icon } from "../forms/icon";
+import { TextField } from "../forms/inputs";
+import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import { saveAs } from "../panels/component";
 import { type App, readLayout } from "./state";
@@ -37,23 +39,10 @@ export function LayoutMenu({ app, close }: { app: App; close: () => void }) {
           close();
         }}
       >
-        <label>
-          {t("layout.name")}
-          <input
-            type="text"
-            value={name.value}
-            onInput={(event) => {
-              name.value = event.currentTarget.value;
-            }}
-          />
-        </label>
+        <TextField label={t("layout.name")} text={name} />
         <button type="submit">{t("layout.save")}</button>
       </form>
-      {problem.value && (
-        <p class="problem" role="alert">
-          {problem.value}
-        </p>
-      )}
+      {problem.value && <Problem text={problem.value} />}
       {mine.value.length > 0 && <h2>{t("layout.mine")}</h2>}
       <ul>
         {mine.value.map((each) => (

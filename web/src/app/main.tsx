@@ -32,11 +32,23 @@ async function pageSettings(): Promise<PageSettings> {
 const language = await speak(chooseLanguage(navigator.languages));
 document.documentElement.lang = language;
 const settings = await pageSettings();
-const startWorker = () => new Worker(new URL(DECODE_WORKER, import.meta.url)) as unknown as WorkerPort;
-const app = new App(settings, robotUrl(location, settings), startWorker);
 const { title } = document;
-effect(() => {
-  document.title = `${app.name.value} · ${title}`;
-});
-render(<Shell app={app} />, place);
-void app.begin(new URLSearchParams(location.search).get("layout"));
+const startWorker = (recording: File | null) => {
+  const script = recording ? RECORDING_WORKER : DECODE_WORKER;
+  const worker = new Worker(new URL(script, import.meta.url)) as unknown as WorkerPort;
+  if (recording) worker.postMessage({ kind: "file", file: recording });
+  return worker;
+};
+let endTitle: (() => void) | undefined;
+
+function show(app: App): void {
+  endTitle?.();
+  endTitle = effect(() => {
+    document.title = `${app.name.value} · ${title}`;
+  });
+  render(null, place);
+  render(<Shell app={app} />, place);
+  void app.begin(app.recording ? null : new URLSearchParams(location.search).get("layout"));
+}
+
+show(new App(settings, robotUrl(location, settings), startWorker, show));

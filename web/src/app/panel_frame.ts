@@ -52,8 +52,10 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
     console.error(error);
   };
   if (!kind) say(t("panel.unknown", { kind: panel.kind }));
+  const isEmpty = app.recording !== null && kind?.needsRobot;
+  if (isEmpty) say(t("blocked.recording"));
   try {
-    const begun = kind?.init({
+    const begun = (isEmpty ? undefined : kind)?.init({
       session: app.session,
       stop: app.stop,
       navigation: app.navigation,
@@ -62,6 +64,7 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
       visible: visible as ReadonlySignal<boolean>,
       dark: app.dark,
       open: (name, settings) => app.open(name, settings),
+      openRecording: (file) => app.openRecording(file),
     });
     Promise.resolve(begun).then((dispose) => {
       if (ended) dispose?.();

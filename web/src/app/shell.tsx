@@ -1,6 +1,6 @@
 /** The page around the panels: the robot's state, the stop, menus, and what the robot has to say. */
 
-import { useComputed, useSignal } from "@preact/signals";
+import { type Signal, useComputed, useSignal } from "@preact/signals";
 import { Accessibility, Bot, LayoutDashboard, Moon, OctagonX, PanelLeft, Plus, Sun } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../forms/icon";
@@ -19,10 +19,13 @@ import { ScanBar } from "./scan";
 import { Side } from "./side";
 import type { App } from "./state";
 import { Tabs } from "./tabs";
+import { Timeline } from "./timeline";
 
 export function Shell({ app }: { app: App }) {
   const narrow = useNarrow();
+  const isDropping = useSignal(false);
   useEffect(() => {
+    if (app.recording) return undefined;
     const key = (event: KeyboardEvent) => {
       if (event.key === "Escape") app.stop.stop();
     };
@@ -30,14 +33,18 @@ export function Shell({ app }: { app: App }) {
     addEventListener("keydown", key, { capture: true });
     return () => removeEventListener("keydown", key, { capture: true });
   }, [app]);
+  useEffect(() => takeDrops(app, isDropping), [app, isDropping]);
   const { session } = app;
+  // A recording cannot be stopped: a control that does nothing would be trusted.
+  const stop = app.recording ? null : <StopButton app={app} />;
   return (
     <>
+      {isDropping.value && <p class="drop">{t("recording.drop")}</p>}
       <a class="skip" href="#panels">
         {t("app.skip")}
       </a>
       <header>
-        {!narrow && <StopButton app={app} />}
+        {!narrow && stop}
         <div class="robot">
           <span class="robot-mark">
             <Icon of={Bot} size={20} />
@@ -51,7 +58,7 @@ export function Shell({ app }: { app: App }) {
             )}
           </div>
         </div>
-        <State app={app} />
+        {!app.recording && <State app={app} />}
         <BatteryFact app={app} />
         <DriverFact app={app} />
         <span class="grow" />
@@ -99,7 +106,7 @@ export function Shell({ app }: { app: App }) {
         <RoleFact session={session} />
       </header>
       {app.scanning.value && <ScanBar app={app} />}
-      <Banners app={app} />
+      {!app.recording && <Banners app={app} />}
       <div class="body">
         {!narrow && <Side app={app} />}
         <main id="panels" tabIndex={-1}>
@@ -114,12 +121,30 @@ export function Shell({ app }: { app: App }) {
             <p class="waiting">{t("state.connecting")}…</p>
           )}
           {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
-          {narrow ? <Tabs app={app} stop={<StopButton app={app} />} /> : <Dock app={app} />}
+          {narrow ? <Tabs app={app} stop={stop} /> : <Dock app={app} />}
         </main>
       </div>
+      {app.recording && <Timeline app={app} />}
       <Notices app={app} />
     </>
   );
+}
+
+/** Open recordings that are dropped on the page; returns what ends it. */
+function takeDrops(app: App, isDropping: Signal<boolean>): () => void {
+  const drag = (event: DragEvent) => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    // Otherwise the browser would leave the page, and with it the robot.
+    event.preventDefault();
+    isDropping.value = event.type === "dragover";
+    const [file] = event.type === "drop" ? event.dataTransfer.files : [];
+    if (file) app.openRecording(file);
+  };
+  const kinds = ["dragover", "dragleave", "drop"] as const;
+  for (const kind of kinds) addEventListener(kind, drag);
+  return () => {
+    for (const kind of kinds) removeEventListener(kind, drag);
+  };
 }
 
 function StopButton({ app }: { app: App }) {

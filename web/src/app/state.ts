@@ -124,10 +124,19 @@ export class App {
   private isUndoing = false;
   readonly canUndo = computed(() => this.earlier.value.length > 0);
 
+  /**
+   * @param settings settings of the server
+   * @param robot address of the robot
+   * @param workers starts the worker that connects to the robot, or plays a recording
+   * @param replace shows another state of the page in place of this one
+   * @param recording MCAP file that is played instead of a connection to the robot
+   */
   constructor(
     readonly settings: PageSettings,
     readonly robot: string,
-    worker: () => WorkerPort,
+    private readonly workers: (recording: File | null) => WorkerPort,
+    private readonly replace: (app: App) => void,
+    readonly recording: File | null = null,
   ) {
     this.theme = signal((localStorage.getItem(THEME) as "light" | "dark" | null) ?? "auto");
     const side = localStorage.getItem(SIDE);
@@ -138,14 +147,17 @@ export class App {
     this.session = new RobotSession({
       url: robot,
       token: sessionStorage.getItem(TOKEN + robot) ?? "",
-      worker,
+      worker: () => workers(recording),
+      isRecording: recording !== null,
     });
     this.stop = new Stop(this.session);
     this.navigation = new Navigation(this.session);
     this.senders = mediaSenders(this.session);
     const described = describedName(this.session);
     const { host, pathname } = new URL(robot);
-    this.name = computed(() => described.value || (pathname === "/" ? host : host + pathname));
+    this.name = computed(
+      () => recording?.name ?? (described.value || (pathname === "/" ? host : host + pathname)),
+    );
     effect(() => {
       document.documentElement.dataset.theme = this.dark.value ? "dark" : "light";
     });
@@ -159,7 +171,8 @@ export class App {
       localStorage.removeItem(LAST + this.robot);
       this.session.note("error", t("layout.hung"));
     } else if (named) await this.openNamed(named);
-    const last = localStorage.getItem(LAST + this.robot);
+    // The panels of a robot, and those of another recording, have other topics.
+    const last = this.recording ? null : localStorage.getItem(LAST + this.robot);
     if (!this.opened && last) {
       try {
         this.show(readLayout(JSON.parse(last)));
@@ -175,7 +188,7 @@ export class App {
     effect(() => {
       const layout = this.layout;
       if (!this.opened) return;
-      localStorage.setItem(LAST + this.robot, JSON.stringify(layout));
+      if (!this.recording) localStorage.setItem(LAST + this.robot, JSON.stringify(layout));
       const before = shown;
       shown = layout;
       // Settings of panels, and sizes, are no arrangement.
@@ -190,7 +203,7 @@ export class App {
   /** The panels for what the robot offers. */
   suggested(): Layout {
     const panels = panelKinds()
-      .filter((kind) => kind.opens(this.session))
+      .filter((kind) => kind.opens(this.session) && !(this.recording && kind.needsRobot))
       .map(({ name }) => ({ id: name, kind: name, config: {} }));
     return { version: 1, panels, dock: null };
   }
@@ -297,6 +310,26 @@ export class App {
     this.show(layout);
     this.isUndoing = false;
     this.earlier.value = this.earlier.peek().slice(0, -1);
+  }
+
+  /**
+   * Open a recording in place of the robot, to which the page is connected no longer: all that it holds there is released
+   * as if it were closed. A file that cannot be read leaves the page as it is.
+   */
+  openRecording(file: File): void {
+    const opened = new App(this.settings, this.robot, this.workers, this.replace, file);
+    const { state, reason } = opened.session;
+    const end = effect(() => {
+      if (state.value === "connecting") return;
+      queueMicrotask(() => end());
+      if (state.value === "open") {
+        this.session.close();
+        this.replace(opened);
+      } else {
+        opened.session.close();
+        this.session.note("error", t("recording.bad", { name: file.name, reason: reason.value }));
+      }
+    });
   }
 
   get savedNames(): string[] {

@@ -28,7 +28,23 @@ export interface Pixels {
   rgba: Uint8ClampedArray;
 }
 
+/** Topic on which the worker that plays a recording says where it is, and service by which it is told where to go. */
+export const PLAYBACK = "$playback";
+
+/** State of a recording that is played; times in seconds since 1970. */
+export interface Playback {
+  begin: number;
+  end: number;
+  time: number;
+  paused: boolean;
+  /** Seconds of the recording for each second. */
+  rate: number;
+  loop: boolean;
+}
+
 export type ToWorker =
+  /** The recording that the worker is to play. */
+  | { kind: "file"; file: Blob }
   | { kind: "open"; socket: number; url: string; protocols: string[] }
   /** `command`: when the command or sample was made, in milliseconds since 1970; it is dropped if it would be late. */
   | { kind: "send"; socket: number; text: string; command?: number }

@@ -1,20 +1,12 @@
 /**
  * The worker that holds the WebSocket: it decodes what arrives, so that the page's thread is given objects and
- * typed arrays. Of topics that are decoded further only the newest message waits for the page.
+ * typed arrays.
  */
 
 import { decodeCbor } from "./cbor";
-import { decodeCloud, type PointCloud2 } from "./cloud";
-import { decodeImage, type RawImage } from "./image";
+import { decodeFurther, type Envelope, forget, receive, say, taken } from "./delivery";
 import { type Answering, GIVE_UP, Liveness, SILENT } from "./liveness";
-import { paletteOf } from "./palette";
-import type { Decoding, FromWorker, ToWorker, Traffic } from "./protocol";
-
-interface Envelope {
-  op: string;
-  topic?: string;
-  msg?: Record<string, unknown>;
-}
+import type { ToWorker } from "./protocol";
 
 interface Connection {
   socket: WebSocket;
@@ -29,17 +21,6 @@ const LOOK = 100;
 const MOST_WAITING = 64 * 1024;
 
 const sockets = new Map<number, Connection>();
-let decodings = new Map<string, Decoding>();
-let traffic = new Map<string, Traffic>();
-let since = performance.now();
-/** Topics of which the page has a message that it is not done with, and the newest one since. */
-const waiting = new Map<string, { socket: number; message: Envelope } | null>();
-
-const say = (what: FromWorker, moved: Transferable[] = []) =>
-  (self as unknown as { postMessage(what: FromWorker, moved: Transferable[]): void }).postMessage(
-    what,
-    moved,
-  );
 
 self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
   switch (data.kind) {
@@ -53,14 +34,11 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
       sockets.get(data.socket)?.socket.close();
       break;
     case "decodings":
-      decodings = data.decodings;
+      decodeFurther(data.decodings);
       break;
-    case "taken": {
-      const next = waiting.get(data.topic);
-      waiting.delete(data.topic);
-      if (next) deliver(next.socket, next.message);
+    case "taken":
+      taken(data.topic);
       break;
-    }
   }
 };
 
@@ -85,7 +63,7 @@ function open(number: number, url: string, protocols: string[]): void {
   };
   socket.onclose = ({ code, reason }) => {
     sockets.delete(number);
-    waiting.clear();
+    forget();
     say({ kind: "close", socket: number, code, reason });
   };
   socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
@@ -139,69 +117,10 @@ function look(number: number, connection: Connection): void {
   socket.onclose = socket.onmessage = null;
   socket.close();
   sockets.delete(number);
-  waiting.clear();
+  forget();
   say({ kind: "close", socket: number, code: 1006, reason: `no answer for ${GIVE_UP / 1000} s` });
 }
 
 setInterval(() => {
   for (const [number, connection] of sockets) look(number, connection);
 }, LOOK);
-
-function receive(socket: number, message: Envelope, bytes: number): void {
-  if (message.op === "publish" && message.topic !== undefined) {
-    const counted = traffic.get(message.topic);
-    if (counted) {
-      counted.messages++;
-      counted.bytes += bytes;
-    } else {
-      traffic.set(message.topic, { messages: 1, bytes });
-    }
-    if (waiting.has(message.topic)) {
-      waiting.set(message.topic, { socket, message });
-      return;
-    }
-  }
-  deliver(socket, message);
-}
-
-function deliver(socket: number, message: Envelope): void {
-  const decoding = message.op === "publish" ? decodings.get(message.topic as string) : undefined;
-  if (decoding && message.msg) {
-    waiting.set(message.topic as string, null);
-    try {
-      const [kind, palette, ...by] = decoding.split(":");
-      if (kind === "cloud")
-        message.msg.$points = decodeCloud(
-          message.msg as unknown as PointCloud2,
-          by.join(":"),
-          paletteOf(palette),
-        );
-      else message.msg.$pixels = decodeImage(message.msg as unknown as RawImage);
-    } catch (error) {
-      message.msg.$error = (error as Error).message;
-    }
-  }
-  say(
-    { kind: "message", socket, message: message as { op: string }, mustTake: decoding !== undefined },
-    moved(message.msg, []),
-  );
-}
-
-/** The buffers in a message that can change hands without a copy. */
-function moved(value: unknown, found: Transferable[]): Transferable[] {
-  if (ArrayBuffer.isView(value)) {
-    if (!found.includes(value.buffer as ArrayBuffer)) found.push(value.buffer as ArrayBuffer);
-  } else if (Array.isArray(value)) {
-    if (typeof value[0] === "object") for (const item of value) moved(item, found);
-  } else if (value !== null && typeof value === "object") {
-    for (const item of Object.values(value)) moved(item, found);
-  }
-  return found;
-}
-
-setInterval(() => {
-  const now = performance.now();
-  say({ kind: "traffic", seconds: (now - since) / 1000, topics: traffic });
-  since = now;
-  traffic = new Map();
-}, 1000);

@@ -1,7 +1,7 @@
 /** Inputs that several panels have: a choice, a search, a check box, a name to choose. */
 
 import type { Signal } from "@preact/signals";
-import type { ComponentChildren } from "preact";
+import type { ComponentChildren, InputHTMLAttributes } from "preact";
 import { useId } from "preact/hooks";
 import { t } from "../i18n/text";
 
@@ -34,6 +34,26 @@ export function Choice(props: {
           );
         })}
       </select>
+    </label>
+  );
+}
+
+/** A field for a text, and its label before it; further attributes are those of the input. */
+export function TextField(
+  props: { label: string; text: Signal<string>; inline?: boolean } & InputHTMLAttributes<HTMLInputElement>,
+) {
+  const { label, text, inline, ...input } = props;
+  return (
+    <label class={inline ? "choice" : ""}>
+      <span>{label}</span>
+      <input
+        type="text"
+        {...input}
+        value={text.value}
+        onInput={(event) => {
+          text.value = event.currentTarget.value;
+        }}
+      />
     </label>
   );
 }

@@ -22,6 +22,8 @@ export interface PanelContext {
   dark: ReadonlySignal<boolean>;
   /** Open another panel, or show it if it is there. */
   open(kind: string, config?: PanelConfig): void;
+  /** Show a recording, an MCAP file, in place of the robot. */
+  openRecording(file: File): void;
 }
 
 export interface PanelKind {
@@ -33,6 +35,8 @@ export interface PanelKind {
   opens(session: RobotSession): boolean;
   /** Where it opens by itself. */
   place: "main" | "right" | "controls" | "below";
+  /** True if a recording has nothing for it. */
+  needsRobot?: boolean;
   /** Begin; what is returned ends it. */
   init(context: PanelContext): (() => void) | Promise<() => void>;
 }

@@ -160,7 +160,8 @@ export class Camera {
   /** Begin another way, where there is none yet. */
   private besides(): void {
     if (this.end || this.ended) return;
-    if (this.options.messages) this.subscribe();
+    // The server's stream of a topic shows what the robot sees now, not what is in a recording.
+    if (this.options.messages || this.session.isRecording) this.subscribe();
     else this.stream();
   }
 
@@ -256,7 +257,8 @@ export class Camera {
     if (this.arrivals.length > WINDOW) this.arrivals.shift();
     const first = this.arrivals[0] as number;
     this.rate.value = now > first ? ((this.arrivals.length - 1) * 1000) / (now - first) : 0;
-    this.takenAt.value = now - delay * 1000;
+    // While a recording rests, its picture is of that time.
+    this.takenAt.value = this.session.isRecording ? 0 : now - delay * 1000;
     this.latency.value = delay * 1000;
   }
 }

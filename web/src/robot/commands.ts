@@ -6,8 +6,8 @@ import { type GoalHandle, type GoalOptions, sendGoal } from "./goals";
 import type { RobotSession } from "./session";
 import type { Message } from "./subscriptions";
 
-/** Why no command is sent: the stop is on, the robot does not answer in time, or there is no connection. */
-export type Block = "stopped" | "silent" | "lost";
+/** Why no command is sent: the stop is on, the robot does not answer in time, or there is no connection or no robot. */
+export type Block = "stopped" | "silent" | "lost" | "recording";
 
 /** Blocked command, for people. */
 export interface BlockedCommand {
@@ -31,6 +31,7 @@ const BLOCKS: Record<Block, string> = {
   stopped: "the stop is on",
   silent: "the robot does not answer",
   lost: "there is no connection",
+  recording: "a recording is shown, not a robot",
 };
 
 /** A topic that this page publishes on. */
@@ -68,6 +69,7 @@ export class Commands {
     private readonly sendFresh: (message: object) => void,
   ) {
     this.block = computed(() => {
+      if (session.isRecording) return "recording";
       if (session.state.value !== "open") return "lost";
       if (this.stopped.value) return "stopped";
       return session.silence.value > 0 ? "silent" : null;

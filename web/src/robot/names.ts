@@ -5,11 +5,6 @@ export function shortType(type: string): string {
   return type.replace(/\/(msg|srv|action)\//, "/");
 }
 
-/** Return true if a name is valid in ROS; an invalid one is shown, but not used. */
-export function isGraphName(name: string): boolean {
-  return /^\/?[A-Za-z_~{][\w/~{}]*$/.test(name);
-}
-
 /** A time of ROS 1 or ROS 2 in seconds; NaN for what is none. */
 export function seconds(time: unknown): number {
   const { sec, nanosec, secs, nsecs } = (time ?? {}) as Record<string, number>;

@@ -45,6 +45,8 @@ export interface SessionOptions {
   worker: () => WorkerPort;
   /** Milliseconds between two looks at what the robot offers. */
   discovery?: number;
+  /** True if the worker plays a recording: there is no robot, and nothing is sent. */
+  isRecording?: boolean;
 }
 
 const EMPTY: Graph = { topics: new Map(), services: [], actions: [], nodes: [], problem: "" };
@@ -64,6 +66,8 @@ export class RobotError extends Error {}
 
 export class RobotSession {
   readonly url: string;
+  /** True if no robot is behind it but a recording. */
+  readonly isRecording: boolean;
   /** Where the same server is asked over HTTP, with a slash at its end. */
   readonly httpBase: string;
   /** Other origins that meshes and textures may come from; the page that shows the robot adds them. */
@@ -123,8 +127,9 @@ export class RobotSession {
   private discovery: ReturnType<typeof setTimeout> | undefined;
   private closed = false;
 
-  constructor({ url, token = "", worker, discovery = 3000 }: SessionOptions) {
+  constructor({ url, token = "", worker, discovery = 3000, isRecording = false }: SessionOptions) {
     this.url = url;
+    this.isRecording = isRecording;
     this.token = token;
     this.discoveryPeriod = discovery;
     const base = new URL(url);
@@ -181,7 +186,8 @@ export class RobotSession {
     this.connections.value++;
     this.ros.setStatusLevel("warning");
     void this.askVersion();
-    void this.askRole();
+    if (this.isRecording) this.discover();
+    else void this.askRole();
   }
 
   /** Ask what may be done, and then what there is: what opens by itself depends on both. */
@@ -205,6 +211,11 @@ export class RobotSession {
     clearTimeout(this.discovery);
     for (const abandon of [...this.abandoned]) abandon(new RobotError("the connection was lost"));
     if (this.closed) return;
+    if (this.isRecording) {
+      this.reason.value = reason;
+      this.state.value = "lost";
+      return;
+    }
     if (this.beginsAnew) {
       this.connect();
       return;

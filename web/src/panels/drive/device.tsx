@@ -17,6 +17,7 @@ export const device: PanelKind = {
   // It tells of the person who holds the device: it opens when that person wants it.
   opens: () => false,
   place: "controls",
+  needsRobot: true,
   init: componentPanel(DevicePanel),
 };
 

@@ -35,6 +35,7 @@ export const goal: PanelKind = {
       (name) => /\/(navigate_to_pose|move_base)$/.test(name) && session.may("goals", name),
     ),
   place: "controls",
+  needsRobot: true,
   init: componentPanel(GoalPanel),
 };
 

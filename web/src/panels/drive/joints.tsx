@@ -35,6 +35,7 @@ export const joints: PanelKind = {
     driveTopics(session).length === 0 &&
     trajectoryTopics(session).some((topic) => session.may("publish", topic)),
   place: "controls",
+  needsRobot: true,
   init: componentPanel(JointsPanel),
 };
 

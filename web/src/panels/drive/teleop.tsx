@@ -29,6 +29,7 @@ export const teleop: PanelKind = {
   supportedTypes: TYPES,
   opens: (session) => driveTopics(session).some((topic) => session.may("publish", topic)),
   place: "controls",
+  needsRobot: true,
   init: componentPanel(TeleopPanel),
 };
 

@@ -161,7 +161,7 @@ function OneTopic({ context, name }: { context: PanelContext; name: string }) {
       {!mayHear && <Refusal context={context} act="subscribe" name={name} />}
       {mayHear &&
         (last.value ? <LastMessage message={last.value.message} /> : <p>{t("panel.waiting", { name })}</p>)}
-      {session.may("publish", name) ? (
+      {session.isRecording ? null : session.may("publish", name) ? (
         <PublishForm context={context} name={name} type={type} />
       ) : (
         <Refusal context={context} act="publish" name={name} />

@@ -23,6 +23,7 @@ export const approvals: PanelKind = {
   supportedTypes: ["rwt_gate_msgs/Approvals"],
   opens: (session) => session.graph.value.services.includes(APPROVE),
   place: "controls",
+  needsRobot: true,
   init: componentPanel(ApprovalsPanel),
 };
 

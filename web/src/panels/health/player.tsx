@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Commanding } from "../../forms/commanding";
-import { Choice } from "../../forms/inputs";
+import { Choice, TextField } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
@@ -39,13 +39,24 @@ function PlayerPanel({ context }: { context: PanelContext }) {
   const { services } = context.session.graph.value;
   const found = pausableNodes(services);
   const records = hasRecorder(services);
-  if (!found.length && !records) return <p class="faint">{t("player.none")}</p>;
   return (
     <>
+      {!found.length && !records && <p class="faint">{t("player.none")}</p>}
       {records && <Recorder context={context} />}
       {found.map((node) => (
         <Pausable key={node} context={context} node={node} />
       ))}
+      <label class="file">
+        {t("recording.open")}
+        <input
+          type="file"
+          accept=".mcap"
+          onChange={(event) => {
+            const file = event.currentTarget.files?.[0];
+            if (file) context.openRecording(file);
+          }}
+        />
+      </label>
     </>
   );
 }
@@ -140,17 +151,7 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
             void act("seek", { time: two ? { sec: whole, nanosec: rest } : { secs: whole, nsecs: rest } });
           }}
         >
-          <label class="choice">
-            <span>{t("player.seek")}</span>
-            <input
-              type="text"
-              inputMode="decimal"
-              value={seek.value}
-              onInput={(event) => {
-                seek.value = event.currentTarget.value;
-              }}
-            />
-          </label>
+          <TextField label={t("player.seek")} text={seek} inline inputMode="decimal" />
           <Commanding session={session} quiet>
             <button type="submit">{t("player.go")}</button>
           </Commanding>

@@ -1,14 +1,14 @@
 /** The robot's own recorder: begin, end, and how far it is. */
 
 import { useSignal } from "@preact/signals";
-import { Download } from "lucide";
+import { Download, Play } from "lucide";
 import { useEffect } from "preact/hooks";
 import { Commanding } from "../../forms/commanding";
 import { Icon } from "../../forms/icon";
+import { TextField } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import type { RobotSession } from "../../robot/session";
 import { now, Refusal, saveAs } from "../component";
 import type { PanelContext } from "../registry";
 
@@ -81,19 +81,7 @@ export function Recorder({ context }: { context: PanelContext }) {
           else void ask(START, { name: name.value.trim(), topics: [] });
         }}
       >
-        {!recorded?.recording && (
-          <label class="choice">
-            <span>{t("recorder.name")}</span>
-            <input
-              type="text"
-              maxLength={64}
-              value={name.value}
-              onInput={(event) => {
-                name.value = event.currentTarget.value;
-              }}
-            />
-          </label>
-        )}
+        {!recorded?.recording && <TextField label={t("recorder.name")} text={name} inline maxLength={64} />}
         {recorded?.recording ? (
           <button type="submit">{t("recorder.stop")}</button>
         ) : (
@@ -109,7 +97,7 @@ export function Recorder({ context }: { context: PanelContext }) {
       )}
       {problem.value && <Problem text={problem.value} />}
       {session.permissions.value.has("recordings") && session.may("subscribe", ANY_TOPIC) && (
-        <Recordings key={`${recorded?.recording} ${recorded?.file}`} session={session} />
+        <Recordings key={`${recorded?.recording} ${recorded?.file}`} context={context} />
       )}
     </section>
   );
@@ -127,8 +115,9 @@ const ANY_TOPIC = "/*";
 /** Milliseconds for the list to come. */
 const PATIENCE = 10_000;
 
-/** The files that the robot has recorded, to download. */
-function Recordings({ session }: { session: RobotSession }) {
+/** The files that the robot has recorded, to play and to download. */
+function Recordings({ context }: { context: PanelContext }) {
+  const { session } = context;
   const files = useSignal<Recording[]>([]);
   const busy = useSignal("");
   const problem = useSignal("");
@@ -151,15 +140,26 @@ function Recordings({ session }: { session: RobotSession }) {
     });
   }, []);
   // By a request with the token, which a link has not.
-  const download = (name: string) =>
+  const load = (name: string, use: (content: Blob) => void) =>
     attempt(async () => {
       busy.value = name;
       try {
-        saveAs(await (await get(`recordings/${encodeURIComponent(name)}`, null)).blob(), name);
+        use(await (await get(`recordings/${encodeURIComponent(name)}`, null)).blob());
       } finally {
         busy.value = "";
       }
     });
+  const act = (icon: typeof Play, title: string, name: string, use: (content: Blob) => void) => (
+    <button
+      type="button"
+      disabled={busy.value !== ""}
+      aria-label={title}
+      title={title}
+      onClick={() => load(name, use)}
+    >
+      <Icon of={icon} />
+    </button>
+  );
   return (
     <>
       {problem.value && <Problem text={problem.value} />}
@@ -173,15 +173,10 @@ function Recordings({ session }: { session: RobotSession }) {
                 <td class="faint">{new Date(modified * 1000).toLocaleString()}</td>
                 <td class="number">{sizeText(bytes)}</td>
                 <td>
-                  <button
-                    type="button"
-                    disabled={busy.value !== ""}
-                    aria-label={t("recorder.download", { name })}
-                    title={t("recorder.download", { name })}
-                    onClick={() => download(name)}
-                  >
-                    <Icon of={Download} />
-                  </button>
+                  {act(Play, t("recorder.play", { name }), name, (content) =>
+                    context.openRecording(new File([content], name)),
+                  )}
+                  {act(Download, t("recorder.download", { name }), name, (content) => saveAs(content, name))}
                 </td>
               </tr>
             ))}

@@ -26,6 +26,7 @@ export const server: PanelKind = {
   supportedTypes: ["rosbridge_msgs/ConnectedClients"],
   opens: (session) => session.topicsOf("rosbridge_msgs/ConnectedClients").length > 0,
   place: "below",
+  needsRobot: true,
   init: componentPanel(ServerPanel),
 };
 

@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { Bookmark } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
 import { Vector3 } from "three";
+import { TextField } from "../../forms/inputs";
 import { Menu } from "../../forms/menu";
 import { t } from "../../i18n/text";
 import type { RobotScene } from "../../scene/scene";
@@ -117,16 +118,7 @@ export function SavedViews({ context, scene }: { context: PanelContext; scene: R
               name.value = "";
             }}
           >
-            <label>
-              {t("layout.name")}
-              <input
-                type="text"
-                value={name.value}
-                onInput={(event) => {
-                  name.value = event.currentTarget.value;
-                }}
-              />
-            </label>
+            <TextField label={t("layout.name")} text={name} />
             <button type="submit">{t("scene.view.save")}</button>
           </form>
         </>

@@ -26,7 +26,6 @@ import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
 import type { TextKey } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
-import type { Message } from "../../robot/subscriptions";
 import { disposeTree, METRE_OF_POINTS } from "../view";
 import { Layer, type LayerContext } from "./layer";
 import { loadMesh } from "./meshes";
@@ -327,9 +326,4 @@ export class MarkersLayer extends Layer {
   private removeAll(): void {
     for (const key of [...this.markers.keys()]) this.remove(key);
   }
-}
-
-/** Marker messages of a list; those that are none are left out. */
-export function markersOf(message: Message): Marker[] {
-  return ((message.markers as Marker[] | undefined) ?? []).filter((each) => typeof each?.type === "number");
 }
