@@ -322,13 +322,10 @@ export class App {
     const end = effect(() => {
       if (state.value === "connecting") return;
       queueMicrotask(() => end());
-      if (state.value === "open") {
-        this.session.close();
-        this.replace(opened);
-      } else {
-        opened.session.close();
-        this.session.note("error", t("recording.bad", { name: file.name, reason: reason.value }));
-      }
+      const isOpen = state.value === "open";
+      (isOpen ? this : opened).session.close();
+      if (isOpen) this.replace(opened);
+      else this.session.note("error", t("recording.bad", { name: file.name, reason: reason.value }));
     });
   }
 

@@ -45,12 +45,23 @@ export function Timeline({ app }: { app: App }) {
     }
   };
   const at = time - begin;
-  const play = t(paused ? "player.resume" : "player.pause");
+  const button = (icon: typeof X, name: string, act: () => void, pressed?: boolean) => (
+    <button type="button" title={name} aria-label={name} aria-pressed={pressed} onClick={act}>
+      <Icon of={icon} />
+    </button>
+  );
+  const mark = () => {
+    const all = new Set([...bookmarks.value, Math.round(at * 10) / 10]);
+    bookmarks.value = [...all].sort((one, other) => one - other);
+  };
+  const unmark = (mark: number) => {
+    bookmarks.value = bookmarks.value.filter((other) => other !== mark);
+  };
   return (
     <section class="timeline" aria-label={t("recording.title")}>
-      <button type="button" title={play} aria-label={play} onClick={() => change({ paused: !paused })}>
-        <Icon of={paused ? Play : Pause} />
-      </button>
+      {button(paused ? Play : Pause, t(paused ? "player.resume" : "player.pause"), () =>
+        change({ paused: !paused }),
+      )}
       <input
         type="range"
         aria-label={t("recording.time")}
@@ -77,27 +88,8 @@ export function Timeline({ app }: { app: App }) {
         options={RATES.map((each) => [String(each), `${each}×`])}
         onChoose={(value) => change({ rate: Number(value) })}
       />
-      <button
-        type="button"
-        title={t("recording.loop")}
-        aria-label={t("recording.loop")}
-        aria-pressed={loop}
-        onClick={() => change({ loop: !loop })}
-      >
-        <Icon of={Repeat} />
-      </button>
-      <button
-        type="button"
-        title={t("recording.mark")}
-        aria-label={t("recording.mark")}
-        onClick={() => {
-          bookmarks.value = [...new Set([...bookmarks.value, Math.round(at * 10) / 10])].sort(
-            (one, other) => one - other,
-          );
-        }}
-      >
-        <Icon of={BookmarkPlus} />
-      </button>
+      {button(Repeat, t("recording.loop"), () => change({ loop: !loop }), loop)}
+      {button(BookmarkPlus, t("recording.mark"), mark)}
       {bookmarks.value.map((each) => (
         <span key={each} class="bookmark">
           <button
@@ -107,16 +99,7 @@ export function Timeline({ app }: { app: App }) {
           >
             {timeText(each)}
           </button>
-          <button
-            type="button"
-            class="plain"
-            aria-label={t("recording.unmark", { time: timeText(each) })}
-            onClick={() => {
-              bookmarks.value = bookmarks.value.filter((other) => other !== each);
-            }}
-          >
-            <Icon of={X} size={14} />
-          </button>
+          {button(X, t("recording.unmark", { time: timeText(each) }), () => unmark(each))}
         </span>
       ))}
       <p role="status">{t("recording.only")}</p>

@@ -104,10 +104,6 @@ class Player {
     }
   }
 
-  private publish(topic: string, msg: Values, bytes: number): void {
-    receive(this.socket, { op: "publish", topic, msg }, bytes);
-  }
-
   private complain(about: string, error: unknown): void {
     const text = `${about}: ${(error as Error).message}`;
     const status = { op: "status", level: "error", msg: text, id: `recording:${about}:` };
@@ -260,7 +256,8 @@ class Player {
         data,
         options.some((each) => each.typed),
       );
-      this.publish(topic, { ...message, $time: inSeconds(logTime) }, data.length);
+      const msg = { ...message, $time: inSeconds(logTime) };
+      receive(this.socket, { op: "publish", topic, msg }, data.length);
     } catch (error) {
       if (!this.unreadable.has(channelId)) this.complain(topic, error);
       this.unreadable.add(channelId);

@@ -51,17 +51,20 @@ export function Refusal({ context, act, name }: { context: PanelContext; act: Ac
   return <p class="refusal">{t("role.refused", { role, act: t(`act.${act}`), name })}</p>;
 }
 
-/** A choice among topics, one of which may be gone by now. */
+/** A choice among topics, which the panel's settings keep; the chosen one may be gone by now. */
 export function TopicChoice(props: {
-  label: string;
+  context: PanelContext;
   topics: readonly string[];
   chosen: string;
   scan?: boolean;
-  onChoose: (topic: string) => void;
 }) {
-  const { label, topics, chosen, scan = false, onChoose } = props;
+  const { topics, chosen, scan = false } = props;
+  const { config } = props.context;
   const all = chosen && !topics.includes(chosen) ? [chosen, ...topics] : topics;
-  return <Choice label={label} scan={scan} chosen={chosen} options={all} onChoose={onChoose} />;
+  const choose = (topic: string) => {
+    config.value = { ...config.value, topic };
+  };
+  return <Choice label={t("panel.topic")} scan={scan} chosen={chosen} options={all} onChoose={choose} />;
 }
 
 /** Have the browser save a file. */

@@ -173,7 +173,7 @@ export class Commands {
     const why = this.block.peek();
     // Of its own services the gate decides for itself.
     if (why || (act === "call" && name.startsWith("/gate/"))) return why;
-    return this.session.permissions.peek().may(act, name) ? null : "role";
+    return this.session.permissions.peek().may(act, name.replace(/^(?!\/)/, "/")) ? null : "role";
   }
 
   /** True if a command is sent; otherwise the attempt is noted, once in a row for each name. */

@@ -48,17 +48,7 @@ function JointsPanel({ context }: { context: PanelContext }) {
   if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
   return (
     <div class="joints">
-      {topics.length > 1 && (
-        <TopicChoice
-          label={t("panel.topic")}
-          topics={topics}
-          scan
-          chosen={topic}
-          onChoose={(chosen) => {
-            config.value = { ...config.value, topic: chosen };
-          }}
-        />
-      )}
+      {topics.length > 1 && <TopicChoice context={context} topics={topics} scan chosen={topic} />}
       {!session.may("publish", topic) ? (
         <Refusal context={context} act="publish" name={topic} />
       ) : known.length ? (

@@ -49,17 +49,7 @@ function TeleopPanel({ context }: { context: PanelContext }) {
           <View key={feed} context={context} topic={feed} />
         </div>
       )}
-      {topics.length > 1 && (
-        <TopicChoice
-          label={t("panel.topic")}
-          topics={topics}
-          scan
-          chosen={topic}
-          onChoose={(chosen) => {
-            config.value = { ...config.value, topic: chosen };
-          }}
-        />
-      )}
+      {topics.length > 1 && <TopicChoice context={context} topics={topics} scan chosen={topic} />}
       {session.may("publish", topic) ? (
         <Controls key={topic} context={context} topic={topic} isPhone={feed !== undefined} />
       ) : (

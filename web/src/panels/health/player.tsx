@@ -83,13 +83,16 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
       return null;
     }
   };
+  const askPaused = async () => {
+    if (has("is_paused")) paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
+  };
   const isVisible = visible.value;
   const may = session.may("call", `${node}/toggle_paused`);
   // What is asked does not change with what is drawn.
   useEffect(() => {
     if (!isVisible || !may) return undefined;
     const look = async () => {
-      if (has("is_paused")) paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
+      await askPaused();
       if (has("get_rate")) rate.value = Number((await act("get_rate"))?.rate);
     };
     void look();
@@ -105,11 +108,7 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
           <button
             type="button"
             aria-pressed={paused.value === true}
-            onClick={async () => {
-              await act("toggle_paused");
-              if (has("is_paused"))
-                paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
-            }}
+            onClick={() => act("toggle_paused").then(askPaused)}
           >
             {paused.value ? t("player.resume") : t("player.pause")}
           </button>

@@ -40,14 +40,7 @@ function CameraPanel({ context }: { context: PanelContext }) {
   return (
     <div class="camera">
       <div class="camera-bar">
-        <TopicChoice
-          label={t("panel.topic")}
-          topics={topics}
-          chosen={topic}
-          onChoose={(chosen) => {
-            config.value = { ...config.value, topic: chosen };
-          }}
-        />
+        <TopicChoice context={context} topics={topics} chosen={topic} />
         <Choice
           label={t("camera.quality")}
           quiet

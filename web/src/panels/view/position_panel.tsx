@@ -28,16 +28,7 @@ export function Panel({ context }: { context: PanelContext }) {
   if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
   return (
     <div class="position">
-      {topics.length > 1 && (
-        <TopicChoice
-          label={t("panel.topic")}
-          topics={topics}
-          chosen={topic}
-          onChoose={(chosen) => {
-            config.value = { ...config.value, topic: chosen };
-          }}
-        />
-      )}
+      {topics.length > 1 && <TopicChoice context={context} topics={topics} chosen={topic} />}
       <Tracked key={topic} context={context} topic={topic} />
     </div>
   );
