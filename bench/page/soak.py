@@ -199,7 +199,7 @@ async def measure(browser: Browser, url: str, seconds: float, case: str = "panel
         first_load = await _loaded(page)
         await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
         with_3d = await _loaded(page)
-        await _open_all(page, url, case)
+        await open_case(page, url, case)
         await anyio.sleep(seconds * WARM_UP)
         start = await _heap(page)
         before = await _counts(page)
@@ -232,7 +232,8 @@ async def measure(browser: Browser, url: str, seconds: float, case: str = "panel
     )
 
 
-async def _open_all(page: Page, url: str, case: str) -> None:
+async def open_case(page: Page, url: str, case: str) -> None:
+    """Have the page show the panels of a case, and count its frames."""
     configs: dict[str, dict[str, object]] = {
         "topics": {"topic": "/odom"},
         "plot": {"lines": [{"topic": "/odom", "path": "twist.twist.linear.x"}]},

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from bench.page.soak import measure, measured_browser, robot
-from tests.browser.driver import find_browser
+from bench.page.soak import PLOTS, SIZE, measure, measured_browser, open_case, robot
+from tests.browser.driver import Browser, find_browser
 
 pytestmark = pytest.mark.anyio
 
@@ -26,3 +26,16 @@ async def test_a_short_look_has_every_figure() -> None:
     assert figures.clouds > 0
     assert figures.heap_end > 1
     assert figures.longest_task >= figures.longest_work > 0
+
+
+async def test_each_of_twenty_plots_is_seen_whole(browser: Browser) -> None:
+    with robot(1, "plots") as url:
+        async with browser.page(f"{url}healthz", **SIZE) as page:
+            await open_case(page, url, "plots")
+            seen = """[...document.querySelectorAll('.plot-chart canvas')].filter((it) => {
+              const [own, panel] = [it, it.closest('.panel')].map((each) => each.getBoundingClientRect());
+              return own.height >= 60 && own.bottom <= panel.bottom && own.right <= panel.right;
+            }).length"""
+            await page.wait(f"{seen} === {PLOTS}")
+            values = "[...document.querySelectorAll('.plot-table .now')].map((it) => it.textContent)"
+            await page.wait(f"{values}.filter((it) => /[0-9]/.test(it)).length === {PLOTS}")
