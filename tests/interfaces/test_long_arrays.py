@@ -16,6 +16,7 @@ from rwt_interfaces.registry import Registry
 from rwt_interfaces.serialise import large_json
 from rwt_interfaces.serialise.json import MAX_VALUES
 from rwt_interfaces.steps import Steps, finished
+from rwt_interfaces.validation import lenient_decoder
 
 HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
 REGISTRY = Registry()
@@ -223,3 +224,18 @@ def test_an_incomplete_message_takes_no_more_memory_than_its_text() -> None:
     joined = bytes(payload.json())
     assert text[1:-1] in joined
     assert json.loads(joined)["layout"] == {"dim": [], "data_offset": 0}
+
+
+def test_an_incomplete_message_has_no_more_items_than_are_freed_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lenient_decoder, "MOST_ITEMS", 300_000)
+    type = REGISTRY.message("sensor_msgs/PointCloud")
+
+    def raw(count: int) -> bytes:
+        return b'{"channels":[{"values":[%b0]}]}' % (b"0.1," * (count - 1))
+
+    payload = finished(Payload.from_json_in_steps(type, raw(300_000), _now))
+    steps, _ = _taken(payload.prepare({"json"}))
+    assert steps > 30
+    assert json.loads(bytes(payload.json()))["channels"][0]["values"][-2:] == [0.10000000149011612, 0]
+    with pytest.raises(InvalidMessage, match=r"^channels\[0\].values: more than 300000 list items"):
+        finished(Payload.from_json_in_steps(type, raw(300_001), _now))

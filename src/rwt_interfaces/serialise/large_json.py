@@ -32,7 +32,7 @@ from rwt_interfaces.serialise.json import (
     items_encoder,
     parse,
 )
-from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
 from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader, strict_annotation
@@ -315,6 +315,8 @@ class _Items:
                     yield
             if not items:
                 raise Unsplittable
+            if not self.are_octets:
+                completion.take_items(len(items))
             taken.extend(items)
         return self._held(taken)
 
@@ -462,7 +464,7 @@ def _without_lists(
 
 
 def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
-    """Encode a message as JSON in steps; return None if it has no long lists."""
+    """Encode a message as JSON in steps; return None if neither it nor an item of its lists has long ones."""
     short = value
     lists: list[Parts] = []
     for path, field_type in field_types.leaves(message):
@@ -472,14 +474,21 @@ def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
         found: Any = value
         for slot in path:
             found = getattr(found, slot.attribute)
-        if len(found) <= CHUNK_ITEMS:
+        if len(found) <= CHUNK_ITEMS and not holds_long_lists(field_type, found):
             continue
         short = put(short, field_types.attributes(path), TOKEN)
         parts = JoinedParts()
         before = b"["
         for chunk in chunks_of(found, items.are_numbers):
-            parts.append(before + items.encode(chunk)[1:-1])
-            before = b","
+            if isinstance(field_type.element, field_types.Message) and holds_long_lists(field_type, chunk):
+                for item in chunk:
+                    encoded = yield from _encode(field_type.element.type, item)
+                    for part in (before, *(encoded or (items.encode([item])[1:-1],))):
+                        parts.append(part)
+                    before = b","
+            else:
+                parts.append(before + items.encode(chunk)[1:-1])
+                before = b","
             yield
         parts.append(b"]")
         lists.append(parts.all())

@@ -903,15 +903,16 @@ def values_in_cdr(attacker: Attacker) -> None:
 
 
 def numbers_in_an_item(attacker: Attacker) -> None:
-    """Millions of numbers in the only item of a list, which lacks its other members, for readers of CBOR and
-    CDR."""
+    """Millions of numbers in the only item of a list, which lacks its other members, for readers of every
+    encoding: as many as are taken, and more."""
     kind = {"topic": "/cloud", "type": "sensor_msgs/PointCloud"}
-    for compression in ("cbor", "cbor-raw"):
+    for compression in ("none", "cbor", "cbor-raw"):
         Attacker(attacker.port, {"op": "subscribe", **kind, "compression": compression})
-    numbers = b"0," * (LARGEST // 2 - 200) + b"0"
     names = json.dumps(kind)[1:-1].encode()
-    op = b'{"op":"publish",' + names + b',"msg":{"channels":[{"values":[' + numbers + b"]}]}}"
-    attacker.send(op for _ in range(3))
+    for number in (b"0.1,", b"0,"):
+        numbers = number * (LARGEST // len(number) - 200) + b"0"
+        op = b'{"op":"publish",' + names + b',"msg":{"channels":[{"values":[' + numbers + b"]}]}}"
+        attacker.send(op for _ in range(3))
 
 
 def broken_lists(attacker: Attacker) -> None:
