@@ -116,7 +116,14 @@ async function buildAll() {
   for (const name of Object.keys(page.metafile.outputs)) {
     if (name.endsWith(".css") && name !== cssBundle) rmSync(join(here, name));
   }
+  const icon = readFileSync(join(here, "src", "app", "icon.svg"), "utf8");
+  // Otherwise the browser would ask for what the script imports only when it has read the script.
+  const preloads = [...loadedWith(script, page.metafile.outputs)]
+    .filter((name) => name !== script && name !== cssBundle)
+    .map((name) => `<link rel="modulepreload" href="web/${basename(name)}">`);
   const document = readFileSync(join(here, "src", "app", "index.html"), "utf8")
+    .replace("ICON", icon.replace(/^<svg[^>]*>\s*<title>.*?<\/title>|<\/svg>\s*$/g, ""))
+    .replace("APP_CHUNKS", preloads.join("\n"))
     .replace("APP_SCRIPT", `web/${basename(script)}`)
     .replace("APP_STYLE", `web/${basename(cssBundle)}`);
   writeFileSync(join(out, "index.html"), document);

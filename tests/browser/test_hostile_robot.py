@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any
+from xml.sax.saxutils import escape
 
 import pytest
 from websockets.asyncio.server import ServerConnection, serve
@@ -139,7 +140,7 @@ def as_text(op: dict[str, Any]) -> str:
     return json.dumps(op).replace(f'"{INFINITE}"', "1e999")
 
 
-async def converse(client: ServerConnection, many: list[str]) -> None:
+async def converse(client: ServerConnection, many: list[str], own: dict[str, dict[str, Any]]) -> None:
     async for received in client:
         asked = json.loads(received)
         if asked["op"] == "call_service":
@@ -147,14 +148,16 @@ async def converse(client: ServerConnection, many: list[str]) -> None:
             reply = {"op": "service_response", "id": asked.get("id"), "service": asked["service"]}
             await client.send(as_text({**reply, "values": values, "result": True}))
         elif asked["op"] == "subscribe":
-            await client.send(as_text({"op": "publish", "topic": asked["topic"], "msg": message()}))
+            sent = own.get(asked["topic"]) or message()
+            await client.send(as_text({"op": "publish", "topic": asked["topic"], "msg": sent}))
             await client.send(as_text({"op": "status", "level": "error", "msg": HOSTILE}))
 
 
 @asynccontextmanager
-async def hostile_robot(count: int) -> AsyncIterator[str]:
+async def hostile_robot(count: int = 0, own: dict[str, dict[str, Any]] | None = None) -> AsyncIterator[str]:
+    """A robot with that many names more, and messages of its own on some topics."""
     many = [f"/many/name_{number:05}" for number in range(count)]
-    async with serve(partial(converse, many=many), "127.0.0.1", 0, max_size=None) as server:
+    async with serve(partial(converse, many=many, own=own or {}), "127.0.0.1", 0, max_size=None) as server:
         yield f"ws://127.0.0.1:{server.sockets[0].getsockname()[1]}"
 
 
@@ -186,3 +189,63 @@ async def test_no_panel_believes_or_breaks(browser: Browser, count: int, kinds: 
             assert await page.evaluate("document.querySelectorAll('main img').length") == 0, kind
             assert "broken in" not in await page.evaluate("document.title"), kind
             assert "This panel failed" not in await page.evaluate("document.body.textContent"), kind
+
+
+def described(name: str, lower: object, upper: object, velocity: object = 1) -> str:
+    limit = f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}" effort="1"/>'
+    return f'<joint name="{escape(name, {chr(34): "&quot;"})}" type="revolute">{limit}</joint>'
+
+
+BOMB = (
+    '<!DOCTYPE robot [<!ENTITY e0 "ha">'
+    + "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 9))
+    + "]>"
+)
+"""Entities that stand for 200 MB."""
+
+
+@pytest.mark.parametrize(
+    ("description", "sliders"),
+    [
+        # Of what is no range, no joint is made; a speed is never negative.
+        (
+            described(HOSTILE, -1, 1, -1e308)
+            + described("endless", "-1e999", "1e999")
+            + described("turned", 1, -1)
+            + described("nothing", "NaN", HOSTILE.replace("<", "&lt;").replace('"', "&quot;")),
+            [HOSTILE],
+        ),
+        ("".join(described(f"j{n}", -1, 1) for n in range(5000)), [f"j{n}" for n in range(100)]),
+        # The description is no XML: every joint of the robot may move, by half a turn.
+        ("<joint", ["endless", "j0", HOSTILE]),
+        (f'{BOMB}<joint name="&e8;"/>', ["endless", "j0", HOSTILE]),
+    ],
+    ids=["limits", "many", "no XML", "entities"],
+)
+async def test_a_hostile_description_gives_sliders_with_limits(
+    browser: Browser, description: str, sliders: list[str]
+) -> None:
+    head = BOMB if BOMB in description else ""
+    names = list(dict.fromkeys([*sliders, "endless"]))
+    own: dict[str, dict[str, Any]] = {
+        "/robot_description": {"data": f"{head}<robot name='r'>{description.removeprefix(head)}</robot>"},
+        "/joint_states": {"name": names, "position": [0.5] * len(names)},
+    }
+    async with (
+        hostile_robot(own=own) as robot,
+        serve_page("ws://127.0.0.1:0", robot) as listener,
+        browser.page(listener.url.replace("ws", "http", 1) + "/web/settings.json", 1200, 800) as page,
+    ):
+        page.forgive(REFUSED, "ERR_FAILED", "CORS", "404", "400", "426", "Failed to load resource", "/stream")
+        # That of the browser's own page about a text that is no XML, which the page's policy holds off.
+        page.forgive("inline style")
+        url = listener.url.replace("ws", "http", 1) + "/"
+        await open_panels(page, url, [("joints", {})], robot=robot)
+        labels = "[...document.querySelectorAll('.jog label')].map((it) => it.textContent)"
+        await page.wait(f"{labels}.length === {len(sliders)}")
+        assert sorted(await page.evaluate(labels)) == sorted(sliders)
+        ranges = await page.evaluate(
+            "[...document.querySelectorAll('.jog input')].map((it) => [Number(it.min), Number(it.max)])"
+        )
+        assert all(-3.15 < least < most < 3.15 for least, most in ranges)
+        assert "broken in" not in await page.evaluate("document.title")

@@ -26,6 +26,7 @@ from rwt.nodes.interactive_markers import (
     move_plane,
     six_dof,
 )
+from rwt_participant.qos import LATCHED
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, REFUSED, Browser, Page
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import KINDS, open_panels, panel, text
@@ -511,6 +512,93 @@ async def test_a_plot_is_made_zoomed_and_shown_whole_by_keys(browser: Browser) -
         await tab_to(page, says("Remove"), back=True)
         await press(page, "Enter")
         await page.wait(f"!{text('.plot-table')}.includes('voltage')")
+
+
+async def test_joints_are_moved_and_held_by_keys(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True) as server:
+        arm: dict[str, float] = {}
+        server.node("watch").subscribe(
+            "/joint_states",
+            lambda state: arm.update(zip(state.name, state.position, strict=True)),
+            "sensor_msgs/JointState",
+        )
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 600) as page:
+            await open_panels(page, url, [("joints", {})])
+            await page.wait("document.querySelectorAll('.jog .limit input:enabled').length === 6")
+            before = arm["shoulder_pan_joint"]
+            slider = "it.type === 'range' && it.labels[0].textContent === 'shoulder_pan_joint'"
+            await tab_to(page, slider)
+            await press(page, *["ArrowRight"] * 20)
+            await until(lambda: arm["shoulder_pan_joint"] > before + 0.15)
+            await tab_to(page, says("shoulder_pan_joint: more"))
+            await press(page, *["Enter"] * 4)
+            await until(lambda: arm["shoulder_pan_joint"] > before + 0.35)
+            # To its end, which takes seconds: it is held on the way.
+            await tab_to(page, slider, back=True)
+            await press(page, "Home")
+            await until(lambda: arm["shoulder_pan_joint"] < before + 0.3)
+            await tab_to(page, says("Hold"))
+            await press(page, "Enter")
+            await page.wait("!Boolean(document.querySelector('.jog :focus'))")
+            await anyio.sleep(0.5)
+            held = arm["shoulder_pan_joint"]
+            assert held > before - 2
+            await anyio.sleep(0.5)
+            assert arm["shoulder_pan_joint"] == pytest.approx(held, abs=0.01)
+
+
+async def test_a_field_is_added_and_removed_by_keys(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "values") as (_, page):
+        await tab_to(page, "it.role === 'combobox'")
+        await page.wait("document.querySelectorAll('[role=option]').length > 5")
+        await press(page, *"battery_s", "ArrowDown", "Enter", "Tab")
+        await page.wait(
+            "[...document.querySelectorAll('[role=option]')].some(it => it.textContent === 'voltage')"
+        )
+        await press(page, *"volt", "ArrowDown", "Enter", "Tab", "Enter")
+        await page.wait("document.querySelector('.gauge')")
+        await tab_to(page, says("Remove /battery_state voltage"))
+        await press(page, "Enter")
+        await page.wait("!document.querySelector('.value')")
+
+
+async def test_cameras_of_the_wall_are_chosen_by_keys(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "wall", size=(900, 600)) as (_, page):
+        figures = "document.querySelectorAll('.wall figure').length"
+        await page.wait(f"{figures} === 2")
+        await tab_to(page, "it.matches('.wall summary')")
+        await press(page, "Enter")
+        await tab_to(page, says("/camera/depth/image_raw"))
+        await press(page, " ")
+        await page.wait(f"{figures} === 1")
+        await press(page, " ")
+        await page.wait(f"{figures} === 2")
+
+
+async def test_a_track_is_zoomed_followed_and_cleared_by_keys(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        receiver = server.node("gps").advertise("/fix", "sensor_msgs/NavSatFix", qos=LATCHED)
+        place = {"longitude": 151.2, "altitude": 34.0, "position_covariance_type": 0}
+        receiver.publish({"latitude": -33.9, **place})
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 500, 500) as page:
+            await open_panels(page, url, [("position", {})])
+            await page.wait("document.querySelector('.plane svg')")
+            receiver.publish({"latitude": -33.899, **place})
+            label = "document.querySelector('.plane svg').ariaLabel"
+            await page.wait(f"{label}.includes('111 m')")
+            shown = "document.querySelector('.plane svg').viewBox.baseVal.height"
+            for name, condition in (
+                ("Zoom in", f"{shown} < 70"),
+                ("Zoom out", f"{shown} > 130"),
+                ("Follow", "document.querySelectorAll('.position [aria-pressed=true]').length === 1"),
+                ("Show the whole track", f"{shown} < 140"),
+                ("Clear the track", f"{label}.includes(' 0 m')"),
+            ):
+                await tab_to(page, says(name))
+                await press(page, "Enter")
+                await page.wait(condition)
 
 
 async def test_recording_and_the_device_by_keys(browser: Browser, tmp_path: Path) -> None:

@@ -283,10 +283,11 @@ function Notices({ app }: { app: App }) {
           {unfolded.value ? t("app.fewer") : t("app.all", { count: notices.length })}
         </button>
       )}
-      {notices.length > 0 && (
+      {(blocked || notices.length > 0) && (
         <button
           type="button"
           onClick={() => {
+            session.commands.lastBlocked.value = null;
             dismissed.value = notices.at(-1)?.number ?? 0;
             unfolded.value = false;
           }}
