@@ -65,7 +65,9 @@ export async function launch(executablePath) {
 async function click(page, selector) {
   const steps = selector.split(' >> ').map((step) => {
     const text = /^text=(['"]?)(.*)\1$/s.exec(step);
-    return text ? { text: text[2], exact: text[1] !== '' } : { css: step };
+    if (text) return { text: text[2], exact: text[1] !== '' };
+    const both = /^(.*):has-text\((['"])(.*)\2\)$/s.exec(step);
+    return both ? { css: both[1], text: both[3], exact: false } : { css: step };
   });
   const late = Date.now() + PATIENCE;
   for (;;) {
@@ -99,7 +101,9 @@ function placeOf(steps) {
       ...(root.shadowRoot ? within(root.shadowRoot) : []),
       ...(root instanceof Element ? [root] : []),
     ]);
-    const fitting = inside.filter((element) => (step.css ? element.matches(step.css) : says(element, step)));
+    const fitting = inside.filter(
+      (element) => (!step.css || element.matches(step.css)) && (step.text === undefined || says(element, step)),
+    );
     // Of elements that hold each other with the same text, the innermost is meant.
     roots = step.css ? fitting : fitting.filter((one) => !fitting.some((other) => other !== one && one.contains(other)));
   }
