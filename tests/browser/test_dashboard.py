@@ -15,7 +15,8 @@ import pytest
 
 from rwt import Server
 from rwt.composition.web import serve_page
-from tests.browser.driver import REFUSED, Browser, Page, Size
+from rwt.hub.hub import open_hub
+from tests.browser.driver import LEFT_MESH, LEFT_STREAM, REFUSED, Browser, Page, Size
 from tests.browser.grip import Grip
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import release
@@ -450,3 +451,27 @@ async def test_layouts_are_kept_and_opened_by_a_link(browser: Browser, tmp_path:
         async with browser.page(f"{url}?layout=missing", **SIZE) as page:
             await page.wait(f"{text('.notice-error')}?.includes('missing')")
             page.forgive("404")
+
+
+async def test_a_page_at_a_hub_changes_to_another_robot(browser: Browser) -> None:
+    async with (
+        open_hub("ws://127.0.0.1:0") as hub,
+        Server(dial={"urls": [f"{hub.url}/robots/rosie"]}, demo=True),
+        Server(dial={"urls": [f"{hub.url}/robots/robbie"]}),
+    ):
+        await until(lambda: len(hub.robots) == 2)
+        url = hub.url.replace("ws", "http", 1)
+        async with browser.page(f"{url}/rosie/", 900, 600) as page:
+            page.forgive(LEFT_MESH, LEFT_STREAM)
+            await page.wait("document.querySelector('.state-open')")
+            await page.click('header .menus summary:has-text("Robots")')
+            links = "[...document.querySelectorAll('.menus .pair a[aria-label]')]"
+            names = f"{links}.map((it) => it.ariaLabel).join()"
+            await page.wait(f"{names} === 'robbie in a new window,rosie in a new window'")
+            assert (
+                await page.evaluate("document.querySelector('.menus a[aria-current]').textContent") == "rosie"
+            )
+            await page.click('.menus .pair a:has-text("robbie")')
+            await page.wait("location.pathname === '/robbie/' && document.querySelector('.state-open')")
+            # The other robot has no wheels.
+            await page.wait("!document.querySelector('.panel-teleop')")

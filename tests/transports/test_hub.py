@@ -7,9 +7,11 @@ import socket
 import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from urllib.request import urlopen
 
 import anyio
 import anyio.lowlevel
+import anyio.to_thread
 import pytest
 from anyio.abc import SocketAttribute, SocketStream
 from hypothesis import given
@@ -424,6 +426,18 @@ async def robot_with(hub: Hub, routes: Routes) -> AsyncIterator[None]:
     async with dialing as status:
         await until(lambda: status.idle)
         yield
+
+
+async def test_a_robots_page_links_to_the_list_of_robots() -> None:
+    def page(request: HttpRequest) -> HttpResponse:
+        return HttpResponse(b"hello", headers={"Link": '<a>; rel="next"'})
+
+    routes = Routes()
+    routes.get("/hello", page)
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_with(hub, routes):
+        url = f"{hub.url.replace('ws', 'http', 1)}/rosie/hello"
+        with await anyio.to_thread.run_sync(urlopen, url) as response:
+            assert response.headers["Link"] == '</robots>; rel="collection", <a>; rel="next"'
 
 
 async def test_a_page_comes_from_the_robot_with_what_was_asked() -> None:

@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from ssl import SSLContext
 from typing import ClassVar, Final, Literal
 
@@ -342,7 +342,14 @@ class Hub:
         robot.waiting.append(reader)
         self.pages += 1
         self.match(robot)
-        return reader.inbox.response(reader.closed, self._page_seconds, head_only=request.method == "HEAD")
+        return self._linked(reader, request)
+
+    async def _linked(self, reader: _PageEnd, request: HttpRequest) -> HttpResponse:
+        """Return the robot's response with a link to the list of robots (RFC 6573), first in its header."""
+        head_only = request.method == "HEAD"
+        response = await reader.inbox.response(reader.closed, self._page_seconds, head_only=head_only)
+        links = [f'<{request.prefix}/robots>; rel="collection"', response.headers.get("Link")]
+        return replace(response, headers={**response.headers, "Link": ", ".join(filter(None, links))})
 
     def match(self, robot: DialedRobot) -> None:
         """Assign idle connections to waiting clients."""

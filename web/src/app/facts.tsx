@@ -2,10 +2,9 @@
 
 import { useSignal } from "@preact/signals";
 import { Activity, BatteryMedium, Clock, ArrowDown as Down, LifeBuoy as Wheel } from "lucide";
-import { useEffect } from "preact/hooks";
 import { Icon } from "../forms/icon";
 import { t } from "../i18n/text";
-import { now } from "../panels/component";
+import { now, useMessages } from "../panels/component";
 import { sizeText } from "../panels/health/recorder";
 import { driveTopics } from "../robot/drive";
 import { personText } from "../robot/gate";
@@ -17,21 +16,10 @@ import type { App } from "./state";
 /** The last message of a topic; null before it, and where there is none. */
 function useLast(session: RobotSession, topic: string): Message | null {
   const last = useSignal<Message | null>(null);
-  const type = session.graph.value.topics.get(topic) ?? "";
-  const may = type !== "" && session.may("subscribe", topic);
-  useEffect(() => {
-    last.value = null;
-    if (!may) return undefined;
-    return session.subscribe(
-      topic,
-      type,
-      (message) => {
-        last.value = message;
-      },
-      { throttle: 1000 },
-    );
-  }, [session, topic, type, may, last]);
-  return last.value;
+  const take = (message: Message) => {
+    last.value = message;
+  };
+  return useMessages(session, topic, take, { throttle: 1000 }) ? last.value : null;
 }
 
 /** Charge of the battery. */

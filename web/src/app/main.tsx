@@ -20,7 +20,8 @@ async function pageSettings(): Promise<PageSettings> {
   for (;;) {
     try {
       const response = await fetch("web/settings.json", { signal: AbortSignal.timeout(PATIENCE) });
-      return response.ok ? await response.json() : { robot: null, layouts: [] };
+      const robots = /<([^>]+)>; rel="collection"/.exec(response.headers.get("Link") ?? "")?.[1] ?? null;
+      return { ...(response.ok ? await response.json() : { robot: null, layouts: [] }), robots };
     } catch (error) {
       place.textContent = t("app.unreachable", { reason: (error as Error).message });
       await new Promise((later) => setTimeout(later, AGAIN));
@@ -51,4 +52,5 @@ function show(app: App): void {
   void app.begin(app.recording ? null : new URLSearchParams(location.search).get("layout"));
 }
 
+place.textContent = "";
 show(new App(settings, robotUrl(location, settings), startWorker, show));

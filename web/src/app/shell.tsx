@@ -15,6 +15,7 @@ import { Banners } from "./banners";
 import { ConnectForm, TokenForm } from "./connect";
 import { BatteryFact, ClockFact, DriverFact, Footer, RecordingFact, RoleFact } from "./facts";
 import { LayoutMenu } from "./layout_menu";
+import { RobotMenu } from "./robots";
 import { ScanBar } from "./scan";
 import { Side } from "./side";
 import type { App } from "./state";
@@ -65,6 +66,7 @@ export function Shell({ app }: { app: App }) {
         <RecordingFact app={app} />
         <ClockFact session={session} />
         <nav class="menus">
+          {app.settings.robots && <RobotMenu url={app.settings.robots} />}
           {!narrow && (
             <button
               type="button"

@@ -29,6 +29,8 @@ export interface Layout {
 export interface PageSettings {
   robot: string | null;
   layouts: string[];
+  /** Where a hub lists its robots, of which this is one; null without a hub. */
+  robots: string | null;
 }
 
 /** Panels of a layout: more would keep the browser busy for minutes. */

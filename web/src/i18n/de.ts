@@ -5,6 +5,8 @@ import type { TextKey } from "./en";
 export const de: Record<TextKey, string> = {
   "app.add": "Neues Feld",
   "app.layouts": "Anordnung",
+  "robots.title": "Roboter",
+  "robots.beside": "{name} in einem neuen Fenster",
   "app.theme": "Dunkel oder hell",
   "app.panels": "Felder",
   "app.loading": "Wird geladen…",

@@ -2,6 +2,8 @@
 export const en = {
   "app.add": "Add panel",
   "app.layouts": "Layouts",
+  "robots.title": "Robots",
+  "robots.beside": "{name} in a new window",
   "app.theme": "Dark or light theme",
   "app.panels": "Panels",
   "app.loading": "Loading…",

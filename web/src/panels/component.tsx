@@ -2,12 +2,15 @@
 
 import { signal, useSignal } from "@preact/signals";
 import { type ComponentType, render } from "preact";
+import { useEffect, useRef } from "preact/hooks";
 
 import { Choice } from "../forms/inputs";
 import { useLater } from "../forms/later";
 import { Guard, Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import type { Act } from "../robot/permissions";
+import type { RobotSession } from "../robot/session";
+import type { Message } from "../robot/subscriptions";
 import type { PanelContext } from "./registry";
 
 /** The `init` of a panel that is one component. A fault in it is said on the panel. */
@@ -49,6 +52,34 @@ export function laterPanel(load: () => Promise<PanelModule>) {
 export function Refusal({ context, act, name }: { context: PanelContext; act: Act; name: string }) {
   const role = context.session.permissions.value.role;
   return <p class="refusal">{t("role.refused", { role, act: t(`act.${act}`), name })}</p>;
+}
+
+/**
+ * Hear topics, those that the robot has and the role may hear, while `isOn`; returns true if there are any. A robot that
+ * does not say what it offers may have them all.
+ */
+export function useMessages(
+  session: RobotSession,
+  topics: string | readonly string[],
+  take: (message: Message, topic: string) => void,
+  { throttle = 0, isOn = true } = {},
+): boolean {
+  const { topics: there, problem } = session.graph.value;
+  const heard = [topics]
+    .flat()
+    .filter((topic) => isOn && topic && (there.has(topic) || problem) && session.may("subscribe", topic));
+  const typed = JSON.stringify(heard.map((topic) => [topic, there.get(topic) ?? ""]));
+  const latest = useRef(take);
+  latest.current = take;
+  useEffect(() => {
+    const ends = (JSON.parse(typed) as [string, string][]).map(([topic, type]) =>
+      session.subscribe(topic, type, (message) => latest.current(message, topic), { throttle }),
+    );
+    return () => {
+      for (const end of ends) end();
+    };
+  }, [session, typed, throttle]);
+  return heard.length > 0;
 }
 
 /** A choice among topics, which the panel's settings keep; the chosen one may be gone by now. */

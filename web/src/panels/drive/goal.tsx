@@ -1,7 +1,7 @@
 /** Sending the robot somewhere by numbers and buttons: what the scene does with the mouse, for everybody. */
 
 import { type Signal, useSignal } from "@preact/signals";
-import { useEffect, useId } from "preact/hooks";
+import { useEffect, useId, useRef } from "preact/hooks";
 import { Commanding } from "../../forms/commanding";
 import { Choice } from "../../forms/inputs";
 import { inWords, loadLater, type Trouble } from "../../forms/later";
@@ -10,7 +10,7 @@ import { t } from "../../i18n/text";
 import type { Place } from "../../robot/navigation";
 import type { Message } from "../../robot/subscriptions";
 import type { Frames } from "../../scene/frames";
-import { componentPanel } from "../component";
+import { componentPanel, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { NavigationState } from "./navigation_state";
 
@@ -159,37 +159,31 @@ function GoalPanel({ context }: { context: PanelContext }) {
 function useRobot({ session, visible }: PanelContext, problem: Signal<Trouble | null>): Signal<Goal> {
   const robot = useSignal<Goal>({ place: { x: 0, y: 0, yaw: 0 }, frame: MAP });
   const odometry = session.topicsOf("nav_msgs/Odometry")[0] ?? "";
-  const tellsFrames = session.graph.value.topics.has("/tf");
-  const isVisible = visible.value;
+  const frames = useRef<Frames | null>(null);
+  const take = (message: Message) => {
+    const { position, orientation: q } = (message.pose as { pose: OdometryPose }).pose;
+    const yaw = Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
+    const place = { x: position.x, y: position.y, yaw };
+    const own = String((message.header as { frame_id?: unknown })?.frame_id || MAP);
+    const inMap = frames.current?.pose(own);
+    robot.value = inMap ? { place: placeFrom(inMap, place), frame: MAP } : { place, frame: own };
+  };
+  const isHeard = useMessages(session, odometry, take, { throttle: 500, isOn: visible.value });
+  const tellsFrames = isHeard && session.graph.value.topics.has("/tf");
   useEffect(() => {
-    if (!odometry || !isVisible) return undefined;
-    let frames: Frames | undefined;
+    if (!tellsFrames) return undefined;
+    const begin = (module: typeof import("../../scene/frames")) => {
+      frames.current = new module.Frames(session);
+      frames.current.fix(MAP);
+      return () => frames.current?.dispose();
+    };
     // With the library of the 3D view, which is loaded later than the page.
-    const beginFrames = (module: typeof import("../../scene/frames")) => {
-      const begun = new module.Frames(session);
-      begun.fix(MAP);
-      frames = begun;
-      return () => begun.dispose();
-    };
-    const tell = (trouble: Trouble | null) => {
-      problem.value = trouble;
-    };
-    const endFrames = tellsFrames && loadLater(() => import("../../scene/frames"), beginFrames, tell);
-    const type = session.graph.peek().topics.get(odometry) ?? "";
-    const take = (message: Message) => {
-      const { position, orientation: q } = (message.pose as { pose: OdometryPose }).pose;
-      const yaw = Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
-      const place = { x: position.x, y: position.y, yaw };
-      const own = String((message.header as { frame_id?: unknown })?.frame_id || MAP);
-      const inMap = frames?.pose(own);
-      robot.value = inMap ? { place: placeFrom(inMap, place), frame: MAP } : { place, frame: own };
-    };
-    const end = session.subscribe(odometry, type, take, { throttle: 500 });
-    return () => {
-      if (endFrames) endFrames();
-      end();
-    };
-  }, [session, odometry, tellsFrames, isVisible, robot, problem]);
+    return loadLater(
+      () => import("../../scene/frames"),
+      begin,
+      (trouble) => (problem.value = trouble),
+    );
+  }, [session, tellsFrames, problem]);
   return robot;
 }
 

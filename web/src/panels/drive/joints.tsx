@@ -12,7 +12,8 @@ import { t } from "../../i18n/text";
 import { hearDescription } from "../../robot/description";
 import { driveTopics } from "../../robot/drive";
 import { Jog, type Joint, jointsOf, TRAJECTORY, trajectoryTopics, undescribed } from "../../robot/jog";
-import { componentPanel, now, Refusal, TopicChoice } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { componentPanel, now, Refusal, TopicChoice, useMessages } from "../component";
 import { logLevel } from "../health/log";
 import type { PanelContext, PanelKind } from "../registry";
 
@@ -159,25 +160,16 @@ function namesOf(value: unknown): string[] {
 /** Positions of all joints of the robot, while the panel is seen. */
 function useStates({ session, visible }: PanelContext): Signal<Positions> {
   const measured = useSignal<Positions>(new Map());
-  const type = session.graph.value.topics.get(STATES) ?? "";
-  const isHeard = visible.value && type !== "" && session.may("subscribe", STATES);
-  useEffect(() => {
-    if (!isHeard) return undefined;
-    return session.subscribe(
-      STATES,
-      type,
-      ({ name, position }) => {
-        const pairs = new Map(measured.peek());
-        const positions = (position ?? []) as ArrayLike<number>;
-        for (const [at, joint] of namesOf(name).entries()) {
-          const value = positions[at];
-          if (typeof value === "number" && Number.isFinite(value)) pairs.set(joint, value);
-        }
-        measured.value = pairs;
-      },
-      { throttle: THROTTLE },
-    );
-  }, [session, type, isHeard, measured]);
+  const take = ({ name, position }: Message) => {
+    const pairs = new Map(measured.peek());
+    const positions = (position ?? []) as ArrayLike<number>;
+    for (const [at, joint] of namesOf(name).entries()) {
+      const value = positions[at];
+      if (typeof value === "number" && Number.isFinite(value)) pairs.set(joint, value);
+    }
+    measured.value = pairs;
+  };
+  useMessages(session, STATES, take, { throttle: THROTTLE, isOn: visible.value });
   return measured;
 }
 
@@ -222,13 +214,9 @@ function useJoints({ session }: PanelContext, topic: string, measured: Signal<Po
 /** The last warning of the robot's log about a topic: controllers reject trajectories in no other way. */
 function useRejection({ session, visible }: PanelContext, topic: string): Signal<string> {
   const rejection = useSignal("");
-  const type = session.graph.value.topics.get("/rosout") ?? "";
-  const isHeard = visible.value && type !== "" && session.may("subscribe", "/rosout");
-  useEffect(() => {
-    if (!isHeard) return undefined;
-    return session.subscribe("/rosout", type, ({ level, msg }) => {
-      if (logLevel(Number(level)) >= WARNING && String(msg).includes(topic)) rejection.value = String(msg);
-    });
-  }, [session, topic, type, isHeard, rejection]);
+  const take = ({ level, msg }: Message) => {
+    if (logLevel(Number(level)) >= WARNING && String(msg).includes(topic)) rejection.value = String(msg);
+  };
+  useMessages(session, "/rosout", take, { isOn: visible.value });
   return rejection;
 }

@@ -4,7 +4,8 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { t } from "../../i18n/text";
 import { frameName, shortType } from "../../robot/names";
-import { componentPanel, now } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { componentPanel, now, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 interface Frame {
@@ -39,30 +40,28 @@ function FramesPanel({ context }: { context: PanelContext }) {
   const tree = useRef(new Map<string, Frame>());
   const drawn = useSignal(0);
   const isVisible = visible.value;
+  const take = ({ transforms }: Message, topic: string) => {
+    const at = Date.now();
+    for (const { header, child_frame_id } of (transforms as Transform[] | undefined) ?? []) {
+      const child = frameName(child_frame_id);
+      const known = tree.current.get(child);
+      if (!known && tree.current.size >= MOST) continue;
+      const since = known ? (at - known.at) / 1000 : 0;
+      const rate = known && since > 0 ? known.rate * 0.9 + 0.1 / since : (known?.rate ?? 0);
+      tree.current.set(child, {
+        parent: frameName(header?.frame_id),
+        at,
+        rate,
+        isStatic: topic === "/tf_static",
+      });
+    }
+  };
+  useMessages(session, ["/tf", "/tf_static"], take, { isOn: isVisible });
   useEffect(() => {
     if (!isVisible) return undefined;
-    const take = (transforms: Transform[], isStatic: boolean) => {
-      const at = Date.now();
-      for (const { header, child_frame_id } of transforms) {
-        const child = frameName(child_frame_id);
-        const known = tree.current.get(child);
-        if (!known && tree.current.size >= MOST) continue;
-        const since = known ? (at - known.at) / 1000 : 0;
-        const rate = known && since > 0 ? known.rate * 0.9 + 0.1 / since : (known?.rate ?? 0);
-        tree.current.set(child, { parent: frameName(header?.frame_id), at, rate, isStatic });
-      }
-    };
-    const ends = ["/tf", "/tf_static"].map((topic) =>
-      session.subscribe(topic, session.graph.peek().topics.get(topic) ?? "tf2_msgs/TFMessage", (message) =>
-        take((message.transforms as Transform[] | undefined) ?? [], topic === "/tf_static"),
-      ),
-    );
     const timer = setInterval(() => drawn.value++, REDRAW);
-    return () => {
-      for (const end of ends) end();
-      clearInterval(timer);
-    };
-  }, [session, isVisible, drawn]);
+    return () => clearInterval(timer);
+  }, [isVisible, drawn]);
   drawn.value;
   const children = new Map<string, string[]>();
   for (const [child, { parent }] of tree.current)

@@ -12,7 +12,7 @@ import { selectedFields } from "../../robot/fields";
 import { shortType } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
 import type { Definitions } from "../../robot/typedefs";
-import { componentPanel, now, Refusal } from "../component";
+import { componentPanel, now, Refusal, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Rows of the list at a time: a robot may have ten thousand topics. */
@@ -138,19 +138,11 @@ function OneTopic({ context, name }: { context: PanelContext; name: string }) {
   const { session, visible } = context;
   const type = session.graph.value.topics.get(name) ?? "";
   const last = useSignal<{ message: Message; at: number } | null>(null);
-  const isVisible = visible.value;
   const mayHear = session.may("subscribe", name);
-  useEffect(() => {
-    if (!isVisible || !mayHear) return undefined;
-    return session.subscribe(
-      name,
-      type,
-      (message) => {
-        last.value = { message, at: Date.now() };
-      },
-      { throttle: THROTTLE },
-    );
-  }, [session, name, type, isVisible, mayHear, last]);
+  const take = (message: Message) => {
+    last.value = { message, at: Date.now() };
+  };
+  useMessages(session, name, take, { throttle: THROTTLE, isOn: visible.value });
   const age = last.value ? Math.max(0, (now.value - last.value.at) / 1000) : null;
   return (
     <>

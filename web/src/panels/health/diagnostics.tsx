@@ -1,10 +1,9 @@
 /** Health of the robot: diagnostics and battery. */
 
 import { useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
 import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
-import { componentPanel, now } from "../component";
+import { componentPanel, now, useMessages } from "../component";
 import { hasTopics, type PanelContext, type PanelKind } from "../registry";
 
 const LEVELS = ["ok", "warn", "error", "stale"] as const;
@@ -39,38 +38,21 @@ export const battery: PanelKind = {
   init: componentPanel(BatteryPanel),
 };
 
-/** Hear the topics of some types while a panel is seen. */
+/** Hear the topics of a panel's types while it is seen. */
 function useTopics(
-  context: PanelContext,
-  types: readonly string[],
-  listener: (message: Message, topic: string) => void,
-): void {
-  const { session, visible } = context;
-  const topics = session.topicsOf(...types).filter((topic) => session.may("subscribe", topic));
-  const key = topics.join(" ");
-  const isVisible = visible.value;
-  // The names of the topics are what counts.
-  useEffect(() => {
-    if (!isVisible) return undefined;
-    const ends = topics.map((topic) =>
-      session.subscribe(
-        topic,
-        session.graph.peek().topics.get(topic) ?? "",
-        (message) => listener(message, topic),
-        {
-          throttle: 200,
-        },
-      ),
-    );
-    return () => {
-      for (const end of ends) end();
-    };
-  }, [session, key, isVisible]);
+  { session, visible }: PanelContext,
+  kind: PanelKind,
+  take: Parameters<typeof useMessages>[2],
+) {
+  useMessages(session, session.topicsOf(...kind.supportedTypes), take, {
+    throttle: 200,
+    isOn: visible.value,
+  });
 }
 
 function DiagnosticsPanel({ context }: { context: PanelContext }) {
   const known = useSignal(new Map<string, Status>());
-  useTopics(context, diagnostics.supportedTypes, (message) => {
+  useTopics(context, diagnostics, (message) => {
     const next = new Map(known.value);
     for (const each of (message.status as Record<string, unknown>[] | undefined) ?? []) {
       const name = String(each.name);
@@ -126,7 +108,7 @@ const CHARGING = ["unknown", "charging", "discharging", "still", "full"] as cons
 
 function BatteryPanel({ context }: { context: PanelContext }) {
   const known = useSignal(new Map<string, Message>());
-  useTopics(context, battery.supportedTypes, (message, topic) => {
+  useTopics(context, battery, (message, topic) => {
     known.value = new Map(known.value).set(topic, message);
   });
   if (!known.value.size) return <p class="faint">{t("panel.waiting", { name: "battery" })}</p>;

@@ -5,7 +5,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { Check, Choice, Search } from "../../forms/inputs";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import { componentPanel } from "../component";
+import { componentPanel, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 const TYPES = ["rcl_interfaces/Log", "rosgraph_msgs/Log"];
@@ -47,32 +47,24 @@ function LogPanel({ context }: { context: PanelContext }) {
   const search = useSignal("");
   const list = useRef<HTMLDivElement>(null);
   const least = Number(config.value.level ?? 1);
-  useEffect(() => {
-    if (!topic) return undefined;
-    let count = 0;
-    let dirty = false;
-    const end = session.subscribe(topic, session.graph.peek().topics.get(topic) ?? "", (message) => {
-      const stamp = seconds(message.stamp ?? (message.header as { stamp?: unknown } | undefined)?.stamp);
-      entries.current.push({
-        number: ++count,
-        stamp,
-        level: logLevel(Number(message.level)),
-        name: String(message.name),
-        text: String(message.msg),
-      });
-      if (entries.current.length > MOST) entries.current.splice(0, entries.current.length - MOST);
-      dirty = true;
+  const count = useRef(0);
+  useMessages(session, topic, (message) => {
+    const stamp = seconds(message.stamp ?? (message.header as { stamp?: unknown } | undefined)?.stamp);
+    entries.current.push({
+      number: ++count.current,
+      stamp,
+      level: logLevel(Number(message.level)),
+      name: String(message.name),
+      text: String(message.msg),
     });
+    if (entries.current.length > MOST) entries.current.splice(0, entries.current.length - MOST);
+  });
+  useEffect(() => {
     const timer = setInterval(() => {
-      if (!dirty) return;
-      dirty = false;
-      shown.value++;
+      shown.value = count.current;
     }, REDRAW);
-    return () => {
-      end();
-      clearInterval(timer);
-    };
-  }, [session, topic, shown]);
+    return () => clearInterval(timer);
+  }, [shown]);
   shown.value;
   const wanted = search.value.toLowerCase();
   const found = entries.current.filter(

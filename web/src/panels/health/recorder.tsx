@@ -9,7 +9,8 @@ import { TextField } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import { now, Refusal, saveAs } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { now, Refusal, saveAs, useMessages } from "../component";
 import type { PanelContext } from "../registry";
 
 const START = "/recorder/start";
@@ -50,13 +51,10 @@ export function Recorder({ context }: { context: PanelContext }) {
   const state = useSignal<RecorderState | null>(null);
   const name = useSignal("");
   const problem = useSignal("");
-  const isVisible = visible.value;
-  useEffect(() => {
-    if (!isVisible || !session.may("subscribe", STATE)) return undefined;
-    return session.subscribe(STATE, session.graph.peek().topics.get(STATE) ?? "", (message) => {
-      state.value = message as unknown as RecorderState;
-    });
-  }, [session, isVisible, state]);
+  const take = (message: Message) => {
+    state.value = message as unknown as RecorderState;
+  };
+  useMessages(session, STATE, take, { isOn: visible.value });
   if (!session.may("call", START)) return <Refusal context={context} act="call" name={START} />;
   const ask = async (service: string, request: Record<string, unknown>) => {
     try {

@@ -5,7 +5,8 @@ import { useEffect } from "preact/hooks";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import { componentPanel, now } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { componentPanel, now, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Milliseconds between two looks. */
@@ -58,12 +59,10 @@ function ServerPanel({ context }: { context: PanelContext }) {
   const problem = useSignal("");
   const topic = session.topicsOf("rosbridge_msgs/ConnectedClients")[0] ?? "";
   const isVisible = visible.value;
-  useEffect(() => {
-    if (!isVisible || !topic || !session.may("subscribe", topic)) return undefined;
-    return session.subscribe(topic, session.graph.peek().topics.get(topic) ?? "", (message) => {
-      clients.value = (message.clients as Client[] | undefined) ?? [];
-    });
-  }, [session, topic, isVisible, clients]);
+  const take = (message: Message) => {
+    clients.value = (message.clients as Client[] | undefined) ?? [];
+  };
+  useMessages(session, topic, take, { isOn: isVisible });
   useEffect(() => {
     if (!isVisible) return undefined;
     let isAsking = false;

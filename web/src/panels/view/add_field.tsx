@@ -9,6 +9,7 @@ import { t } from "../../i18n/text";
 import { numericPaths } from "../../robot/fields";
 import { FUNCTIONS, formulaProblem } from "../../robot/formula";
 import type { Message } from "../../robot/subscriptions";
+import { useMessages } from "../component";
 import type { PanelContext } from "../registry";
 
 /** Field of a topic; its path may end with functions. */
@@ -37,13 +38,11 @@ export function AddField(props: {
   const chosen = topics.has(topic.value) && session.may("subscribe", topic.value) ? topic.value : "";
   useEffect(() => {
     sample.value = null;
-    if (!chosen) return undefined;
-    const type = session.graph.peek().topics.get(chosen) ?? "";
-    const take = (message: Message) => {
-      sample.value ??= message;
-    };
-    return session.subscribe(chosen, type, take, { throttle: THROTTLE });
-  }, [session, chosen, sample]);
+  }, [chosen, sample]);
+  const take = (message: Message) => {
+    sample.value ??= message;
+  };
+  useMessages(session, chosen, take, { throttle: THROTTLE });
   const names = [...topics.keys()].filter((each) => session.may("subscribe", each)).sort();
   const paths = sample.value ? pathsOf(sample.value) : [];
   const at = path.value.indexOf("@");

@@ -5,7 +5,8 @@ import type { RefObject } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { t } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
-import { saveAs } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { saveAs, useMessages } from "../component";
 
 /** Images a second of a clip, and the milliseconds after which it ends by itself: it is kept in memory. */
 const CLIP_RATE = 15;
@@ -64,22 +65,14 @@ export function useClip(canvas: RefObject<HTMLCanvasElement | null>, topic: stri
 export function Hud({ session }: { session: RobotSession }) {
   const motion = useSignal<{ speed: number; turn: number; heading: number } | null>(null);
   const topic = session.topicsOf("nav_msgs/Odometry")[0] ?? "";
-  useEffect(() => {
-    if (!topic || !session.may("subscribe", topic)) return undefined;
-    const type = session.graph.peek().topics.get(topic) ?? "";
-    return session.subscribe(
-      topic,
-      type,
-      (message) => {
-        const { pose, twist } = message as unknown as Odometry;
-        const { x, y, z, w } = pose.pose.orientation;
-        const yaw = Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
-        const { linear, angular } = twist.twist;
-        motion.value = { speed: linear.x, turn: angular.z, heading: (yaw * 180) / Math.PI };
-      },
-      { throttle: 100 },
-    );
-  }, [session, topic, motion]);
+  const take = (message: Message) => {
+    const { pose, twist } = message as unknown as Odometry;
+    const { x, y, z, w } = pose.pose.orientation;
+    const yaw = Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
+    const { linear, angular } = twist.twist;
+    motion.value = { speed: linear.x, turn: angular.z, heading: (yaw * 180) / Math.PI };
+  };
+  useMessages(session, topic, take, { throttle: 100 });
   if (!motion.value) return null;
   const { speed, turn, heading } = motion.value;
   const signed = (value: number) => value.toFixed(2).replace("-", "−");

@@ -2,11 +2,12 @@
 
 import { useSignal } from "@preact/signals";
 import { Eraser, Locate, Maximize, Minus, Plus } from "lucide";
-import { useEffect, useId, useRef } from "preact/hooks";
+import { useId, useRef } from "preact/hooks";
 import { Icon } from "../../forms/icon";
 import { t } from "../../i18n/text";
 import { type Fix, fixOf, type Point, Track } from "../../robot/fixes";
-import { TopicChoice } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { TopicChoice, useMessages } from "../component";
 import type { PanelContext } from "../registry";
 import { position } from "./position";
 
@@ -40,21 +41,12 @@ function Tracked({ context, topic }: { context: PanelContext; topic: string }) {
   const here = useSignal<Point>([0, 0]);
   /** Undefined before the first message, null while the receiver has no position. */
   const fix = useSignal<Fix | null | undefined>(undefined);
-  const type = session.graph.value.topics.get(topic) ?? "";
-  const isVisible = visible.value;
-  useEffect(() => {
-    if (!isVisible) return undefined;
-    return session.subscribe(
-      topic,
-      type,
-      (message) => {
-        const next = fixOf(message);
-        if (next) here.value = track.current.add(next);
-        fix.value = next;
-      },
-      { throttle: THROTTLE },
-    );
-  }, [session, topic, type, isVisible, here, fix]);
+  const take = (message: Message) => {
+    const next = fixOf(message);
+    if (next) here.value = track.current.add(next);
+    fix.value = next;
+  };
+  useMessages(session, topic, take, { throttle: THROTTLE, isOn: visible.value });
   if (fix.value === undefined) return <p class="faint">{t("panel.waiting", { name: topic })}</p>;
   const { points, length } = track.current;
   const whole = extent(points);

@@ -2,11 +2,12 @@
 
 import { useSignal } from "@preact/signals";
 import { X } from "lucide";
-import { useEffect, useRef } from "preact/hooks";
+import { useRef } from "preact/hooks";
 import { Icon } from "../../forms/icon";
 import { t } from "../../i18n/text";
 import { leafPaths, valueAt } from "../../robot/fields";
-import { componentPanel, now } from "../component";
+import type { Message } from "../../robot/subscriptions";
+import { componentPanel, now, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { AddField, type Field } from "./add_field";
 
@@ -66,28 +67,19 @@ function Value(props: { context: PanelContext; field: Field; onRemove: () => voi
   const value = useSignal<unknown>(undefined);
   const states = useRef<State[]>([]);
   const range = useRef({ least: 0, most: 0 });
-  const isVisible = visible.value;
-  const type = session.graph.value.topics.get(topic) ?? "";
-  useEffect(() => {
-    if (!isVisible || !session.may("subscribe", topic)) return undefined;
-    return session.subscribe(
-      topic,
-      type,
-      (message) => {
-        const next = valueAt(message, path);
-        if (typeof next === "number" && Number.isFinite(next)) {
-          range.current.least = Math.min(range.current.least, next);
-          range.current.most = Math.max(range.current.most, next);
-        } else {
-          const text = String(next).slice(0, MOST_TEXT);
-          if (states.current.at(-1)?.text !== text) states.current.push({ at: Date.now(), text });
-          if (states.current.length > MOST_STATES) states.current.shift();
-        }
-        value.value = next;
-      },
-      { throttle: THROTTLE },
-    );
-  }, [session, topic, path, type, isVisible, value]);
+  const take = (message: Message) => {
+    const next = valueAt(message, path);
+    if (typeof next === "number" && Number.isFinite(next)) {
+      range.current.least = Math.min(range.current.least, next);
+      range.current.most = Math.max(range.current.most, next);
+    } else {
+      const text = String(next).slice(0, MOST_TEXT);
+      if (states.current.at(-1)?.text !== text) states.current.push({ at: Date.now(), text });
+      if (states.current.length > MOST_STATES) states.current.shift();
+    }
+    value.value = next;
+  };
+  useMessages(session, topic, take, { throttle: THROTTLE, isOn: visible.value });
   const name = `${topic} ${path}`;
   return (
     <section class="value">
