@@ -15,7 +15,7 @@ PAGE := src/rwt/web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse page-mutants compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
 client-grades size clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
@@ -172,6 +172,10 @@ firefox: $(STAMP)-dev $(BROWSER)/node_modules/.installed tests/browser/firefox/n
 # Scores of the dashboard by Lighthouse, which npx installs.
 lighthouse: $(STAMP)-dev $(PAGE)
 	$(BIN)/python -m tools.lighthouse
+
+# The faults that the dashboard once had, each put back into a copy of it: does its test find it?
+page-mutants: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
+	$(BIN)/python -m tests.browser.mutants $(ARGS)
 
 # Images and figures of the dashboard beside Lichtblick and Vizanti, in build/compared; LICHTBLICK is Lichtblick's built
 # page, VIZANTI a clone of Vizanti: `.venv/bin/python -m tools.compare_dashboards --help` states the commits.

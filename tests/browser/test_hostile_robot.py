@@ -237,7 +237,7 @@ async def test_a_hostile_description_gives_sliders_with_limits(
         browser.page(listener.url.replace("ws", "http", 1) + "/web/settings.json", 1200, 800) as page,
     ):
         page.forgive(REFUSED, "ERR_FAILED", "CORS", "404", "400", "426", "Failed to load resource", "/stream")
-        # What browsers say of a text that is no XML: in Chromium with a style that the page's policy holds off.
+        # What browsers say of a text that is no XML, Chromium with a style that the page's policy holds off.
         page.forgive("inline style", "XML Parsing Error")
         url = listener.url.replace("ws", "http", 1) + "/"
         await open_panels(page, url, [("joints", {})], robot=robot)

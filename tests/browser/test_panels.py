@@ -678,6 +678,26 @@ async def test_fields_of_a_message_are_filtered_and_compared(browser: Browser) -
             await page.wait(f"{text('.detail .fields')} === {json.dumps(differences)}")
 
 
+async def test_messages_of_a_list_are_rows_of_a_table(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        cloud = server.node("robot").advertise("/cloud", "sensor_msgs/PointCloud2", qos=LATCHED)
+        fields = [
+            {"name": name, "offset": 4 * at, "datatype": 7, "count": 1} for at, name in enumerate("xyz")
+        ]
+        cloud.publish({"fields": fields, "point_step": 12})
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 900, 700) as page:
+            await open_panels(page, url, [("topics", {"topic": "/cloud"})])
+            await page.click(".detail .tree-fold >> text=fields")
+            rows = """[...document.querySelectorAll('.tree tr')].map(
+              (row) => [...row.cells].map((cell) => cell.textContent))"""
+            await page.wait(f"{rows}.length === 4")
+            assert await page.evaluate(rows) == [
+                ["name", "offset", "datatype", "count"],
+                *([json.dumps(name), str(4 * at), "7", "1"] for at, name in enumerate("xyz")),
+            ]
+
+
 async def test_without_transforms_the_missing_frames_are_named_and_one_is_offered(browser: Browser) -> None:
     async with Server("ws://127.0.0.1:0") as server:
         node = server.node("laser")

@@ -2,8 +2,8 @@
 
 import { useSignal } from "@preact/signals";
 import { Bot, ExternalLink } from "lucide";
-import { useEffect } from "preact/hooks";
 import { Icon } from "../forms/icon";
+import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
 import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
@@ -18,18 +18,15 @@ export function RobotMenu({ url }: { url: string }) {
 
 function Robots({ url }: { url: URL }) {
   const names = useSignal<string[]>([]);
-  const problem = useSignal("");
-  useEffect(() => {
-    fetch(url, { signal: AbortSignal.timeout(10_000) })
-      .then(async (response) => {
-        const { robots } = (await response.json()) as { robots: { name: string }[] };
-        names.value = robots.map(({ name }) => name);
-      })
-      .catch((error: Error) => {
-        problem.value = error.message;
-      });
-  }, [url.href]);
-  if (problem.value) return <Problem text={problem.value} />;
+  const problem = useLater(
+    async () => (await fetch(url, { signal: AbortSignal.timeout(10_000) })).json(),
+    ({ robots }: { robots: { name: string }[] }) => {
+      names.value = robots.map(({ name }) => name);
+      return undefined;
+    },
+    [url.href],
+  );
+  if (problem) return <Problem text={problem} />;
   return (
     <ul>
       {names.value.map((name) => {

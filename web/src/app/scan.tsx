@@ -130,7 +130,7 @@ export function ScanBar({ app }: { app: App }) {
   return (
     <div class="scan-bar">
       <span aria-live="assertive">{t("scan.lit", { name: lit.value })}</span>
-      <fieldset class="scan-panels" data-scan-group aria-label={t("scan.panels")}>
+      <fieldset class="scan-panels" data-scan-group aria-label={t("app.panels")}>
         {(["teleop", "goal"] as const).map((kind) => (
           <button key={kind} type="button" data-scan="press" onClick={() => app.open(kind)}>
             {t(`${kind}.title`)}

@@ -3,7 +3,7 @@
 import { type Signal, useComputed, useSignal } from "@preact/signals";
 import { Accessibility, Bot, LayoutDashboard, Moon, OctagonX, PanelLeft, Plus, Sun } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
-import { Icon } from "../forms/icon";
+import { Icon, IconButton } from "../forms/icon";
 import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
 import { useNarrow } from "../forms/narrow";
@@ -68,15 +68,13 @@ export function Shell({ app }: { app: App }) {
         <nav class="menus">
           {app.settings.robots && <RobotMenu url={app.settings.robots} />}
           {!narrow && (
-            <button
-              type="button"
+            <IconButton
+              of={PanelLeft}
+              name={t("topics.title")}
               class="tip-below"
               aria-pressed={app.side.value}
               onClick={() => app.showSide(!app.side.value)}
-            >
-              <Icon of={PanelLeft} />
-              <span class="words">{t("side.toggle")}</span>
-            </button>
+            />
           )}
           <Menu label={t("app.add")} icon={Plus}>
             {(close) => <PanelMenu app={app} close={close} />}
@@ -84,26 +82,22 @@ export function Shell({ app }: { app: App }) {
           <Menu label={t("app.layouts")} icon={LayoutDashboard}>
             {(close) => <LayoutMenu app={app} close={close} />}
           </Menu>
-          <button
-            type="button"
+          <IconButton
+            of={Accessibility}
+            name={t("scan.switch")}
             class="tip-below"
             data-scan="press"
             aria-pressed={app.scanning.value}
             onClick={() => {
               app.scanning.value = !app.scanning.value;
             }}
-          >
-            <Icon of={Accessibility} />
-            <span class="words">{t("scan.switch")}</span>
-          </button>
-          <button
-            type="button"
+          />
+          <IconButton
+            of={app.dark.value ? Sun : Moon}
+            name={t("app.theme")}
             class="tip-below"
             onClick={() => app.setTheme(app.dark.value ? "light" : "dark")}
-          >
-            <Icon of={app.dark.value ? Sun : Moon} />
-            <span class="words">{t("app.theme")}</span>
-          </button>
+          />
         </nav>
         <RoleFact session={session} />
       </header>

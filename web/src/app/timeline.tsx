@@ -59,12 +59,12 @@ export function Timeline({ app }: { app: App }) {
   };
   return (
     <section class="timeline" aria-label={t("recording.title")}>
-      {button(paused ? Play : Pause, t(paused ? "player.resume" : "player.pause"), () =>
+      {button(paused ? Play : Pause, t(paused ? "player.resume" : "plot.pause"), () =>
         change({ paused: !paused }),
       )}
       <input
         type="range"
-        aria-label={t("recording.time")}
+        aria-label={t("plot.time")}
         aria-valuetext={timeText(at)}
         min={0}
         max={end - begin}

@@ -1,7 +1,7 @@
 /** Icons of the page, from Lucide. */
 
 import type { IconNode } from "lucide";
-import { h, render } from "preact";
+import { type ButtonHTMLAttributes, h, render } from "preact";
 
 /** An icon beside a text, or in a control that has a name. */
 export function Icon({ of, size = 18 }: { of: IconNode; size?: number }) {
@@ -12,7 +12,18 @@ export function Icon({ of, size = 18 }: { of: IconNode; size?: number }) {
   );
 }
 
-/** The same as an element, for what is drawn without components. */
+/** A button that shows an icon; its name is its tooltip. */
+export function IconButton(props: { of: IconNode; name: string; size?: number } & ButtonHTMLAttributes) {
+  const { of, name, size = 18, ...rest } = props;
+  return (
+    <button type="button" {...rest}>
+      <Icon of={of} size={size} />
+      <span class="words">{name}</span>
+    </button>
+  );
+}
+
+/** An icon as an element, for what is drawn without components. */
 export function iconElement(of: IconNode): HTMLElement {
   const host = document.createElement("span");
   host.setAttribute("aria-hidden", "true");

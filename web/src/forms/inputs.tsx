@@ -7,7 +7,7 @@ import { t } from "../i18n/text";
 
 /** A choice among values; each option is a value, or a value and what is shown of it. */
 export function Choice(props: {
-  label: string;
+  label: ComponentChildren;
   /** True if one switch can go through the values. */
   scan?: boolean;
   /** True if the label is only for screen readers. */

@@ -1,6 +1,7 @@
 /** A form for a message of any type: made from the type's definition, as the robot tells it. */
 
 import { useSignal } from "@preact/signals";
+import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { t } from "../i18n/text";
 import {
@@ -14,7 +15,7 @@ import {
   type TypeDefinition,
   valueError,
 } from "../robot/typedefs";
-import { Check } from "./inputs";
+import { Check, Choice } from "./inputs";
 
 type Values = Record<string, unknown>;
 
@@ -155,29 +156,21 @@ function ItemInput(props: Input) {
     );
   }
   const names = namedValues(definition, field);
-  if (names.length) {
-    return (
-      <label>
-        <span>
-          {field.name} <span class="faint">{field.type}</span>
-        </span>
-        <select value={String(value)} onChange={(event) => onChange(Number(event.currentTarget.value))}>
-          {!names.some((each) => each.value === value) && (
-            <option value={String(value)}>{String(value)}</option>
-          )}
-          {names.map((each) => (
-            <option key={each.name} value={String(each.value)}>
-              {each.name} ({each.value})
-            </option>
-          ))}
-        </select>
-      </label>
-    );
-  }
-  return <TextInput {...props} />;
+  const label = (
+    <span>
+      {field.name} <span class="faint">{field.type}</span>
+    </span>
+  );
+  if (!names.length) return <TextInput {...props} label={label} />;
+  const options = names.map((each) => [String(each.value), `${each.name} (${each.value})`] as const);
+  const all = names.some((each) => each.value === value) ? options : [String(value), ...options];
+  return (
+    <Choice label={label} chosen={String(value)} options={all} onChoose={(next) => onChange(Number(next))} />
+  );
 }
 
-function TextInput({ field, value, onChange, onWrong, path }: Input) {
+function TextInput(props: Input & { label: JSX.Element }) {
+  const { field, value, onChange, onWrong, path, label } = props;
   const text = useSignal(typeof value === "object" ? JSON.stringify(value) : String(value ?? ""));
   const problem = valueError(field.type, text.value);
   // A field that goes away is wrong no more.
@@ -186,9 +179,7 @@ function TextInput({ field, value, onChange, onWrong, path }: Input) {
   const id = `problem ${path}`;
   return (
     <label>
-      <span>
-        {field.name} <span class="faint">{field.type}</span>
-      </span>
+      {label}
       <input
         type="text"
         inputMode={isNumber(field.type) ? "decimal" : "text"}

@@ -3,11 +3,13 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { t } from "../i18n/text";
+import { type Change, selectedFields } from "../robot/fields";
 
 const MOST_TEXT = 300;
 const MOST_ITEMS = 50;
 /** Items of a list that is unfolded from the start. */
 const MOST_UNFOLDED = 20;
+const MOST_COLUMNS = 12;
 
 /** Return true if a value has parts of its own. */
 function isCompound(value: unknown): value is object {
@@ -61,6 +63,39 @@ function isShort(value: unknown): boolean {
   return value.length <= MOST_UNFOLDED && !value.some(isCompound);
 }
 
+/** The plain values of each message of a list that have the same few fields; null for other values. */
+function rowsOf(value: object): Change[][] | null {
+  if (!Array.isArray(value) || !value.length || !value.every(isCompound)) return null;
+  const rows = value.slice(0, MOST_ITEMS).map((item) => selectedFields(item, ""));
+  const paths = rows.map((row) => row.map(({ path }) => path).join());
+  return paths[0] && (rows[0]?.length ?? 0) <= MOST_COLUMNS && paths.every((each) => each === paths[0])
+    ? rows
+    : null;
+}
+
+function Rows({ rows }: { rows: Change[][] }) {
+  return (
+    <table>
+      <thead>
+        <tr>
+          {rows[0]?.map(({ path }) => (
+            <th key={path}>{path}</th>
+          ))}
+        </tr>
+      </thead>
+      <tbody>
+        {rows.map((row, at) => (
+          <tr key={String(at)}>
+            {row.map(({ path, value }) => (
+              <td key={path}>{shortValue(value)}</td>
+            ))}
+          </tr>
+        ))}
+      </tbody>
+    </table>
+  );
+}
+
 function Branch({ name, value, depth }: { name: string; value: unknown; depth: number }) {
   const open = useSignal(depth < 2 && isShort(value));
   const was = useRef(value);
@@ -78,7 +113,8 @@ function Branch({ name, value, depth }: { name: string; value: unknown; depth: n
       </li>
     );
   }
-  const shown = open.value ? parts(value) : [];
+  const rows = open.value ? rowsOf(value) : null;
+  const shown = open.value && !rows ? parts(value) : [];
   const hidden = "length" in value ? (value as unknown[]).length - MOST_ITEMS : 0;
   return (
     <li>
@@ -92,6 +128,7 @@ function Branch({ name, value, depth }: { name: string; value: unknown; depth: n
       >
         {name} <span class="faint">{summary(value)}</span>
       </button>
+      {rows && <Rows rows={rows} />}
       {open.value && (
         <ul>
           {shown.map(([key, part]) => (

@@ -121,10 +121,10 @@ function GoalPanel({ context }: { context: PanelContext }) {
           {t("goal.behind", { step })}
         </button>
         <button type="button" data-scan="press" onClick={() => change({ yaw: yaw + TURN })}>
-          {t("goal.left")}
+          {t("teleop.left")}
         </button>
         <button type="button" data-scan="press" onClick={() => change({ yaw: yaw - TURN })}>
-          {t("goal.right")}
+          {t("teleop.right")}
         </button>
         <button
           type="button"

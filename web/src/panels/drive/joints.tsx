@@ -131,7 +131,7 @@ function Controls(props: {
           {t("joints.hold")}
         </button>
         <Choice
-          label={t("joints.speed")}
+          label={t("player.rate")}
           scan
           chosen={String(jog.share)}
           options={SHARES.map((share) => [share, `${Number(share) * 100} %`])}

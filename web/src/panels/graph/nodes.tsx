@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { ZoomIn, ZoomOut } from "lucide";
 import { useEffect, useId } from "preact/hooks";
-import { Icon } from "../../forms/icon";
+import { IconButton } from "../../forms/icon";
 import { Check, Choice, NameButton } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -110,18 +110,17 @@ function NodesPanel({ context }: { context: PanelContext }) {
           {t("nodes.dead_ends")}
         </Check>
         {([-1, 1] as const).map((step) => (
-          <button
+          <IconButton
             key={step}
-            type="button"
+            of={step < 0 ? ZoomOut : ZoomIn}
+            name={t(step < 0 ? "plot.zoom.out" : "plot.zoom.in")}
+            size={16}
             class="tip-below"
             disabled={ZOOMS[zoom.value + step] === undefined}
             onClick={() => {
               zoom.value += step;
             }}
-          >
-            <Icon of={step < 0 ? ZoomOut : ZoomIn} size={16} />
-            <span class="words">{t(step < 0 ? "plot.zoom.out" : "plot.zoom.in")}</span>
-          </button>
+          />
         ))}
       </div>
       {problem.value && <Problem text={problem.value} />}

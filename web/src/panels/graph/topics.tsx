@@ -53,7 +53,7 @@ function TopicsPanel({ context }: { context: PanelContext }) {
         <table class="topic-table">
           <thead>
             <tr>
-              <th scope="col">{t("topics.name")}</th>
+              <th scope="col">{t("layout.name")}</th>
               <th scope="col" class="type">
                 {t("topics.type")}
               </th>

@@ -110,7 +110,7 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
             aria-pressed={paused.value === true}
             onClick={() => act("toggle_paused").then(askPaused)}
           >
-            {paused.value ? t("player.resume") : t("player.pause")}
+            {paused.value ? t("player.resume") : t("plot.pause")}
           </button>
           {has("play_next") && (
             <button type="button" onClick={() => act("play_next")}>

@@ -105,7 +105,7 @@ function ServerPanel({ context }: { context: PanelContext }) {
             <td>{session.url}</td>
           </tr>
           <tr>
-            <th scope="row">{t("server.connected")}</th>
+            <th scope="row">{t("state.open")}</th>
             <td>{t("server.since", { seconds: up.toFixed(0), count: session.connections.value })}</td>
           </tr>
           {role && (
@@ -153,7 +153,7 @@ function ServerPanel({ context }: { context: PanelContext }) {
           <thead>
             <tr>
               <th scope="col">{t("server.address")}</th>
-              <th scope="col">{t("server.connected")}</th>
+              <th scope="col">{t("state.open")}</th>
             </tr>
           </thead>
           <tbody>

@@ -51,8 +51,8 @@ export function LayerList({ context, scene }: { context: PanelContext; scene: Ro
         ))}
         <li>
           <div class="layer">
-            <span>{t("scene.frames")}</span>
-            <Gear name={t("scene.frames")} isOpen={open.value === "frames"} onFold={() => fold("frames")} />
+            <span>{t("frames.title")}</span>
+            <Gear name={t("frames.title")} isOpen={open.value === "frames"} onFold={() => fold("frames")} />
           </div>
           {open.value === "frames" && (
             <Options

@@ -17,7 +17,7 @@ import {
 } from "lucide";
 import { useEffect } from "preact/hooks";
 import { blockText } from "../../forms/commanding";
-import { Icon } from "../../forms/icon";
+import { IconButton } from "../../forms/icon";
 import { Choice } from "../../forms/inputs";
 import { Menu } from "../../forms/menu";
 import { t } from "../../i18n/text";
@@ -45,22 +45,17 @@ export function Toolbar({ context, scene }: { context: PanelContext; scene: Robo
   const why = blockText(session, t);
   frames.changed.value;
   const button = (icon: IconNode, title: string, pressed: boolean | undefined, press: () => void) => (
-    <button type="button" aria-pressed={pressed} onClick={press}>
-      <Icon of={icon} />
-      <span class="words">{title}</span>
-    </button>
+    <IconButton of={icon} name={title} aria-pressed={pressed} onClick={press} />
   );
   const tool = (name: ToolName, icon: IconNode, title: string, disabled = false) => (
-    <button
-      type="button"
+    <IconButton
+      of={icon}
+      name={title}
       aria-pressed={tools.chosen.value === name}
       disabled={disabled || (COMMANDS.includes(name) && why !== "")}
       title={COMMANDS.includes(name) && why ? why : undefined}
       onClick={() => tools.choose(tools.chosen.peek() === name ? "look" : name)}
-    >
-      <Icon of={icon} />
-      <span class="words">{title}</span>
-    </button>
+    />
   );
   return (
     <div class="scene-tools" role="toolbar" aria-label={t("scene.tools")}>
@@ -75,7 +70,7 @@ export function Toolbar({ context, scene }: { context: PanelContext; scene: Robo
         {button(ArrowDownToLine, t("scene.top"), undefined, () => scene.look(true))}
         {button(Orbit, t("scene.orbit"), undefined, () => scene.look(false))}
         {button(Locate, t("scene.follow"), following, () => scene.follow(!following))}
-        {button(Move3d, t("scene.frames"), axesShown.value, () => {
+        {button(Move3d, t("frames.title"), axesShown.value, () => {
           axes.show(!axes.isShown);
           axesShown.value = axes.isShown;
         })}

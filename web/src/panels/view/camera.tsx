@@ -3,7 +3,7 @@
 import { Circle, Download, Gauge, type IconNode, PictureInPicture2, Square } from "lucide";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { OldAge, useOldAge } from "../../elements/video/age";
-import { Icon } from "../../forms/icon";
+import { IconButton } from "../../forms/icon";
 import { Choice } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -89,10 +89,7 @@ export function View(props: { context: PanelContext; topic: string; options?: Ca
   const clip = useClip(canvas, topic);
   const hasHud = config.value.hud === true;
   const tool = (icon: IconNode, title: string, pressed: boolean | undefined, press: () => void) => (
-    <button type="button" aria-pressed={pressed} onClick={press}>
-      <Icon of={icon} />
-      <span class="words">{title}</span>
-    </button>
+    <IconButton of={icon} name={title} aria-pressed={pressed} onClick={press} />
   );
   return (
     <>

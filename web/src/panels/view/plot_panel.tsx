@@ -16,7 +16,7 @@ import {
 } from "lucide";
 import type { ComponentChildren } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
-import { Icon } from "../../forms/icon";
+import { Icon, IconButton } from "../../forms/icon";
 import { Check, Choice } from "../../forms/inputs";
 import { useLater } from "../../forms/later";
 import { Problem } from "../../forms/problem";
@@ -221,10 +221,14 @@ export function Panel({ context }: { context: PanelContext }) {
 function Tool(props: { icon: typeof Play; name: TextKey; pressed?: boolean; onPress: () => void }) {
   const { icon, name, pressed, onPress } = props;
   return (
-    <button type="button" class="tip-below" aria-pressed={pressed} onClick={onPress}>
-      <Icon of={icon} size={16} />
-      <span class="words">{t(name)}</span>
-    </button>
+    <IconButton
+      of={icon}
+      name={t(name)}
+      size={16}
+      class="tip-below"
+      aria-pressed={pressed}
+      onClick={onPress}
+    />
   );
 }
 
@@ -267,7 +271,7 @@ function Table(props: {
             <>
               <th scope="col">{t("plot.mean")}</th>
               <th scope="col">{t("plot.deviation")}</th>
-              <th scope="col">{t("plot.count")}</th>
+              <th scope="col">{t("values.title")}</th>
             </>
           )}
           <th>
