@@ -59,18 +59,16 @@ export function MessageTree({ value }: { value: unknown }) {
 /** True for what is shown unfolded: messages, and short lists of plain values. */
 function isShort(value: unknown): boolean {
   if (ArrayBuffer.isView(value)) return (value as Uint8Array).length <= MOST_UNFOLDED;
-  if (!Array.isArray(value)) return true;
-  return value.length <= MOST_UNFOLDED && !value.some(isCompound);
+  return !Array.isArray(value) || (value.length <= MOST_UNFOLDED && !value.some(isCompound));
 }
 
 /** The plain values of each message of a list that have the same few fields; null for other values. */
 function rowsOf(value: object): Change[][] | null {
-  if (!Array.isArray(value) || !value.length || !value.every(isCompound)) return null;
+  if (!Array.isArray(value) || !value.every(isCompound)) return null;
   const rows = value.slice(0, MOST_ITEMS).map((item) => selectedFields(item, ""));
-  const paths = rows.map((row) => row.map(({ path }) => path).join());
-  return paths[0] && (rows[0]?.length ?? 0) <= MOST_COLUMNS && paths.every((each) => each === paths[0])
-    ? rows
-    : null;
+  const names = new Set(rows.map((row) => row.map(({ path }) => path).join()));
+  const count = rows[0]?.length ?? 0;
+  return names.size === 1 && count > 0 && count <= MOST_COLUMNS ? rows : null;
 }
 
 function Rows({ rows }: { rows: Change[][] }) {
