@@ -75,8 +75,8 @@ MUTANTS: Final = (
         "hold",
         "a click releases the stop",
         "src/forms/release.tsx",
-        "const HOLD = 1000;",
-        "const HOLD = 0;",
+        "holding.value = true;",
+        "holding.value = true; onRelease();",
         "test_safety.py::test_only_holding_another_control_releases_the_stop",
     ),
     Mutant(
@@ -221,7 +221,7 @@ MUTANTS: Final = (
         "package/react.d.ts",
         '"rwt-stop": Props<widgets.StopElement>;',
         "",
-        "test_widgets_package.py::test_a_program_is_checked_and_its_mistakes_are_found",
+        "test_widgets_package.py::test_the_elements_are_known_in_tsx",
     ),
     Mutant(
         "keys",

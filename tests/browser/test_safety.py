@@ -269,9 +269,9 @@ async def test_only_holding_another_control_releases_the_stop(
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
             left, top, right, bottom = await page.evaluate(PLACE.format(".stop"))
             x, y = (left + right) / 2, (top + bottom) / 2
-            for seconds in (0.0, 0.05, 1.5):
+            for seconds in (0.0, 0.05, 1.5, 0.0):
                 await press_at(page, x, y, seconds)
-            await page.wait(STOPPED)
+                await page.wait(STOPPED)
             left, top, right, bottom = await page.evaluate(PLACE.format(".release"))
             assert not (left <= x <= right and top <= y <= bottom)
             await press_at(page, (left + right) / 2, (top + bottom) / 2, 0.0)

@@ -53,6 +53,31 @@ MISTAKES = {
 }
 
 
+#: The same in TSX, as React's users write it.
+TSX = """\
+import type {} from "@robot-web-tools/widgets/react";
+
+export const page = (
+  <main>
+    <rwt-video topic="/camera/image_raw" />
+    <rwt-stop robot="ws://127.0.0.1:9090" onrwt-stop={(event) => console.log(event.bubbles)} />
+    <rwt-teleop keys="page" onrwt-drive={({ detail }) => console.log(detail.linear.toFixed(2))} />
+    <rwt-scene />
+    <rwt-map />
+    <rwt-plot />
+    <rwt-topic />
+    <rwt-battery low={30} />
+  </main>
+);
+"""
+TSX_MISTAKES = {
+    "low={30}": 'low="30"',
+    'keys="page"': 'keys="pages"',
+    "detail.linear.toFixed(2)": "detail.speed.toFixed(2)",
+    "<rwt-scene />": "<rwt-scenes />",
+}
+
+
 def run(*command: object, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([str(each) for each in command], cwd=folder, capture_output=True, text=True)
 
@@ -78,8 +103,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def typescript(program: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    (folder / "page.ts").write_text(program)
+def typescript(program: str, folder: Path, file: str = "page.ts") -> subprocess.CompletedProcess[str]:
+    (folder / file).write_text(program)
     options = [
         "--noEmit",
         "--strict",
@@ -89,8 +114,10 @@ def typescript(program: str, folder: Path) -> subprocess.CompletedProcess[str]:
         "nodenext",
         "--lib",
         "es2023,dom,dom.iterable",
+        "--jsx",
+        "react-jsx",
     ]
-    return run("node", TYPESCRIPT, *options, "page.ts", folder=folder)
+    return run("node", TYPESCRIPT, *options, file, folder=folder)
 
 
 def test_a_program_is_checked_and_its_mistakes_are_found(project: Path) -> None:
@@ -101,6 +128,20 @@ def test_a_program_is_checked_and_its_mistakes_are_found(project: Path) -> None:
         assert before in wrong
         wrong = wrong.replace(before, after)
     assert typescript(wrong, project).stdout.count(": error ") == len(MISTAKES)
+
+
+def test_the_elements_are_known_in_tsx(project: Path) -> None:
+    for name in ("@types/react", "csstype"):
+        place = project / "node_modules" / name
+        place.parent.mkdir(exist_ok=True)
+        place.symlink_to(ROOT / "web" / "node_modules" / name)
+    done = typescript(TSX, project, "page.tsx")
+    assert done.returncode == 0, done.stdout
+    wrong = TSX
+    for before, after in TSX_MISTAKES.items():
+        assert before in wrong
+        wrong = wrong.replace(before, after)
+    assert typescript(wrong, project, "page.tsx").stdout.count(": error ") == len(TSX_MISTAKES)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 /** The elements as React 19 knows them in TSX: `import type {} from "@robot-web-tools/widgets/react"` once. */
 
 import type { DetailedHTMLProps, HTMLAttributes } from "react";
-import type * as widgets from "./widgets";
+import type * as widgets from "./widgets.js";
 
 type Events = {
   [Name in Extract<keyof HTMLElementEventMap, `rwt-${string}`> as `on${Name}`]?: (
