@@ -105,7 +105,7 @@ MUTANTS: Final = (
     ),
     Mutant(
         "lease",
-        "nobody is told that another one asks for the lease",
+        "a request for the lease is not shown",
         "src/forms/gate.tsx",
         'class="lease-request"',
         'class="other"',

@@ -15,11 +15,12 @@ import type { App } from "./state";
 
 /** The last message of a topic; null before it, and where there is none. */
 function useLast(session: RobotSession, topic: string): Message | null {
-  const last = useSignal<Message | null>(null);
-  const take = (message: Message) => {
-    last.value = message;
+  const last = useSignal<{ of: string; message: Message } | null>(null);
+  const take = (message: Message, of: string) => {
+    last.value = { of, message };
   };
-  return useMessages(session, topic, take, { throttle: 1000 }) ? last.value : null;
+  const isHeard = useMessages(session, topic, take, { throttle: 1000 });
+  return isHeard && last.value?.of === topic ? last.value.message : null;
 }
 
 /** Charge of the battery. */

@@ -175,7 +175,10 @@ function useRobot({ session, visible }: PanelContext, problem: Signal<Trouble | 
     const begin = (module: typeof import("../../scene/frames")) => {
       frames.current = new module.Frames(session);
       frames.current.fix(MAP);
-      return () => frames.current?.dispose();
+      return () => {
+        frames.current?.dispose();
+        frames.current = null;
+      };
     };
     // With the library of the 3D view, which is loaded later than the page.
     return loadLater(

@@ -14,7 +14,7 @@ import {
   ZoomIn,
   ZoomOut,
 } from "lucide";
-import type { ComponentChildren } from "preact";
+import type { ButtonHTMLAttributes, ComponentChildren } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { Icon, IconButton } from "../../forms/icon";
 import { Check, Choice } from "../../forms/inputs";
@@ -180,26 +180,31 @@ export function Panel({ context }: { context: PanelContext }) {
               </button>
             </>
           )}
-          <Tool icon={ZoomOut} name="plot.zoom.out" onPress={() => show(2, 0)} />
-          <Tool icon={ZoomIn} name="plot.zoom.in" onPress={() => show(0.5, 0)} />
-          <Tool icon={ChevronsLeft} name="plot.earlier" onPress={() => show(1, -0.5)} />
-          <Tool icon={ChevronsRight} name="plot.later" onPress={() => show(1, 0.5)} />
-          <Tool icon={Link} name="plot.linked" pressed={linked} onPress={() => change({ linked: !linked })} />
+          <Tool icon={ZoomOut} name="plot.zoom.out" onClick={() => show(2, 0)} />
+          <Tool icon={ZoomIn} name="plot.zoom.in" onClick={() => show(0.5, 0)} />
+          <Tool icon={ChevronsLeft} name="plot.earlier" onClick={() => show(1, -0.5)} />
+          <Tool icon={ChevronsRight} name="plot.later" onClick={() => show(1, 0.5)} />
+          <Tool
+            icon={Link}
+            name="plot.linked"
+            aria-pressed={linked}
+            onClick={() => change({ linked: !linked })}
+          />
           <Tool
             icon={stands ? Play : Pause}
             name="plot.pause"
-            pressed={stands}
-            onPress={() => {
+            aria-pressed={stands}
+            onClick={() => {
               paused.value = !stands;
               if (stands) span.value = null;
             }}
           />
-          <Tool icon={Download} name="plot.export" onPress={() => exportCsv(lines, lines.map(of))} />
+          <Tool icon={Download} name="plot.export" onClick={() => exportCsv(lines, lines.map(of))} />
           <Tool
             icon={SlidersHorizontal}
             name="plot.settings"
-            pressed={optional.value}
-            onPress={() => {
+            aria-pressed={optional.value}
+            onClick={() => {
               optional.value = !optional.value;
             }}
           />
@@ -218,18 +223,8 @@ export function Panel({ context }: { context: PanelContext }) {
   );
 }
 
-function Tool(props: { icon: typeof Play; name: TextKey; pressed?: boolean; onPress: () => void }) {
-  const { icon, name, pressed, onPress } = props;
-  return (
-    <IconButton
-      of={icon}
-      name={t(name)}
-      size={16}
-      class="tip-below"
-      aria-pressed={pressed}
-      onClick={onPress}
-    />
-  );
+function Tool({ icon, name, ...rest }: { icon: typeof Play; name: TextKey } & ButtonHTMLAttributes) {
+  return <IconButton of={icon} name={t(name)} size={16} class="tip-below" {...rest} />;
 }
 
 /**
