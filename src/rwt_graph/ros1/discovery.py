@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import anyio
 import anyio.lowlevel
@@ -41,7 +41,6 @@ _PATIENT_READINGS: Final = 4
 _MOST_ENDPOINTS: Final = 30_000
 _MOST_SERVICES: Final = 10_000
 _AT_ONCE: Final = 100
-_ENTRIES_AT_ONCE: Final = 1000
 _MOST_WAITING: Final = 200
 _MOST_CHECKED: Final = 100
 
@@ -54,6 +53,17 @@ _LATCHED: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
 #: Endpoint: topic, node, and True for a publisher.
 Key = tuple[str, str, bool]
+
+T = TypeVar("T")
+
+
+async def _in_steps(items: Iterable[T]) -> AsyncIterator[T]:
+    """Yield items; the event loop goes on after each `_AT_ONCE` of them, and what changes then must be copied
+    for this."""
+    for number, item in enumerate(items, 1):
+        yield item
+        if number % _AT_ONCE == 0:
+            await anyio.lowlevel.checkpoint()
 
 
 @dataclass(slots=True)
@@ -79,9 +89,10 @@ class State:
                     (state.subscribers, subscribers),
                     (state.services, services),
                 ):
-                    for start in range(0, len(entries), _ENTRIES_AT_ONCE):
-                        table.update(_entries(entries[start : start + _ENTRIES_AT_ONCE]))
-                        await anyio.lowlevel.checkpoint()
+                    async for entry in _in_steps(entries):
+                        match entry:
+                            case [str(name), list(nodes)]:
+                                table[name] = [node for node in nodes[:_MOST_NODES] if isinstance(node, str)]
                 return state
         raise Ros1Error("the master's response to getSystemState is malformed")
 
@@ -91,13 +102,6 @@ class State:
             for topic, nodes in table.items():
                 for node in nodes:
                     yield topic, node, publishes
-
-
-def _entries(table: list[object]) -> Iterator[tuple[str, list[str]]]:
-    for entry in table:
-        match entry:
-            case [str(name), list(nodes)]:
-                yield name, [node for node in nodes[:_MOST_NODES] if isinstance(node, str)]
 
 
 class Discovery:
@@ -135,49 +139,62 @@ class Discovery:
         raw = await rpc.fetch(session.master, "getSystemState", "/rwt")
         if raw != self._raw:
             self._state = await State.of(await rpc.value_of(session.master, "getSystemState", raw))
-            types = await session.call_master("getTopicTypes", "/rwt")
-            if not isinstance(types, list):
-                raise Ros1Error("the master's response to getTopicTypes is malformed")
+            types = await self._types()
             self._raw = raw
-            await self._apply(dict(each for each in types if _is_pair(each)), began)
+            await self._apply(types, began)
         session.on_master_answer()
         self._check_own()
         await self._check_connections()
 
+    async def _types(self) -> dict[str, str]:
+        """Return the types of topics, as far as the master knows them; raises Ros1Error."""
+        answer = await self._session.call_master("getTopicTypes", "/rwt")
+        if not isinstance(answer, list):
+            raise Ros1Error("the master's response to getTopicTypes is malformed")
+        types: dict[str, str] = {}
+        async for entry in _in_steps(answer):
+            match entry:
+                case [str(topic), str(type_name)]:
+                    types[topic] = type_name
+        return types
+
     async def _apply(self, types: dict[str, str], began: float) -> None:
-        own = self._session.own_names()
-        listed = [key for key in islice(self._state.endpoints(), _MOST_ENDPOINTS) if key[1] not in own]
-        found = dict.fromkeys(listed)
-        for number, key in enumerate(listed, 1):
-            self._add(key, types.get(key[0], "*"))
-            if number % _AT_ONCE == 0:
-                await anyio.lowlevel.checkpoint()
-        # A publisher that connected meanwhile may not be in the tables that were read.
-        left = [key for key, (_, joined) in self._endpoints.items() if key not in found and joined < began]
-        for number, key in enumerate(left, 1):
-            self._leave(key)
-            if number % _AT_ONCE == 0:
-                await anyio.lowlevel.checkpoint()
-        services = islice(
-            ((name, nodes[-1]) for name, nodes in self._state.services.items() if nodes), _MOST_SERVICES
-        )
-        others = {name: node for name, node in services if node not in own}
-        self._services.found(others, self._probe)
+        own, state = self._session.own_names(), self._state
+        found: set[Key] = set()
+        nodes: set[str] = set()
+        async for key in _in_steps(islice(state.endpoints(), _MOST_ENDPOINTS)):
+            if key[1] not in own:
+                found.add(key)
+                nodes.add(key[1])
+                self._add(key, types.get(key[0], "*"))
+        async for key in _in_steps(self._endpoints.keys() - found):
+            # A publisher that connected meanwhile may not be in the tables that were read.
+            if key in self._endpoints and self._endpoints[key][1] < began:
+                self._leave(key)
+        services: dict[str, str] = {}
+        async for name, providers in _in_steps(islice(state.services.items(), _MOST_SERVICES)):
+            if providers and providers[-1] not in own:
+                services[name] = providers[-1]
+                nodes.add(providers[-1])
+                self._services.found(name, providers[-1], self._probe)
+        async for name in _in_steps(self._services.names() - services.keys()):
+            self._services.lost(name)
         now = time.monotonic()
         self._probed = {key: until for key, until in self._probed.items() if until > now}
-        self._apply_nodes({node for _, node, _ in found} | set(others.values()))
+        await self._apply_nodes(nodes)
 
     def _leave(self, key: Key) -> None:
         known = self._endpoints.pop(key, None)
         if known is not None:
             self._graph.topic_table.remote_left(key[0], known[0])
 
-    def _apply_nodes(self, nodes: set[str]) -> None:
-        for node in nodes - self._nodes:
+    async def _apply_nodes(self, nodes: set[str]) -> None:
+        async for node in _in_steps(nodes - self._nodes):
             self._graph.node_joined(node)
-        for node in self._nodes - nodes:
+            self._nodes.add(node)
+        async for node in _in_steps(self._nodes - nodes):
             self._graph.node_left(node)
-        self._nodes = nodes
+            self._nodes.discard(node)
 
     def _add(self, key: Key, type_name: str) -> None:
         type_name = "" if type_name == "*" else type_name
@@ -297,7 +314,7 @@ class Discovery:
                     if name not in connected and name not in own:
                         key = (publication.name, name, False)
                         missing[key] = self._missing.get(key, 0) + 1
-        for name, subscription in self._ros_topics.subscriptions.items():
+        async for name, subscription in _in_steps(tuple(self._ros_topics.subscriptions.items())):
             others = [node for node in self._state.publishers.get(name, ()) if node not in own]
             if len(others) > len(subscription.connected):
                 key = (name, "", True)
@@ -324,10 +341,3 @@ class Discovery:
             f"node {node} subscribes to {topic}, but has not connected to this process at {address.host},"
             f" the address it was given ({address.source}). {_ADVICE}"
         )
-
-
-def _is_pair(value: object) -> bool:
-    match value:
-        case [str(), str()]:
-            return True
-    return False

@@ -167,22 +167,23 @@ class Ros1Services:
 
     # Services of other nodes
 
-    def found(self, services: dict[str, str], probe: Probe) -> None:
-        """Adapt the services to those of the master, each with its node."""
-        for name in self._remote.keys() - services.keys():
-            del self._remote[name]
+    def lost(self, name: str) -> None:
+        """Remove a service that the master does not list."""
+        self._remote.pop(name, None)
+        self._services.changes.note()
+
+    def found(self, name: str, node: str, probe: Probe) -> None:
+        """Add or keep a service that the master lists, and have its type asked for if it is unknown."""
+        known = self._remote.get(name)
+        if known is None or known[0] != node:
+            self._remote[name] = (node, None)
             self._services.changes.note()
-        for name, node in services.items():
-            known = self._remote.get(name)
-            if known is None or known[0] != node:
-                self._remote[name] = (node, None)
-                self._services.changes.note()
-            if self._remote[name][1] is None:
-                ending = name.removeprefix(node)
-                if ending in _OF_EVERY_NODE:
-                    self._learn(name, node, _OF_EVERY_NODE[ending], None)
-                else:
-                    probe(("service", name, node), partial(self._ask_type, name, node))
+        if self._remote[name][1] is None:
+            ending = name.removeprefix(node)
+            if ending in _OF_EVERY_NODE:
+                self._learn(name, node, _OF_EVERY_NODE[ending], None)
+            else:
+                probe(("service", name, node), partial(self._ask_type, name, node))
 
     def _learn(self, name: str, node: str, type_name: str, md5: str | None) -> None:
         if self._session is None or self._remote.get(name, ("",))[0] != node:
