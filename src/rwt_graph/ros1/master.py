@@ -5,17 +5,16 @@ Its tables are those of the master's API; nodes of this process register like th
 
 from __future__ import annotations
 
-import logging
 import os
 import uuid
+from collections import Counter
 from collections.abc import Callable
 from inspect import signature
 from typing import TYPE_CHECKING, Final
 
-import anyio
-
-from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.errors import WireError
 from rwt_graph.parameters.tree import ParameterTree
+from rwt_graph.ros1.notifications import Notifications
 from rwt_graph.ros1.parameters import is_below
 from rwt_graph.ros1.wire import rpc
 from rwt_interfaces.distro import NOETIC
@@ -25,17 +24,12 @@ if TYPE_CHECKING:
     from rwt_graph.ros1.wire.sockets import Sockets
     from rwt_graph.ros1.wire.xmlrpc import Value
 
-logger = logging.getLogger(__name__)
-
 #: Maximum registrations and watched parameters, and characters of a name or address.
 _MOST_ENTRIES: Final = 5000
 _NAME_CHARS: Final = 1000
 
 #: Maximum bytes of all parameters, which contain robot descriptions.
 _PARAMETER_BYTES: Final = 32 * 1024 * 1024
-
-#: Maximum notifications that are sent at once.
-_MOST_CALLS: Final = 64
 
 Table = dict[str, dict[str, str]]
 """Addresses by node, by topic or service."""
@@ -57,18 +51,17 @@ class Master:
         self._publishers: Table = {}
         self._subscribers: Table = {}
         self._services: Table = {}
-        self._entries = 0
+        # Number of registrations by node.
+        self._entries: Counter[str] = Counter()
         self._types: dict[str, str] = {}
         self._nodes: dict[str, str] = {}
         self._watches: dict[tuple[str, str], str] = {}
-        # Calls that wait for each node, by method and name: a newer one replaces an older one.
-        self._pending: dict[str, dict[tuple[str, str], tuple[Value, ...]]] = {}
-        self._calls = anyio.CapacityLimiter(_MOST_CALLS)
+        self._notifications = Notifications(sockets, self._on_deaf)
         self._parameters = tree = ParameterTree(max_bytes=_PARAMETER_BYTES)
         tree.set("/rosdistro", f"{NOETIC.name}\n")
         tree.set("/rosversion", f"{NOETIC.master_version}\n")
         tree.set("/run_id", str(uuid.uuid1()))
-        self._methods: dict[str, Callable[..., Value]] = {
+        methods: dict[str, Callable[..., Value]] = {
             "registerPublisher": self._register_publisher,
             "unregisterPublisher": self._unregister_publisher,
             "registerSubscriber": self._register_subscriber,
@@ -91,101 +84,70 @@ class Master:
             "subscribeParam": self._subscribe_param,
             "unsubscribeParam": self._unsubscribe_param,
         }
+        self._methods = {name: (handle, signature(handle)) for name, handle in methods.items()}
         self._server = rpc.RpcServer(sockets, bind, self._dispatch, port)
         self.port = self._server.port
         self.uri = f"http://{host}:{self.port}/"
 
     def _dispatch(self, method: str, params: tuple[Value, ...]) -> Value:
-        if method == "system.multicall":
-            return self._call_all(params)
-        handle = self._methods.get(method)
-        if handle is None:
+        if method not in self._methods:
             raise WireError(f"method {method[:80]} is not supported")
+        handle, parameters = self._methods[method]
         names = params if method != "setParam" else params[:2]
         if not all(isinstance(each, str) and len(each) <= _NAME_CHARS for each in names):
             return [-1, f"the parameters of {method} are strings of at most {_NAME_CHARS} characters", 0]
         try:
-            signature(handle).bind(*params)
+            parameters.bind(*params)
         except TypeError:
             return [-1, f"{method} does not have {len(params)} parameters", 0]
         return handle(*params)
 
-    def _call_all(self, params: tuple[Value, ...]) -> Value:
-        results: list[Value] = []
-        for each in params[0] if params and isinstance(params[0], list) else []:
-            match each:
-                case {"methodName": str(method), "params": list(given)} if method != "system.multicall":
-                    try:
-                        results.append([self._dispatch(method, tuple(given))])
-                    except WireError as error:
-                        results.append({"faultCode": -1, "faultString": str(error)})
-                case _:
-                    results.append({"faultCode": -1, "faultString": "malformed call"})
-        return results
-
-    # Calls of nodes
-
-    def _notify(self, uri: str, method: str, name: str, *params: Value) -> None:
-        """Call a node soon, after the calls that wait for it."""
-        calls = self._pending.get(uri)
-        if calls is None:
-            calls = self._pending[uri] = {}
-            self._sockets.spawn(lambda: self._call_node(uri), f"calls of {uri}")
-        calls.pop((method, name), None)
-        calls[method, name] = params
-
-    async def _call_node(self, uri: str) -> None:
-        try:
-            while calls := self._pending[uri]:
-                method, name = key = next(iter(calls))
-                params = calls.pop(key)
-                async with self._calls:
-                    await rpc.call(uri, method, "/master", name, *params)
-        except Ros1Error as error:
-            logger.info("a node does not take a notification: %s", error)
-            for watch in [each for each in self._watches if each[0] == uri]:
-                del self._watches[watch]
-        finally:
-            del self._pending[uri]
-
     # Registrations
 
     def _register(self, table: Table, name: str, node: str, uri: str, node_uri: str) -> None:
-        if self._entries >= _MOST_ENTRIES:
+        if self._entries.total() >= _MOST_ENTRIES:
             raise WireError(f"the master has {_MOST_ENTRIES} registrations, which is the limit")
         earlier = self._nodes.get(node)
         if earlier is not None and earlier != node_uri:
-            self._notify(earlier, "shutdown", f"[{node}] Reason: new node registered with same name")
+            self._notifications.add(
+                earlier, "shutdown", f"[{node}] Reason: new node registered with same name"
+            )
             for each in (self._publishers, self._subscribers, self._services):
                 for other in tuple(each):
                     self._remove(each, other, node)
         self._nodes[node] = node_uri
-        self._entries += node not in table.setdefault(name, {})
+        if node not in table.setdefault(name, {}):
+            self._entries[node] += 1
         table[name][node] = uri
 
     def _remove(self, table: Table, name: str, node: str) -> None:
         entries = table.get(name, {})
-        if entries.pop(node, None) is not None:
-            self._entries -= 1
-            if table is self._publishers:
-                self._update(name)
+        uri = entries.pop(node, None)
+        if uri is None:
+            return
+        self._entries[node] -= 1
+        if not self._entries[node]:
+            del self._entries[node], self._nodes[node]
+        if table is self._publishers:
+            self._update(name)
+        elif table is self._subscribers:
+            self._notifications.discard(uri, "publisherUpdate", name)
         if not entries:
-            table.pop(name, None)
+            del table[name]
+            if name not in self._publishers and name not in self._subscribers:
+                self._types.pop(name, None)
 
     def _unregister(self, table: Table, name: str, node: str, uri: str) -> Value:
         if table.get(name, {}).get(node) != uri:
             return [1, f"{node} is not registered for {name}", 0]
         self._remove(table, name, node)
-        tables = (self._publishers, self._subscribers, self._services)
-        if not any(node in entries for each in tables for entries in each.values()):
-            self._nodes.pop(node, None)
         return [1, "unregistered", 1]
 
     def _update(self, topic: str) -> None:
         """Report the publishers of a topic to its subscribers."""
         publishers = list(dict.fromkeys(self._publishers.get(topic, {}).values()))
         for uri in self._subscribers.get(topic, {}).values():
-            self._notify(uri, "publisherUpdate", topic, publishers)
+            self._notifications.add(uri, "publisherUpdate", topic, publishers)
 
     def _register_publisher(self, caller: str, topic: str, type: str, uri: str) -> Value:
         self._register(self._publishers, topic, caller, uri, uri)
@@ -285,10 +247,14 @@ class Master:
             if caller == setter:
                 continue
             if is_below(name, watched):
-                self._notify(uri, "paramUpdate", name.rstrip("/") + "/", value)
+                self._notifications.add(uri, "paramUpdate", name.rstrip("/") + "/", value)
             elif is_below(watched, name):
                 inner = self._parameters.get(watched) if self._parameters.has(watched) else {}
-                self._notify(uri, "paramUpdate", watched + "/", inner)
+                self._notifications.add(uri, "paramUpdate", watched + "/", inner)
+
+    def _on_deaf(self, uri: str) -> None:
+        for watch in [each for each in self._watches if each[0] == uri]:
+            del self._watches[watch]
 
     def close(self) -> None:
         """Stop listening."""

@@ -6,6 +6,7 @@ of a master are one until then: they listen on the port. It imports nothing of t
 
 from __future__ import annotations
 
+import http.client
 import itertools
 import socket
 import struct
@@ -475,6 +476,31 @@ def many_registrations(master: str) -> None:
                 proxy.getSystemState("/speaker")
         for number in range(10):
             proxy.unregisterPublisher(f"/node_{number}", f"/topic_{number}", f"http://127.0.0.1:9/{number}")
+
+
+@attack
+def many_calls_in_one(master: str) -> None:
+    """Calls of thousands of calls, each of which takes the master some time or has a long response."""
+    with xmlrpc.client.ServerProxy(master) as proxy:
+
+        def all_of(count: int, method: str, *params: Any) -> None:
+            calls = [{"methodName": method, "params": [str(each).format(n) for each in params]}
+                     for n in range(count)]  # fmt: skip
+            with suppress(OSError, http.client.HTTPException, xmlrpc.client.Error):
+                proxy.system.multicall(calls)
+
+        proxy.setParam("/node", "/large", ["x" * 1000] * 5000)
+        uri = "http://127.0.0.1:9/{0}"
+        for first in range(0, 4500, 1500):
+            all_of(1500, "registerSubscriber", f"/node_{first}_{{0}}", "/crowd", "std_msgs/String", uri)
+        all_of(3000, "unregisterPublisher", "/node_{0}", "/topic_{0}", uri)
+        all_of(3000, "unregisterSubscriber", "/node_0_{0}", "/crowd", uri)
+        all_of(300, "registerPublisher", "/speaker", "/crowd", "std_msgs/String", uri)
+        all_of(300, "getSystemState", "/node")
+        all_of(100, "getParam", "/node", "/")
+        all_of(2000, "system.multicall", "/node")
+        all_of(5000, "subscribeParam", "/node_{0}", uri, "/watched")
+        all_of(200, "setParam", "/speaker", "/watched/{0}", "{0}")
 
 
 @attack

@@ -6,9 +6,11 @@ import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 from typing import Any
+from xmlrpc.client import Fault, ServerProxy
 
 import anyio
 import anyio.abc
+import anyio.to_thread
 import pytest
 
 from rwt_graph.errors import Ros1Error
@@ -194,6 +196,29 @@ async def test_connections_to_one_node_are_limited(graph: Ros1Graph) -> None:
         await stream.aclose()
     await anyio.sleep(0.1)
     assert await rpc.call(uri, "getName", "/me") == "/talker"
+
+
+async def test_the_calls_of_one_call_are_answered_one_by_one(graph: Ros1Graph) -> None:
+    calls = [
+        {"methodName": "registerSubscriber", "params": ["/one", "/topic", "std_msgs/String", "http://one:1"]},
+        {"methodName": "lookupNode", "params": ["/me", "/one"]},
+        {"methodName": "system.multicall", "params": [[]]},
+        {"methodName": "lookupNode"},
+        {"methodName": "unregisterSubscriber", "params": ["/one", "/topic", "http://one:1"]},
+        {"methodName": "lookupNode", "params": ["/me", "/one"]},
+    ]
+    proxy: Any = ServerProxy(graph.master)
+    answers = await anyio.to_thread.run_sync(proxy.system.multicall, calls)
+    faults = [each["faultString"] for each in answers if isinstance(each, dict)]
+    assert faults == ["method system.multicall is not supported", "malformed call"]
+    assert [each[0] for each in answers if isinstance(each, list)] == [
+        [1, "registered", []],
+        [1, "node api", "http://one:1"],
+        [1, "unregistered", 1],
+        [-1, "unknown node [/one]", ""],
+    ]
+    with pytest.raises(Fault, match="a list of calls"):
+        await anyio.to_thread.run_sync(proxy.system.multicall, "calls")
 
 
 async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.LogCaptureFixture) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
@@ -30,6 +29,10 @@ IDLE_SECONDS: Final = 60.0
 #: Maximum open connections of one node, and bytes of calls that are being received by all nodes.
 _MOST_CONNECTIONS: Final = 64
 _MOST_RECEIVED: Final = 2 * xmlrpc.BODY_BYTES
+
+#: Maximum bytes of a call or response that is sent, and long responses of one node that are made at once.
+_MOST_SENT: Final = 4 * xmlrpc.BODY_BYTES
+_MOST_RESPONSES: Final = 4
 
 _READ_BYTES: Final = 65536
 
@@ -111,12 +114,16 @@ def _in_parts(texts: Iterator[str]) -> Iterator[str]:
 
 
 async def _joined(parts: Iterator[str]) -> bytes:
-    """Return the bytes of parts, between which the event loop goes on."""
+    """Return the bytes of parts, between which the event loop goes on; raises WireError for too many."""
     found: list[bytes] = []
+    size = 0
     for part in parts:
         if found:
             await anyio.lowlevel.checkpoint()
         found.append(part.encode())
+        size += len(found[-1])
+        if size > _MOST_SENT:
+            raise WireError(f"XML-RPC of more than {_MOST_SENT} bytes is not sent")
     return b"".join(found)
 
 
@@ -163,6 +170,7 @@ class RpcServer:
     def __init__(self, sockets: Sockets, host: str, dispatch: Dispatch, port: int = 0) -> None:
         self._sockets = sockets
         self.dispatch = dispatch
+        self.responses = anyio.CapacityLimiter(_MOST_RESPONSES)
         # In the order of their last calls.
         self._connections: dict[_RpcConnection, None] = {}
         self._listener = sockets.listen(host, self._accept, port)
@@ -251,7 +259,12 @@ class _RpcConnection:
         try:
             if error:
                 raise WireError(error)
-            parts = _in_parts(xmlrpc.encode_response(self._server.dispatch(*decoder.call())))
+            method, params = decoder.call()
+            if method == "system.multicall":
+                results = xmlrpc.encode_results(self._results(params))
+                self._respond_later(chain.from_iterable(map(_in_parts, results)), decoder.size)
+                return
+            parts = _in_parts(xmlrpc.encode_response(self._server.dispatch(method, params)))
             first, second = next(parts), next(parts, None)
         except WireError as failure:
             self._respond(xmlrpc.encode_fault(str(failure)))
@@ -259,16 +272,40 @@ class _RpcConnection:
         if second is None:
             self._respond(first.encode())
         else:
-            parts = chain((first, second), parts)
-            self._sockets.spawn(partial(self._respond_later, parts), "a long response on ROS 1")
+            self._respond_later(chain((first, second), parts), 0)
 
-    async def _respond_later(self, parts: Iterator[str]) -> None:
-        try:
-            content = await _joined(parts)
-        except WireError as error:
-            content = xmlrpc.encode_fault(str(error))
-        if not self._stream.closed:
-            self._respond(content, ("Connection", "close"))
+    def _results(self, params: tuple[xmlrpc.Value, ...]) -> Iterator[xmlrpc.Value | WireError]:
+        """Carry out the calls of a `system.multicall`, one at a time."""
+        match params:
+            case [list(calls)]:
+                for call in calls:
+                    match call:
+                        case {"methodName": str(method), "params": list(given)}:
+                            try:
+                                yield self._server.dispatch(method, tuple(given))
+                            except WireError as error:
+                                yield error
+                        case _:
+                            yield WireError("malformed call")
+            case _:
+                raise WireError("the parameter of system.multicall is a list of calls")
+
+    def _respond_later(self, parts: Iterator[str], size: int) -> None:
+        """Respond when all parts are known; the call, of some bytes, counts as being received until then."""
+
+        async def respond() -> None:
+            try:
+                async with self._server.responses:
+                    content = await _joined(parts)
+            except WireError as error:
+                content = xmlrpc.encode_fault(str(error))
+            finally:
+                self._sockets.calling -= size
+            if not self._stream.closed:
+                self._respond(content, ("Connection", "close"))
+
+        self._sockets.calling += size
+        self._sockets.spawn(respond, "a long response on ROS 1")
 
     def _respond(self, content: bytes, *more: tuple[str, str]) -> None:
         self.last_used = time.monotonic()

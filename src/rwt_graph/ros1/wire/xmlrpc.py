@@ -39,6 +39,9 @@ _INT32_MAX: Final = 2**31 - 1
 #: Characters that XML 1.0 cannot contain.
 _NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
+_RESPONSE_START: Final = "<?xml version='1.0'?>\n<methodResponse><params><param>"
+_RESPONSE_END: Final = "</param></params></methodResponse>"
+
 #: Errors of the unmarshaller on malformed input; it was written for trusted peers.
 _MALFORMED: Final = (
     expat.ExpatError,
@@ -63,15 +66,31 @@ def encode_call(method: str, params: tuple[Value, ...]) -> Iterator[str]:
 
 def encode_response(value: Value) -> Iterator[str]:
     """Yield the texts of a successful response, as :func:`encode_call` does."""
-    yield "<?xml version='1.0'?>\n<methodResponse><params><param>"
+    yield _RESPONSE_START
     yield from _texts(value, 0)
-    yield "</param></params></methodResponse>"
+    yield _RESPONSE_END
+
+
+def encode_results(results: Iterator[Value | WireError]) -> Iterator[Iterator[str]]:
+    """Yield the texts of a response to `system.multicall`, those of each result by themselves.
+
+    A result is asked for after the texts of those before it.
+    """
+    yield iter((f"{_RESPONSE_START}<value><array><data>",))
+    for result in results:
+        is_fault = isinstance(result, WireError)
+        yield _texts(_fault(str(result)) if is_fault else [result], 1)
+    yield iter((f"</data></array></value>{_RESPONSE_END}",))
 
 
 def encode_fault(text: str) -> bytes:
     """Return a failed response as XML."""
-    fault = xmlrpc.client.Fault(-1, _NOT_XML.sub("?", text))
-    return xmlrpc.client.dumps(fault, methodresponse=True).encode()
+    texts = "".join(_texts(_fault(text), 0))
+    return f"<?xml version='1.0'?>\n<methodResponse><fault>{texts}</fault></methodResponse>".encode()
+
+
+def _fault(text: str) -> Value:
+    return {"faultCode": -1, "faultString": _NOT_XML.sub("?", text)}
 
 
 def _texts(value: Value, level: int) -> Iterator[str]:
