@@ -127,6 +127,25 @@ def test_after_a_pause_without_a_stop_message_commands_at_their_usual_pace_count
     assert set(link.run(1)) == {0.5}
 
 
+def test_a_client_that_has_sent_the_stop_message_lets_go_by_it_only() -> None:
+    link = Link()
+    link.speed = 0.0
+    link.run(0.2)
+    link.speed = 0.3
+    link.run(2)
+    link.run(1, is_stalled=True)
+    for _ in range(3):
+        assert link.run(1) == []
+        link.speed = None  # A page that is too busy to send.
+        link.run(1)
+        link.speed = 0.3
+    assert "send the stop message and begin again" in drive(link.client, 0.3)
+    link.speed = 0.0
+    link.run(0.2)
+    link.speed = 0.2
+    assert link.run(1) == [0.2] * 20
+
+
 def test_a_second_stall_is_no_pause() -> None:
     link = Link()
     link.speed = 0.3

@@ -70,10 +70,12 @@ class _CommandStream:
         had_gap: True after the first gap. The first commands of a client were not queued during one.
         pace: usual interval between two commands, in seconds; 0 until it is known.
         was_stop: True if the last command was the stop message.
+        sends_stop: True once the client has sent the stop message. It says so when it lets go, so that its
+            pauses are gaps: those of a slow page, or of a link that stalls again.
         delays: delays in real time and in ROS time. A simulation's clock may run at another speed.
     """
 
-    __slots__ = ("at", "count", "delays", "had_gap", "pace", "since", "state", "was_stop")
+    __slots__ = ("at", "count", "delays", "had_gap", "pace", "sends_stop", "since", "state", "was_stop")
 
     def __init__(self, now: float) -> None:
         self.state = _State.RELEASED
@@ -82,6 +84,7 @@ class _CommandStream:
         self.had_gap = False
         self.pace = 0.0
         self.was_stop = True
+        self.sends_stop = False
         self.delays = (_Delay(), _Delay())
 
 
@@ -95,7 +98,8 @@ class Freshness:
            └────stop message─────┘       the stop message, then a command <───────────┤  │ burst
                                                  (driving)                            │  │
                                          4 commands at the usual pace <── probing <───┘──┘
-                                                 (driving)                pause
+                                                 (driving)          pause, of a client that
+                                                                     never sent the stop message
 
     A *gap* is longer than the dead-man timeout. A client that was streaming commands and had not sent the
     stop message did not release its control: what follows a gap was queued, or is meant for a robot whose
@@ -103,7 +107,7 @@ class Freshness:
     time that they usually take.
 
     Commands of a stalled client are rejected until it sends the stop message and, not together with it, a
-    command, or pauses for longer than the timeout.
+    command. If it never sent that message before, it may pause for longer than the timeout instead.
 
     Attributes:
         seconds: dead-man timeout.
@@ -143,15 +147,17 @@ class Freshness:
             times = (now, clock.time_ns() / NANOSECONDS)
             late = min(delay.of(time - stamp, now) for delay, time in zip(stream.delays, times, strict=True))
         if is_stop:
+            stream.sends_stop = True
             if stream.state is _State.DRIVING:
                 stream.state = _State.RELEASED
             return ""
         stream.state = self._next(stream, gap, late, streamed=streamed, was_stop=was_stop)
         if stream.state in (_State.RELEASED, _State.DRIVING):
             return ""
+        or_pause = "" if stream.sends_stop else ", or pause for as long,"
         return (
             f"commands of this client waited in a stalled connection for more than {self.seconds:g} s:"
-            " send the stop message, or pause for as long, and begin again"
+            f" send the stop message{or_pause} and begin again"
         )
 
     def _next(
@@ -176,7 +182,7 @@ class Freshness:
             return _State.DRIVING
         if state is _State.PROBING and not is_burst:
             return _State.DRIVING if stream.count >= _PROBES else state
-        return _State.PROBING if gap > self.seconds else _State.STALLED
+        return _State.PROBING if gap > self.seconds and not stream.sends_stop else _State.STALLED
 
     def _add(self, client: Actor, now: float) -> _CommandStream:
         if len(self._streams) >= _MAX_CLIENTS:
