@@ -25,7 +25,7 @@ projection_matrix: {rows: 3, cols: 4, data: [30, 0, 16, 0, 0, 30, 12, 0, 0, 0, 1
 def test_camera_info_has_the_calibration(arm: Any) -> None:
     with Server("ws://127.0.0.1:0") as robot:
         node = LeRobotNode(robot.node, arm, rate=50.0, calibrations={"front": camera_info(CALIBRATION)})
-        info = robot.once("/front/camera_info", "sensor_msgs/CameraInfo", timeout=20)
+        info = robot.once("/front/camera_info", "sensor_msgs/CameraInfo", timeout=60)
         node.close()
     assert (info.width, info.height, info.distortion_model) == (32, 24, "plumb_bob")
     assert [*info.k][:3] == [30, 0, 16]

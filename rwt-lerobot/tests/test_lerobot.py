@@ -168,7 +168,7 @@ def test_record_from_the_dashboard_replay_and_read_back(tmp_path: Path) -> None:
         assert [[math.degrees(angle) for angle in command] for command in commands] == [
             pytest.approx(action, abs=0.5) for action in recorded
         ]
-        state = server.once("/joint_states", "sensor_msgs/JointState", timeout=10)
+        state = server.once("/joint_states", "sensor_msgs/JointState", timeout=60)
         assert [math.degrees(angle) for angle in state.position] == pytest.approx(recorded[-1], abs=0.5)
 
 
@@ -219,7 +219,7 @@ def test_lerobot_teleoperates_the_arm(tmp_path: Path) -> None:
                     points = [{"positions": [0.5]}]
                     server.publish(TOPIC, {"joint_names": ["shoulder_pan"], "points": points}, TOPIC_TYPE)
                     time.sleep(0.1)
-                    pan = server.once("/joint_states", "sensor_msgs/JointState", timeout=10).position[0]
+                    pan = server.once("/joint_states", "sensor_msgs/JointState", timeout=60).position[0]
                 assert pan == pytest.approx(0.5, abs=math.radians(0.5))
             finally:
                 program.terminate()
@@ -270,7 +270,7 @@ def test_a_policy_drives_the_arm(tmp_path: Path) -> None:
         )  # fmt: skip
         _run(command, tmp_path)
         time.sleep(1.0)
-        state = server.once("/joint_states", "sensor_msgs/JointState", timeout=10)
+        state = server.once("/joint_states", "sensor_msgs/JointState", timeout=60)
         assert math.degrees(state.position[0]) == pytest.approx(20.0, abs=0.5)
 
 
@@ -296,7 +296,7 @@ def test_lerobots_robot_joins_a_server_by_the_command_line_and_again_after_its_r
                 goal = {"trajectory": {"joint_names": ["shoulder_pan"], "points": [point]}}
                 handle = server.send_goal("/arm_controller/follow_joint_trajectory", goal)
                 assert handle.result(30).succeeded
-                moved = simulation.once("/joint_states", "sensor_msgs/JointState", timeout=10)
+                moved = simulation.once("/joint_states", "sensor_msgs/JointState", timeout=60)
                 assert moved.position[0] == pytest.approx(0.4, abs=0.1)
                 running.close()
                 server = running.enter_context(Server(url))

@@ -179,7 +179,7 @@ async def test_cameras() -> None:
             pixels = image_to_numpy(image)
             assert pixels.shape == (120, 160, 3)
             assert pixels.std() > 10  # It shows something.
-            info = await user.once(f"/{camera}/camera_info", "sensor_msgs/CameraInfo", timeout=20)
+            info = await user.once(f"/{camera}/camera_info", "sensor_msgs/CameraInfo", timeout=60)
             assert (info.width, info.height, info.k[2]) == (160, 120, 80)
 
 
@@ -191,4 +191,4 @@ async def test_a_viewer_cannot_pause_or_reset_the_simulation() -> None:
             kind = "std_srvs/SetBool" if verb == "pause" else "std_srvs/Trigger"
             with pytest.raises(RobotError, match=rf"role 'viewer' may not call /simulation/{verb}"):
                 await viewer.call(f"/simulation/{verb}", {}, kind, timeout=20)
-        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=60)

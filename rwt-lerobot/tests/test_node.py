@@ -38,18 +38,18 @@ async def _until(condition: Any) -> None:
 
 @pytest.mark.anyio
 async def test_states_images_and_description(user: Node) -> None:
-    state = await user.once("/joint_states", timeout=20)
+    state = await user.once("/joint_states", timeout=60)
     assert list(state.name) == ["pan", "lift", "gripper"]
     assert state.position[0] == pytest.approx(math.radians(10))
-    assert image_to_numpy(await user.once("/front/image_raw/compressed", timeout=20)).shape == (24, 32, 3)
-    assert (await user.once("/front/camera_info", timeout=20)).width == 32
-    assert (await user.once("/robot_description", timeout=20)).data == "<robot/>"
+    assert image_to_numpy(await user.once("/front/image_raw/compressed", timeout=60)).shape == (24, 32, 3)
+    assert (await user.once("/front/camera_info", timeout=60)).width == 32
+    assert (await user.once("/robot_description", timeout=60)).data == "<robot/>"
 
 
 @pytest.mark.anyio
 async def test_nothing_is_commanded_before_the_first_trajectory(user: Node, arm: Any) -> None:
-    await user.once("/joint_states", timeout=20)
-    await user.once("/joint_states", timeout=20)
+    await user.once("/joint_states", timeout=60)
+    await user.once("/joint_states", timeout=60)
     assert arm.actions == []
     point = {"positions": [0.0], "time_from_start": {"nanosec": 300_000_000}}
     user.publish(TOPIC, {"joint_names": ["pan"], "points": [point]}, TRAJECTORY)
@@ -60,7 +60,7 @@ async def test_nothing_is_commanded_before_the_first_trajectory(user: Node, arm:
 
 @pytest.mark.anyio
 async def test_rejections_are_on_rosout(user: Node) -> None:
-    await user.once("/joint_states", timeout=20)
+    await user.once("/joint_states", timeout=60)
     lines: list[str] = []
     user.subscribe("/rosout", lambda line: lines.append(line.msg), "rcl_interfaces/Log")
     user.publish(TOPIC, {"joint_names": ["pan"], "points": [{"positions": [3.0]}]}, TRAJECTORY)
@@ -70,7 +70,7 @@ async def test_rejections_are_on_rosout(user: Node) -> None:
 
 @pytest.mark.anyio
 async def test_an_unplugged_bus_is_reported_and_commands_are_rejected(user: Node, arm: Any) -> None:
-    await user.once("/joint_states", timeout=20)
+    await user.once("/joint_states", timeout=60)
     lines: list[str] = []
     user.subscribe("/rosout", lambda line: lines.append(line.msg), "rcl_interfaces/Log")
     arm.error = ConnectionError("no reply from motor 3")
@@ -90,11 +90,11 @@ async def test_a_mobile_base_stops_after_half_a_second_of_silence(arm: Any) -> N
     arm.positions |= {"x.vel": 0.0, "y.vel": 0.0, "theta.vel": 0.0}
     async with MemoryGraph() as graph:
         node, user = LeRobotNode(Node(graph, "base"), arm, rate=100.0), Node(graph, "user")
-        await user.once("/joint_states", timeout=20)
+        await user.once("/joint_states", timeout=60)
         user.publish("/cmd_vel", {"linear": {"x": 0.2}, "angular": {"z": math.pi / 2}}, "geometry_msgs/Twist")
         await _until(lambda: arm.positions["x.vel"] == 0.2)
         assert arm.positions["theta.vel"] == pytest.approx(90.0)
-        velocity = await user.once("/velocity", timeout=20)
+        velocity = await user.once("/velocity", timeout=60)
         assert velocity.twist.angular.z == pytest.approx(math.pi / 2)
         await _until(lambda: arm.positions["x.vel"] == 0.0)
         user.publish(
@@ -114,7 +114,7 @@ async def test_a_robot_that_joins_a_server_over_rosbridge(arm: Any) -> None:
         connect(server.urls[0]) as user,
     ):
         node = LeRobotNode(robot, arm, rate=50.0, namespace="left")
-        state = await user.once("/left/joint_states", "sensor_msgs/JointState", timeout=20)
+        state = await user.once("/left/joint_states", "sensor_msgs/JointState", timeout=60)
         assert state.position[0] == pytest.approx(math.radians(10))
         goal = {"joint_names": ["pan"], "points": [{"positions": [0.0], "time_from_start": {"sec": 1}}]}
         handle = await user.send_goal("/left/arm_controller/follow_joint_trajectory", {"trajectory": goal})
@@ -131,13 +131,13 @@ async def test_a_viewer_sees_the_arm_and_cannot_command_it(arm: Any) -> None:
         node = LeRobotNode(server.node("arm"), arm, rate=100.0)
         rejected: list[str] = []
         viewer.on_event(lambda event: rejected.append(event.text))
-        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=60)
         trajectory = {"joint_names": ["pan"], "points": [{"positions": [0.0]}]}
         viewer.publish(TOPIC, trajectory, TRAJECTORY)
         await _until(lambda: f"publish: role 'viewer' may not publish on {TOPIC}" in " ".join(rejected))
         with pytest.raises(RobotError, match=r"viewer|knows no action"):
             await (await viewer.send_goal(ACTION, {"trajectory": trajectory}, ACTION_TYPE)).result(20)
-        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=20)
+        await viewer.once("/joint_states", "sensor_msgs/JointState", timeout=60)
         assert arm.actions == []
         node.close()
 
@@ -157,7 +157,7 @@ async def test_an_arm_whose_server_is_lost_holds(arm: Any) -> None:
             events: list[str] = []
             robot.on_event(lambda event: events.append(event.kind))
             node, user = LeRobotNode(robot, arm, rate=100.0), server.node("user")
-            await user.once("/joint_states", timeout=20)
+            await user.once("/joint_states", timeout=60)
             point = {"positions": [1.5], "time_from_start": {"sec": 60}}
             user.publish(TOPIC, {"joint_names": ["pan"], "points": [point]}, TRAJECTORY)
             await _until(lambda: len(arm.actions) > 3)

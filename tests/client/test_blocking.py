@@ -32,7 +32,7 @@ def test_topics_are_iterators(robot: BlockingRobot) -> None:
 
 
 def test_one_message(robot: BlockingRobot) -> None:
-    assert robot.once("/map", timeout=10).info.width > 0
+    assert robot.once("/map", timeout=60).info.width > 0
     with pytest.raises(TimedOut, match=r"no message came on /nothing within 0.05 s"):
         robot.once("/nothing", "std_msgs/String", timeout=0.05)
 

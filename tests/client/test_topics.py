@@ -40,7 +40,7 @@ async def test_messages_come_as_an_async_iterator(transport: str) -> None:
 async def test_the_type_of_a_known_topic_need_not_be_named() -> None:
     async with world() as it:
         it.node.advertise("/odom", "nav_msgs/Odometry", latch=True).publish({"child_frame_id": "base"})
-        odometry = await it.robot.once("/odom", timeout=5)
+        odometry = await it.robot.once("/odom", timeout=60)
         assert odometry.child_frame_id == "base"
         assert type(odometry) is it.robot.types["nav_msgs/Odometry"]
 

@@ -90,7 +90,7 @@ class _Process:
         assert self.popen.stdin is not None
         self.popen.stdin.close()
         try:
-            return self.popen.wait(timeout=10)
+            return self.popen.wait(timeout=60)
         finally:
             self.popen.kill()
             self.popen.wait()

@@ -52,7 +52,7 @@ def test_fragments_without_end_fail_the_case(size: int) -> None:
         wires.append(EndlessWire("x" * size))
         return wires[-1]
 
-    played = asyncio.run(play(case, Target(timeout=10.0), dial, RealPace(), "t"))
+    played = asyncio.run(play(case, Target(timeout=60.0), dial, RealPace(), "t"))
     assert played.fault is not None
     assert len(played.transcript) <= TRANSCRIPT_LINES
     for wire in wires:

@@ -102,7 +102,7 @@ def _use(port: int) -> None:
             client.ask_something()
     except (Refused, OSError):
         return  # Cut, or not let in, as the numbers say.
-    page = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    page = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
     with suppress(OSError, http.client.HTTPException), closing(page):
         for path in ("/metrics", "/index", "/api/topics/t"):
             page.request("GET", path)

@@ -45,7 +45,7 @@ async def _ask(url: str, body: bytes, method: str = "POST", kind: str = "sdp") -
         headers = {"Content-Type": f"application/{kind}"}
         request = urllib.request.Request(url, body, headers, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=20) as answer:
+            with urllib.request.urlopen(request, timeout=60) as answer:
                 return answer.status, answer.read().decode(), answer.headers.get("Location", "")
         except urllib.error.HTTPError as error:
             with error:

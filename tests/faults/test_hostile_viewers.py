@@ -50,7 +50,7 @@ def viewer(robot: BlockingNode, buffer: int = 0) -> Iterator[ClientConnection]:
 
 def _subscribed(client: ClientConnection) -> ClientConnection:
     while True:
-        said = json.loads(client.recv(timeout=20))
+        said = json.loads(client.recv(timeout=60))
         for channel in said.get("channels", ()):
             if channel["topic"] == "/image":
                 wanted = {"id": 1, "channelId": channel["id"]}
@@ -62,7 +62,7 @@ def ask(client: ClientConnection) -> str:
     """Something that is refused, and the answer to it: then all that was said before has been done."""
     client.send(b"\x63")
     while True:
-        frame = client.recv(timeout=20)
+        frame = client.recv(timeout=60)
         if isinstance(frame, str) and "opcode 99" in frame:
             return frame
 
@@ -73,9 +73,9 @@ def test_a_viewer_that_does_not_read_costs_the_others_nothing(robot: BlockingNod
         ask(quick)
         for number in range(MESSAGES):
             topic.publish({"step": number, "data": bytes(SIZE)})
-            frame = quick.recv(timeout=20)
+            frame = quick.recv(timeout=60)
             while isinstance(frame, str) or frame[0] != 1:
-                frame = quick.recv(timeout=20)
+                frame = quick.recv(timeout=60)
             assert struct.unpack_from("<I", frame, len(frame) - SIZE - 8)[0] == number
         (gateway,) = [it for it in robot.server.metrics._gateways if isinstance(it, FoxgloveGateway)]
         traffic = [client.sink.traffic for client in gateway.clients]

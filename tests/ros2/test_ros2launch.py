@@ -42,7 +42,7 @@ def test_the_server_starts_and_ends(command: str, environment: dict[str, str], t
     def status() -> str | None:
         assert process.poll() is None, (tmp_path / "log").read_text()
         try:
-            with urlopen(f"http://127.0.0.1:{port}/healthz", timeout=10) as answer:
+            with urlopen(f"http://127.0.0.1:{port}/healthz", timeout=60) as answer:
                 return str(json.load(answer)["status"])
         except URLError:
             return None
@@ -65,4 +65,4 @@ def test_the_server_starts_and_ends(command: str, environment: dict[str, str], t
     assert process.returncode == 0, (tmp_path / "log").read_text()
     assert "Traceback" not in (tmp_path / "log").read_text()
     with pytest.raises(URLError):
-        urlopen(f"http://127.0.0.1:{port}/healthz", timeout=10)
+        urlopen(f"http://127.0.0.1:{port}/healthz", timeout=60)

@@ -135,7 +135,7 @@ def ended(process: subprocess.Popen[str], client: ClientConnection) -> tuple[int
     for _ in client:
         pass
     assert client.close_code == 1001
-    out, errors = process.communicate(timeout=20)
+    out, errors = process.communicate(timeout=60)
     return process.returncode, out, errors
 
 
@@ -158,7 +158,7 @@ def test_an_exception_in_a_handler_ends_nothing(name: str, loop: Loop) -> None:
     with running(PROGRAMS[name], loop) as (process, client):
         for number in range(2):
             client.send(json.dumps({"op": "call_service", "id": str(number), "service": "/fail"}))
-            answer = json.loads(client.recv(timeout=20))
+            answer = json.loads(client.recv(timeout=60))
             assert (answer["result"], answer["values"]) == (False, "'a bug'")
         process.send_signal(signal.SIGTERM)
         code, out, errors = ended(process, client)
@@ -171,14 +171,14 @@ def test_an_exception_in_a_handler_ends_nothing(name: str, loop: Loop) -> None:
 def test_a_handler_that_exits_ends_the_program_with_its_code(name: str, loop: Loop) -> None:
     with running(PROGRAMS[name], loop) as (process, client):
         client.send(json.dumps({"op": "call_service", "service": "/leave"}))
-        out, _ = process.communicate(timeout=20)
+        out, _ = process.communicate(timeout=60)
     assert (process.returncode, out) == (3, "motors off\n")
 
 
 def test_a_loop_that_is_lost_is_reported_by_what_waits(loop: Loop) -> None:
     with running(SPINS, loop) as (process, client):
         client.send(json.dumps({"op": "call_service", "service": "/lose"}))
-        out, errors = process.communicate(timeout=20)
+        out, errors = process.communicate(timeout=60)
     assert (process.returncode, out) == (1, "motors off\n")
     assert errors.splitlines()[-1].startswith(
         "rwt.errors.ServerError: the event loop of the server was lost: "
@@ -193,7 +193,7 @@ def test_a_hangup_ends_nothing_unless_the_terminal_is_gone(name: str, loop: Loop
         os.close(end)
         process.send_signal(signal.SIGHUP)
         client.send(json.dumps({"op": "call_service", "id": "1", "service": "/fail"}))
-        assert json.loads(client.recv(timeout=20))["id"] == "1"
+        assert json.loads(client.recv(timeout=60))["id"] == "1"
         os.close(terminal)
         process.send_signal(signal.SIGHUP)
         code, out, _ = ended(process, client)

@@ -87,7 +87,7 @@ def ask(
     url: str, method: str, path: str, body: str = "", **headers: str
 ) -> tuple[int, Mapping[str, str], str]:
     address = urlsplit(url)
-    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=20)
+    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=60)
     try:
         connection.request(method, path, body, {name.replace("_", "-"): it for name, it in headers.items()})
         answer = connection.getresponse()

@@ -53,7 +53,7 @@ def beeps(url: str) -> bool:
     """Return True if the program's service answers."""
     with connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/beep"}))
-        return bool(json.loads(wire.recv(timeout=20))["result"])
+        return bool(json.loads(wire.recv(timeout=60))["result"])
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
@@ -61,7 +61,7 @@ def test_it_serves_until_a_signal_comes(loop: Loop, how: signal.Signals) -> None
     with running(f"loop={loop!r}") as (process, url):
         assert beeps(url)
         process.send_signal(how)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=60)
     assert process.returncode == 0
     assert "Traceback" not in errors
 

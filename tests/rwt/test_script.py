@@ -158,9 +158,9 @@ def test_disconnect_hangs_up_on_everybody(lab: str, app: BlockingRobot) -> None:
 
     with connect_socket(lab) as socket:
         socket.send(json.dumps({"op": "call_service", "service": "/rwt_script/disconnect"}))
-        assert json.loads(socket.recv(timeout=10))["result"] is True
+        assert json.loads(socket.recv(timeout=60))["result"] is True
         with pytest.raises(ConnectionClosed) as closed:
-            socket.recv(timeout=10)
+            socket.recv(timeout=60)
         assert closed.value.rcvd is not None and closed.value.rcvd.code == 1011
 
 
@@ -186,7 +186,7 @@ def test_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         for _ in range(2):
             assert app.call("/limit").message == "half"
             app.publish("/cmd_vel", {}, "geometry_msgs/Twist")
-            assert app.once("/stopped", timeout=10).data is True
+            assert app.once("/stopped", timeout=60).data is True
             app.call("/rwt_script/reset")
 
 

@@ -33,7 +33,7 @@ async def get(url: str, path: str) -> bytes:
     """A page of the server, as a browser asks for it."""
 
     def ask() -> bytes:
-        with urllib.request.urlopen(url.replace("ws", "http", 1) + path, timeout=10) as answer:
+        with urllib.request.urlopen(url.replace("ws", "http", 1) + path, timeout=60) as answer:
             body: bytes = answer.read()
         return body
 

@@ -26,7 +26,7 @@ async def through_a_hub(side: Side, damage: Damage) -> None:
         url = f"{hub.url.replace('ws', 'http', 1)}/rosie"
         async with (
             Server(settings=settings) as server,
-            httpx.AsyncClient(timeout=20, headers={"Content-Type": "application/sdp"}) as client,
+            httpx.AsyncClient(timeout=60, headers={"Content-Type": "application/sdp"}) as client,
             other_side() as other,
             other_side() as silent,
         ):

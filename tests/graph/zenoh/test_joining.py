@@ -225,7 +225,7 @@ def test_a_process_ends_on_a_signal(number: signal.Signals) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
         process.send_signal(number)
-        process.communicate(timeout=20)
+        process.communicate(timeout=60)
     finally:
         process.kill()
         process.wait()

@@ -14,7 +14,7 @@ async def drive(url: str) -> float:
     """Drive, and return what is left in the battery."""
     async with connect(url) as robot:
         await robot.publish("/cmd_vel", geometry_msgs.Twist(linear=geometry_msgs.Vector3(x=0.5)))
-        state: sensor_msgs.BatteryState = await robot.once("/battery_state", timeout=5.0)
+        state: sensor_msgs.BatteryState = await robot.once("/battery_state", timeout=60.0)
         assert_type(state.percentage, float)
         return state.percentage
 

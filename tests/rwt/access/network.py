@@ -25,7 +25,7 @@ def why_no_cables() -> str:
 
 def ip(*words: str) -> None:
     """Run `ip`."""
-    subprocess.run(["ip", *words], check=True, capture_output=True, text=True, timeout=20)
+    subprocess.run(["ip", *words], check=True, capture_output=True, text=True, timeout=60)
 
 
 class Cable:

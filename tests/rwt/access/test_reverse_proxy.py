@@ -108,14 +108,14 @@ def nginx(folder: Path, url: str) -> Iterator[tuple[int, subprocess.Popen[bytes]
             yield port, process
         finally:
             process.terminate()
-            process.communicate(timeout=20)
+            process.communicate(timeout=60)
 
 
 def get(port: int, trust: ssl.SSLContext, path: str) -> tuple[int, str, bytes]:
     """Status, type and body; asked again until nginx listens."""
     until = time.monotonic() + 20
     while True:
-        client = HTTPSConnection("127.0.0.1", port, context=trust, timeout=20)
+        client = HTTPSConnection("127.0.0.1", port, context=trust, timeout=60)
         try:
             client.request("GET", path, headers={"X-Test-Address": "203.0.113.9"})
             answer = client.getresponse()
@@ -135,7 +135,7 @@ def dial(port: int, trust: ssl.SSLContext, address: str) -> ClientConnection:
 
 def answers(client: ClientConnection) -> bool:
     client.send(json.dumps({"op": "call_service", "service": "/rosapi/get_time"}))
-    return bool(json.loads(client.recv(timeout=20))["result"])
+    return bool(json.loads(client.recv(timeout=60))["result"])
 
 
 def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -174,7 +174,7 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         assert refused.value.response.status_code == 429
         other = stack.enter_context(dial(port, trust, "203.0.113.8"))
         assert [answers(client) for client in (first, second, other)] == [True] * 3
-        clients = robot.once("/connected_clients", timeout=20.0).clients
+        clients = robot.once("/connected_clients", timeout=60.0).clients
         assert sorted(client.ip_address for client in clients) == ["203.0.113.7"] * 2 + ["203.0.113.8"]
 
         renewed = certify(tmp_path, 2)
@@ -304,7 +304,7 @@ def test_resources_events_and_websockets_through_a_proxy(
                 _use(f"127.0.0.1:{port}", prefix, follows_bare_path="traefik" not in kind)
             finally:
                 proxy.terminate()
-                proxy.communicate(timeout=20)
+                proxy.communicate(timeout=60)
 
 
 def _use(address: str, prefix: str, *, follows_bare_path: bool) -> None:
@@ -314,7 +314,7 @@ def _use(address: str, prefix: str, *, follows_bare_path: bool) -> None:
         follows_bare_path: True if the proxy passes on WebSockets at the prefix without a slash.
     """
     until = time.monotonic() + 20
-    with httpx.Client(base_url=f"http://{address}", timeout=20, trust_env=False) as client:
+    with httpx.Client(base_url=f"http://{address}", timeout=60, trust_env=False) as client:
         while True:
             try:
                 answer = client.get(f"{prefix}/api")

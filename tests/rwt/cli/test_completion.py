@@ -95,7 +95,7 @@ def _in_shell(shell: str, script: str, folder: Path, demo: str) -> str:
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m rwt.cli "$@"\n')
     command.chmod(0o755)
     environment = {**os.environ, "RWT_URL": demo, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
-    done = subprocess.run([shell, "-c", script], capture_output=True, text=True, timeout=30, env=environment)
+    done = subprocess.run([shell, "-c", script], capture_output=True, text=True, timeout=60, env=environment)
     assert done.stderr == ""
     return done.stdout
 

@@ -28,7 +28,7 @@ def test_ctrl_c_is_a_silent_good_end_of_what_goes_on_for_ever(demo: str, words: 
         assert running.stdout is not None
         assert running.stdout.readline()
         running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=20)
+        _, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, "")
 
 
@@ -38,7 +38,7 @@ def test_ctrl_c_cancels_a_goal_and_is_130(demo: str) -> None:
         while not running.stdout.readline().startswith("Feedback"):
             pass
         running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=20)
+        _, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (130, "")
 
 
@@ -47,7 +47,7 @@ def test_a_reader_that_has_gone_is_a_silent_end(demo: str) -> None:
         assert running.stdout is not None and running.stderr is not None
         assert running.stdout.readline()
         running.stdout.close()
-        assert running.wait(timeout=20) == 141
+        assert running.wait(timeout=60) == 141
         assert running.stderr.read() == ""
 
 
@@ -72,7 +72,7 @@ def test_a_lost_connection_ends_what_waits_for_an_answer() -> None:
         assert running.stdout is not None
         while not running.stdout.readline().startswith("Feedback"):
             pass
-    _, errors = running.communicate(timeout=20)
+    _, errors = running.communicate(timeout=60)
     assert running.returncode == 3
     assert "was lost" in errors
     assert len(errors.splitlines()) == 1
@@ -148,5 +148,5 @@ def test_what_goes_on_for_ever_waits_for_a_lost_robot() -> None:
     with demo_server(url=url):
         assert "reconnected" in running.stderr.readline()
         running.send_signal(signal.SIGINT)
-        running.communicate(timeout=20)
+        running.communicate(timeout=60)
     assert running.returncode == 0

@@ -26,10 +26,10 @@ def test_a_signal_closes_every_client_with_1001_and_exits_0(how: signal.Signals)
         process.send_signal(how)
         for wire in (first, second):
             with pytest.raises(ConnectionClosed) as closed:
-                wire.recv(timeout=10)
+                wire.recv(timeout=60)
             assert closed.value.rcvd is not None
             assert closed.value.rcvd.code == 1001
-        _, errors = process.communicate(timeout=10)
+        _, errors = process.communicate(timeout=60)
         assert process.returncode == 0
         assert "Traceback" not in errors
 
@@ -37,7 +37,7 @@ def test_a_signal_closes_every_client_with_1001_and_exits_0(how: signal.Signals)
 def test_publish_and_call_over_a_real_socket() -> None:
     with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url), connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/add_two_ints", "args": [20, 22]}))
-        assert json.loads(wire.recv(timeout=10)) == {
+        assert json.loads(wire.recv(timeout=60)) == {
             "op": "service_response",
             "service": "/add_two_ints",
             "values": {"sum": 42},
@@ -45,7 +45,7 @@ def test_publish_and_call_over_a_real_socket() -> None:
             "id": "1",
         }
         wire.send(json.dumps({"op": "call_service", "id": "2", "service": "rosapi/topics"}))
-        topics = json.loads(wire.recv(timeout=10))["values"]["topics"]
+        topics = json.loads(wire.recv(timeout=60))["values"]["topics"]
         assert {"/odom", "/scan", "/map", "/tf", "/rosout"} <= set(topics)
 
 
@@ -55,7 +55,7 @@ def test_meshes_of_packages_on_the_same_port(tmp_path: Path) -> None:
     mesh.write_text("solid hand")
     with running("serve", "ws://127.0.0.1:0", "--packages", str(tmp_path)) as (_, url):
         base = url.replace("ws", "http", 1)
-        with urllib.request.urlopen(f"{base}/packages/arm/meshes/hand.stl", timeout=10) as answer:
+        with urllib.request.urlopen(f"{base}/packages/arm/meshes/hand.stl", timeout=60) as answer:
             assert (answer.headers["Content-Type"], answer.read()) == ("model/stl", b"solid hand")
 
 
@@ -70,9 +70,9 @@ def test_a_folder_without_packages_ends_it_with_a_sentence(tmp_path: Path) -> No
 def test_plain_http_on_the_same_port() -> None:
     with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url):
         base = url.replace("ws", "http", 1)
-        with urllib.request.urlopen(f"{base}/healthz", timeout=10) as answer:
+        with urllib.request.urlopen(f"{base}/healthz", timeout=60) as answer:
             assert json.load(answer)["status"] == "ok"
-        with urllib.request.urlopen(f"{base}/index", timeout=10) as answer:
+        with urllib.request.urlopen(f"{base}/index", timeout=60) as answer:
             page = answer.read().decode()
         assert url in page
         assert "/cmd_vel" in page
@@ -175,7 +175,7 @@ def test_the_config_is_used_and_the_command_line_wins(tmp_path: Path) -> None:
         wire.send(
             json.dumps({"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/odom"}})
         )
-        assert json.loads(wire.recv(timeout=10))["values"] == {"type": "nav_msgs/Odometry"}
+        assert json.loads(wire.recv(timeout=60))["values"] == {"type": "nav_msgs/Odometry"}
 
 
 def test_interfaces_of_ones_own(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_interfaces_of_ones_own(tmp_path: Path) -> None:
     ):
         wire.send(json.dumps({"op": "subscribe", "topic": "/mood", "type": "my_msgs/Mood"}))
         wire.send(json.dumps({"op": "publish", "topic": "/mood", "msg": {"name": "glad"}}))
-        assert json.loads(wire.recv(timeout=10))["msg"] == {"name": "glad", "level": 3}
+        assert json.loads(wire.recv(timeout=60))["msg"] == {"name": "glad", "level": 3}
 
 
 def test_bad_interfaces_are_one_line(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_the_environment_sets_what_a_server_does() -> None:
     server = running("serve", "ws://127.0.0.1:0", "--demo", environment=viewer)
     with server as (_, url), connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/add_two_ints", "args": [1, 2]}))
-        answer = json.loads(wire.recv(timeout=10))
+        answer = json.loads(wire.recv(timeout=60))
     assert (answer["result"], "roles.viewer.call" in answer["values"]) == (False, True)
 
 

@@ -44,7 +44,7 @@ def test_one_json_stream_each_way_and_nothing_else_on_stdout() -> None:
         assert json.loads(process.stdout.readline())["topic"] == "/map"
         process.stdin.close()
         rest = process.stdout.read()
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=60) == 0
         assert "Traceback" not in process.stderr.read()
     for line in rest.splitlines():
         json.loads(line)

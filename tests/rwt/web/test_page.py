@@ -196,7 +196,7 @@ def test_what_cannot_be_used_is_refused_at_the_start(built: Path, arguments: dic
 async def get(url: str, path: str, **headers: str) -> tuple[int, str]:
     def request() -> tuple[int, str]:
         parts = urlsplit(url)
-        connection = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=10)
+        connection = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=60)
         try:
             connection.request("GET", path, headers=headers)
             answer = connection.getresponse()

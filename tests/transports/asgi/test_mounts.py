@@ -103,7 +103,7 @@ async def server() -> AsyncIterator[Server]:
 @pytest.fixture
 async def client(server: Server) -> AsyncIterator[httpx.AsyncClient]:
     base = server.urls[0].replace("ws:", "http:", 1)
-    async with httpx.AsyncClient(base_url=base, timeout=20, trust_env=False) as client:
+    async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
         yield client
 
 
@@ -188,7 +188,7 @@ async def test_an_app_without_a_lifespan_or_that_cannot_start(caplog: pytest.Log
 
     async with Server("ws://127.0.0.1:0", web={"enabled": False}, mounts={"/plain": plain}) as server:
         base = server.urls[0].replace("ws:", "http:", 1)
-        async with httpx.AsyncClient(base_url=base, timeout=20, trust_env=False) as client:
+        async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
             assert (await client.get("/plain/x")).text == "/plain"
     with pytest.raises(RuntimeError, match="/unable could not start: no database"):
         async with Server("ws://127.0.0.1:0", mounts={"/unable": unable}):

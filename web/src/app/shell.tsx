@@ -2,7 +2,7 @@
 
 import { type Signal, useComputed, useSignal } from "@preact/signals";
 import { Accessibility, Bot, LayoutDashboard, Moon, OctagonX, PanelLeft, Plus, Sun } from "lucide";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { Icon, IconButton } from "../forms/icon";
 import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
@@ -25,7 +25,7 @@ import { Timeline } from "./timeline";
 export function Shell({ app }: { app: App }) {
   const narrow = useNarrow();
   const isDropping = useSignal(false);
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (app.recording) return undefined;
     const key = (event: KeyboardEvent) => {
       if (event.key === "Escape") app.stop.stop();

@@ -143,7 +143,7 @@ class Conversation:
             for at, each in enumerate(self.heard):
                 if (each[0] if isinstance(each, bytes) else each["op"]) == kind:
                     return self.heard.pop(at)
-            frame = self._client.recv(timeout=20)
+            frame = self._client.recv(timeout=60)
             self.heard.append(json.loads(frame) if isinstance(frame, str) else frame)
 
     def described(self, op: str, member: str, name: str, by: str) -> dict[str, Any]:

@@ -100,5 +100,5 @@ def server(robot_and_server: tuple[Robot, Server]) -> Server:
 @pytest.fixture
 async def client(server: Server) -> AsyncIterator[httpx.AsyncClient]:
     base = server.urls[0].replace("ws:", "http:", 1)
-    async with httpx.AsyncClient(base_url=base, timeout=20, trust_env=False) as client:
+    async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
         yield client

@@ -55,7 +55,7 @@ async def test_streams_of_events_are_described_as_responses(described: Path) -> 
 async def test_what_a_robot_sends_is_as_the_document_says() -> None:
     async with Server("ws://127.0.0.1:0", demo=True, web={"enabled": False}) as server:
         base = server.urls[0].replace("ws:", "http:", 1)
-        async with httpx.AsyncClient(base_url=base, timeout=20, trust_env=False) as client:
+        async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
             document = (await client.get("/api/openapi.json")).json()
             services = (await client.get("/api/services")).json()
             assert {f"/api/services{service['name']}" for service in services} <= set(document["paths"])

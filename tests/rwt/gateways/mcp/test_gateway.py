@@ -41,7 +41,7 @@ def post(
 ) -> tuple[int, str]:
     """One request; the answer's status and its body, the first 10,000 bytes."""
     address = urlsplit(url)
-    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=20)
+    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=60)
     usual = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
     data = body if isinstance(body, bytes) else json.dumps(body).encode()
     try:

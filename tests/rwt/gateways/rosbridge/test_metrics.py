@@ -236,7 +236,7 @@ def test_a_new_topic_among_many_in_use_costs_no_walk_through_them() -> None:
 
 
 def _get(url: str) -> tuple[Mapping[str, str], bytes]:
-    with urllib.request.urlopen(url.replace("ws", "http", 1) + "/metrics", timeout=10) as response:
+    with urllib.request.urlopen(url.replace("ws", "http", 1) + "/metrics", timeout=60) as response:
         return dict(response.headers), response.read()
 
 

@@ -55,7 +55,7 @@ def on_gathered(peer: Any, _: object, url: str) -> None:
         return
     text = peer.get_property("local-description").sdp.as_text()
     request = urllib.request.Request(url, text.encode(), {"Content-Type": "application/sdp"})
-    with urllib.request.urlopen(request, timeout=20) as answer:
+    with urllib.request.urlopen(request, timeout=60) as answer:
         body = answer.read()
     _, sdp = GstSdp.SDPMessage.new()
     GstSdp.sdp_message_parse_buffer(body, sdp)

@@ -112,7 +112,7 @@ async def test_commands_of_before_a_lost_link_do_not_drive_the_robot() -> None:
     settings = Settings.model_validate({"listen": ("ws://127.0.0.1:0",), "gate": {"rules": rules}})
     async with AsyncExitStack() as stack:
         server = await stack.enter_async_context(Server(settings=settings, webrtc=webrtc))
-        client = await stack.enter_async_context(httpx.AsyncClient(timeout=20))
+        client = await stack.enter_async_context(httpx.AsyncClient(timeout=60))
         url, headers = (
             f"{server.urls[0].replace('ws', 'http', 1)}/webrtc",
             {"Content-Type": "application/sdp"},

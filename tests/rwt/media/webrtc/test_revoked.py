@@ -115,7 +115,7 @@ async def test_a_peer_whose_token_is_gone_ends_with_all_its_channels() -> None:
 async def test_a_stream_ends(type: str, then: Settings) -> None:
     async with (
         robot() as (server, url),
-        httpx.AsyncClient(timeout=20) as client,
+        httpx.AsyncClient(timeout=60) as client,
         client.stream("GET", f"{url}/stream?topic={TOPIC}&type={type}&token={TOKEN}") as stream,
     ):
         parts = stream.aiter_raw()

@@ -45,7 +45,7 @@ def test_it_is_signalled_to_a_robot_in_a_program_of_plain_asyncio() -> None:
             async with Server(settings=settings):
                 await until(lambda: any(each.idle for each in hub.robots))
                 url = f"{hub.url.replace('ws', 'http', 1)}/rosie/webrtc"
-                async with httpx.AsyncClient(timeout=20) as client:
+                async with httpx.AsyncClient(timeout=60) as client:
                     return (await client.get(url)).text
 
     assert asyncio.run(program()) == '{"iceServers": []}'

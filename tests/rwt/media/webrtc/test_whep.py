@@ -124,7 +124,7 @@ class Watcher:
 def _post(url: str, offer: str) -> tuple[int, str]:
     request = urllib.request.Request(url, offer.encode(), {"Content-Type": "application/sdp"})
     try:
-        with urllib.request.urlopen(request, timeout=20) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         with error:
@@ -133,7 +133,7 @@ def _post(url: str, offer: str) -> tuple[int, str]:
 
 async def _metric(url: str, name: str) -> float:
     def fetch() -> str:
-        with urllib.request.urlopen(f"{url}/metrics", timeout=20) as answer:
+        with urllib.request.urlopen(f"{url}/metrics", timeout=60) as answer:
             return str(answer.read().decode())
 
     lines = (await asyncio.to_thread(fetch)).splitlines()

@@ -184,7 +184,7 @@ async def test_work_is_in_a_thread_on_the_newest_and_ends_with_the_node(studio: 
     def slowly(item: int) -> Mapping[str, object]:
         threads.append(threading.current_thread())
         begun.release()
-        proceed.acquire(timeout=20)
+        proceed.acquire(timeout=60)
         return {"data": str(item)}
 
     work: LatestOnly[int] = LatestOnly(node, results, slowly, lambda: ())

@@ -144,7 +144,7 @@ def test_plain_tests_with_roslibpy(suite: Suite) -> None:
         @pytest.fixture
         def ros(rwt_server):
             ros = roslibpy.Ros(rwt_server.host, rwt_server.port)
-            ros.run(timeout=10)
+            ros.run(timeout=60)
             yield ros
             ros.close()
 
@@ -282,7 +282,7 @@ def test_faults_reach_a_real_client(suite: Suite) -> None:
                 rwt_server.wait_for_clients(1)
                 assert rwt_server.faults.disconnect(1012) == 1
                 with pytest.raises(ConnectionClosed) as closed:
-                    socket.recv(timeout=10)
+                    socket.recv(timeout=60)
                 assert closed.value.rcvd.code == 1012
             with rwt_server.faults.refuse(429):
                 with pytest.raises(InvalidStatus, match="429"):
