@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from functools import partial
 
 import anyio
 
@@ -54,17 +55,29 @@ class Grip:
             await self._page.wait("pad.reads > 0")  # The page sees it when it looks again.
 
     async def drive_until(self, moves: Callable[[], bool]) -> None:
-        """Hold the control until the robot moves, with a new grip every second.
+        """Hold the control until the robot moves; raises TimeoutError."""
+        await _repeated(self.hold, self.release, moves)
 
-        A page that is too busy for half a second drops the grip.
 
-        Raises:
-            TimeoutError: twenty grips did not move the robot.
-        """
-        for _ in range(20):
-            await self.hold()
-            with anyio.move_on_after(1):
-                await until(moves)
-                return
-            await self.release()
-        raise TimeoutError(f"the robot does not move although the {self._control} was held twenty times")
+async def hold_until(page: Page, key: str, moves: Callable[[], bool]) -> None:
+    """Hold a key until the robot moves; raises TimeoutError."""
+    await _repeated(partial(page.keyboard, "down", key), partial(page.keyboard, "up", key), moves)
+
+
+async def _repeated(
+    hold: Callable[[], Awaitable[None]], release: Callable[[], Awaitable[None]], moves: Callable[[], bool]
+) -> None:
+    """Hold a control until the robot moves, with a new grip every two seconds.
+
+    A page that is too busy for half a second drops the grip.
+
+    Raises:
+        TimeoutError: twenty grips did not move the robot.
+    """
+    for _ in range(20):
+        await hold()
+        with anyio.move_on_after(2):
+            await until(moves)
+            return
+        await release()
+    raise TimeoutError("the robot does not move although its control was held twenty times")

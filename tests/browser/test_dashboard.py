@@ -17,7 +17,7 @@ from rwt import Server
 from rwt.composition.web import serve_page
 from rwt.hub.hub import open_hub
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, REFUSED, Browser, Page, Size
-from tests.browser.grip import Grip
+from tests.browser.grip import Grip, hold_until
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import release
 from tests.waiting import until
@@ -94,8 +94,7 @@ async def test_a_stick_and_buttons_drive_only_while_they_are_held(browser: Brows
         await grip.release()
         await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
         await page.evaluate("document.querySelector('.drive-left').focus()")
-        await page.keyboard("down", " ")
-        await until(lambda: sent[-1] == pytest.approx((0.0, 0.8)))
+        await hold_until(page, " ", lambda: sent[-1] == pytest.approx((0.0, 0.8)))
         await page.keyboard("up", " ")
         await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
 
@@ -340,8 +339,7 @@ async def test_all_is_restored_after_the_server_was_away(browser: Browser) -> No
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
             await page.calm()
             await page.evaluate("document.querySelector('.drive-left').focus()")
-            await page.keyboard("down", "ArrowUp")
-            await until(lambda: 0.4 in [round(each, 2) for each in heard])
+            await hold_until(page, "ArrowUp", lambda: 0.4 in [round(each, 2) for each in heard])
             await page.keyboard("up", "ArrowUp")
             assert await page.evaluate("document.querySelector('.camera canvas').dataset.same") == "yes"
             page.forgive(REFUSED, "ERR_CONNECTION", "WebSocket", "ERR_INCOMPLETE_CHUNKED", "Failed to fetch")
@@ -361,8 +359,7 @@ async def test_the_page_alone_works_with_another_server(browser: Browser, distro
             lambda seen: seen.count((245, 245, 249), 8) > 20_000 and seen.count((185, 140, 50), 45) > 3_000,
         )
         await page.evaluate("document.querySelector('.drive-left').focus()")
-        await page.keyboard("down", "w")
-        await until(lambda: bool(heard) and heard[-1] == pytest.approx(0.4))
+        await hold_until(page, "w", lambda: bool(heard) and heard[-1] == pytest.approx(0.4))
         await page.keyboard("up", "w")
 
 
@@ -385,8 +382,7 @@ async def test_it_works_with_a_server_that_speaks_the_text_of_ros_1(browser: Bro
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
         await page.calm()
         await page.evaluate("document.querySelector('.drive-left').focus()")
-        await page.keyboard("down", "w")
-        await until(lambda: bool(heard) and heard[-1] == pytest.approx(0.4))
+        await hold_until(page, "w", lambda: bool(heard) and heard[-1] == pytest.approx(0.4))
         await page.keyboard("up", "w")
         await until(lambda: heard[-3:] == [0.0] * 3)
         await open_tab(page, "Services")

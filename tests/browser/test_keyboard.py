@@ -28,6 +28,7 @@ from rwt.nodes.interactive_markers import (
 )
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, REFUSED, Browser, Page
+from tests.browser.grip import hold_until
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import KINDS, open_panels, panel, text
 from tests.processes import running
@@ -270,8 +271,7 @@ async def test_driving_with_its_limits_by_keys(browser: Browser) -> None:
         served.node.subscribe("/cmd_vel", lambda it: sent.append((it.linear.x, it.linear.y, it.angular.z)))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
         await tab_to(page, says("Forward in a curve to the left"))
-        await page.keyboard("down", " ")
-        await until(lambda: bool(sent) and sent[-1] == pytest.approx((0.4, 0.0, 0.4)))
+        await hold_until(page, " ", lambda: bool(sent) and sent[-1] == pytest.approx((0.4, 0.0, 0.4)))
         await page.keyboard("up", " ")
         await until(lambda: sent[-3:] == [(0.0, 0.0, 0.0)] * 3)
         await tab_to(page, "it.type === 'range'")
@@ -284,8 +284,7 @@ async def test_driving_with_its_limits_by_keys(browser: Browser) -> None:
         await tab_to(page, says("Sideways buttons"))
         await press(page, " ")
         await tab_to(page, says("Sideways to the left"), back=True)
-        await page.keyboard("down", "Enter")
-        await until(lambda: sent[-1] == pytest.approx((0.0, 0.6, 0.0)))
+        await hold_until(page, "Enter", lambda: sent[-1] == pytest.approx((0.0, 0.6, 0.0)))
         # What is held ends with the focus.
         await press(page, "Tab")
         await until(lambda: sent[-3:] == [(0.0, 0.0, 0.0)] * 3)
@@ -334,8 +333,7 @@ async def test_what_is_held_over_a_restart_of_the_server_sends_nothing_until_it_
                 await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
                 assert all(forward == 0.0 for forward, _ in sent)
                 await page.keyboard("up", "w")
-                await page.keyboard("down", "w")
-                await until(lambda: sent[-1] == pytest.approx((0.4, 0.0)))
+                await hold_until(page, "w", lambda: sent[-1] == pytest.approx((0.4, 0.0)))
                 await page.keyboard("up", "w")
                 await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
                 await page.evaluate("globalThis.gamepadIsHeld = false")

@@ -22,6 +22,7 @@ from rwt import Server
 from rwt.nodes.recording import open_recording
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page
+from tests.browser.grip import hold_until
 from tests.browser.stand import Stand, stand
 from tests.waiting import until
 
@@ -749,8 +750,7 @@ async def test_letters_drive_from_anywhere_but_text_fields(browser: Browser) -> 
             await anyio.sleep(0.5)
             assert not any(told)
             await page.evaluate("document.activeElement.blur()")
-            await page.keyboard("down", "w")
-            await until(lambda: 0.4 in told)
+            await hold_until(page, "w", lambda: 0.4 in told)
             await page.keyboard("up", "w")
             await until(lambda: told[-1] == 0.0)
 

@@ -20,6 +20,7 @@ from PIL import Image
 
 from rwt import Server
 from tests.browser.driver import NODE, REFUSED, Browser, Page, Picture, near
+from tests.browser.grip import hold_until
 from tests.browser.stand import REGISTRIES
 from tests.docs.blocks import ALL_BLOCKS, ROOT
 from tests.docs.processes import Running, commands_folder
@@ -124,8 +125,7 @@ async def test_teleop_drives_while_a_key_is_held(browser: Browser, distro: str) 
                 "window.told = []; for (const name of ['hold', 'drive', 'release'])"
                 " document.addEventListener('rwt-' + name, ({ type, detail }) => told.push([type, detail]))"
             )
-            await page.keyboard("down", "w")
-            await until(lambda: odom.linear > 0.55)
+            await hold_until(page, "w", lambda: odom.linear > 0.55)
             await page.picture(f"widget teleop {distro}")
             await page.keyboard("up", "w")
             await until(lambda: odom.stands)
@@ -173,8 +173,7 @@ async def test_teleop_lets_go_when_its_user_cannot(browser: Browser, happens: st
         odom = Odometry(server)
         async with shown(browser, server, "teleop") as page:
             await page.wait(part("rwt-teleop", "button:not([disabled])"))
-            await page.keyboard("down", "ArrowUp")
-            await until(lambda: odom.linear > 0.3)
+            await hold_until(page, "ArrowUp", lambda: odom.linear > 0.3)
             await page.evaluate(happens)
             await until(lambda: odom.stands)
             await page.keyboard("up", "ArrowUp")
@@ -525,9 +524,8 @@ async def test_react_and_vue_use_the_elements(browser: Browser, tmp_path: Path, 
                 await page.click("main > button")
                 await page.wait("document.querySelector('rwt-teleop').maxLinear === 0.6")
                 await page.evaluate(f"{part('rwt-teleop', '.drive-forward')}.focus()")
-                await page.keyboard("down", "w")
+                await hold_until(page, "w", lambda: odom.linear > 0.5)
                 await page.wait("document.querySelector('#speed').textContent === '0.60 m/s'")
-                await until(lambda: odom.linear > 0.5)
                 await page.keyboard("up", "w")
                 await until(lambda: odom.stands)
 
@@ -545,8 +543,7 @@ async def test_a_page_of_another_server_in_an_iframe(browser: Browser, tmp_path:
                 button = f"{inner}.querySelector('rwt-teleop')?.shadowRoot.querySelector('.drive-forward')"
                 await page.wait(f"{button} && !{button}.disabled")
                 await page.evaluate(f"{button}.focus()")
-                await page.keyboard("down", "ArrowUp")
-                await until(lambda: odom.linear > 0.3)
+                await hold_until(page, "ArrowUp", lambda: odom.linear > 0.3)
                 # The page around takes the keyboard away: the frame does not hear that the key is let go.
                 await page.evaluate("document.querySelector('input').focus()")
                 await until(lambda: odom.stands)
