@@ -122,27 +122,25 @@ async def walk(page: Page) -> list[str]:
     )
 
 
-async def test_the_tabulator_comes_to_everything_and_is_seen_and_goes_on(browser: Browser) -> None:
-    configs: dict[str, dict[str, object]] = {
-        "topics": {"topic": "/odom"},
-        "services": {"name": "/add_two_ints"},
-        "actions": {"name": "/fibonacci"},
-        "parameters": {"node": "/demo_robot"},
-    }
-    wrong: list[str] = []
-    async with stand("jazzy", browser.built) as served:
-        for kind in KINDS:
-            # Each in a page of its own: behind the last control comes the browser's, and Firefox stays there.
-            async with browser.page(f"{served.url}healthz", *WIDE) as page:
-                page.forgive(LEFT_MESH, LEFT_STREAM)
-                await open_panels(page, served.url, [(kind, configs.get(kind, {}))])
-                await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
-                if kind == "parameters":
-                    await page.wait("document.querySelector('.panel-parameters tbody tr')")
-                if kind in ("services", "actions"):
-                    await page.wait("document.querySelector('.message-form input')")
-                wrong += [f"{kind}: {each}" for each in await walk(page)]
-    assert wrong == []
+CONFIGS: dict[str, dict[str, object]] = {
+    "topics": {"topic": "/odom"},
+    "services": {"name": "/add_two_ints"},
+    "actions": {"name": "/fibonacci"},
+    "parameters": {"node": "/demo_robot"},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+async def test_the_tabulator_comes_to_everything_and_is_seen_and_goes_on(browser: Browser, kind: str) -> None:
+    async with stand("jazzy", browser.built) as served, browser.page(f"{served.url}healthz", *WIDE) as page:
+        page.forgive(LEFT_MESH, LEFT_STREAM)
+        await open_panels(page, served.url, [(kind, CONFIGS.get(kind, {}))])
+        await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
+        if kind == "parameters":
+            await page.wait("document.querySelector('.panel-parameters tbody tr')")
+        if kind in ("services", "actions"):
+            await page.wait("document.querySelector('.message-form input')")
+        assert await walk(page) == []
 
 
 async def test_panels_are_added_arranged_and_closed_by_keys(browser: Browser) -> None:
