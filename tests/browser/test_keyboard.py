@@ -90,7 +90,9 @@ async def choose(page: Page, value: str) -> None:
 async def walk(page: Page) -> list[str]:
     """Go once around by the tabulator; returns what is wrong: not reached, not seen to have it, or a trap."""
     await page.evaluate(
-        f"""{FOCUSED}?.blur?.(); globalThis.walked = new Set(); globalThis.unseen = [];
+        # A browser goes on from where the focus was last: here from the start of the page.
+        f"""document.body.tabIndex = -1; document.body.focus(); document.body.removeAttribute('tabindex');
+        globalThis.walked = new Set(); globalThis.unseen = [];
         globalThis.there = new Set({OPERABLE}); document.title"""
     )
     step = f"""(() => {{
