@@ -45,20 +45,19 @@ def main(argv: list[str] | None = None) -> int:
         command = [sys.executable, "-m", "bench.ratchet", *(sys.argv[1:] if argv is None else argv)]
         os.chdir(ROOT)  # The operations are those of this checkout.
         os.execve(sys.executable, command, layout.environment())
-    table: dict[str, float] = json.loads(TABLE.read_text()) if TABLE.exists() else {}
+    table: dict[str, int] = json.loads(TABLE.read_text()) if TABLE.exists() else {}
     regressions = 0
-    found: dict[str, float] = {}
+    found: dict[str, int] = {}
     for name, operation in operations().items():
         if given.only not in name:
             continue
-        counts = asyncio.run(count(operation, folders))
-        calls = found[name] = counts.per_message(counts.steady)
+        calls = found[name] = asyncio.run(count(operation, folders))
         before = table.get(name)
         worse = before is not None and calls > allowed(before)
         regressions += worse
         if not given.json:
             change = "new" if before is None else f"{calls - before:+g}"
-            print(f"{calls:9.2f} {change:>8}  {name}{'  REGRESSION' if worse else ''}", flush=True)
+            print(f"{calls:6} {change:>8}  {name}{'  REGRESSION' if worse else ''}", flush=True)
     if given.json:
         json.dump(found, sys.stdout, indent=2)
     if given.record:

@@ -6,13 +6,14 @@ import asyncio
 import json
 import random
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from bench.traffic.messages import Stream, images, scans, twists
-from tools.size.calls import CallCounter, CallCounts
+from tools.size.calls import CallCounter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -256,8 +257,11 @@ def operations() -> Mapping[str, Operation]:
     return found
 
 
-async def count(operation: Operation, folders: Iterable[Path]) -> CallCounts:
-    """Count the calls of functions in some folders for one operation."""
+async def count(operation: Operation, folders: Iterable[Path]) -> int:
+    """Return the calls of functions in some folders that every operation of its kind makes.
+
+    Of each function, the operation with the fewest calls counts: timers run during some of them only.
+    """
     from websockets.asyncio.client import connect
 
     from rwt import Server, Settings
@@ -272,15 +276,20 @@ async def count(operation: Operation, folders: Iterable[Path]) -> CallCounts:
         setup = Setup(server, client, others)
         await operation.prepare(setup)
         await asyncio.sleep(STARTUP_SECONDS)
-        counter = CallCounter(folders)
         for number in range(WARM_UP):
             await operation.run(setup, number)
             await asyncio.sleep(IDLE_SECONDS)
-        with counter:
-            for number in range(WARM_UP, WARM_UP + COUNTED):
+        counter = CallCounter(folders)
+        least: Counter[tuple[str, int]] | None = None
+        before: Counter[tuple[str, int]] = Counter()
+        for number in range(WARM_UP, WARM_UP + COUNTED):
+            with counter:
                 await operation.run(setup, number)
                 await asyncio.sleep(IDLE_SECONDS)
-        return counter.counts(COUNTED)
+            now = Counter({(each.file, each.line): each.calls for each in counter.counts(1).functions})
+            least = now - before if least is None else least & (now - before)
+            before = now
+        return least.total() if least else 0
 
 
 async def _say(client: ClientConnection, **op: object) -> None:
