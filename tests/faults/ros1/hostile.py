@@ -493,14 +493,14 @@ def many_calls_in_one(master: str) -> None:
         uri = "http://127.0.0.1:9/{0}"
         for first in range(0, 4500, 1500):
             all_of(1500, "registerSubscriber", f"/node_{first}_{{0}}", "/crowd", "std_msgs/String", uri)
-        all_of(3000, "unregisterPublisher", "/node_{0}", "/topic_{0}", uri)
-        all_of(3000, "unregisterSubscriber", "/node_0_{0}", "/crowd", uri)
-        all_of(300, "registerPublisher", "/speaker", "/crowd", "std_msgs/String", uri)
-        all_of(300, "getSystemState", "/node")
-        all_of(100, "getParam", "/node", "/")
-        all_of(2000, "system.multicall", "/node")
-        all_of(5000, "subscribeParam", "/node_{0}", uri, "/watched")
-        all_of(200, "setParam", "/speaker", "/watched/{0}", "{0}")
+        all_of(1500, "unregisterPublisher", "/node_{0}", "/topic_{0}", uri)
+        all_of(1500, "unregisterSubscriber", "/node_0_{0}", "/crowd", uri)
+        all_of(60, "registerPublisher", "/speaker", "/crowd", "std_msgs/String", uri)
+        all_of(60, "getSystemState", "/node")
+        all_of(20, "getParam", "/node", "/")
+        all_of(500, "system.multicall", "/node")
+        all_of(3000, "subscribeParam", "/node_{0}", uri, "/watched")
+        all_of(60, "setParam", "/speaker", "/watched/{0}", "{0}")
 
 
 @attack
