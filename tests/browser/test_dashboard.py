@@ -156,7 +156,7 @@ async def test_the_robot_stops_when_the_tab_or_the_network_goes_while_it_drives(
         async with browser.page(url, **SIZE) as page:
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
             await page.calm()
-            await Grip(page, "key").drive_until(lambda: bool(speeds) and speeds[-1] > 0.0)
+            await Grip(page, "key").drive_until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
             if end == "network":
                 silent.set()
                 await until(lambda: speeds[-1] == 0.0)

@@ -198,6 +198,18 @@ async def test_connections_to_one_node_are_limited(graph: Ros1Graph) -> None:
     assert await rpc.call(uri, "getName", "/me") == "/talker"
 
 
+async def test_an_idle_connection_to_a_node_is_closed(
+    graph: Ros1Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rpc, "IDLE_SECONDS", 0.2)
+    graph.node("talker").advertise("/chatter", "std_msgs/String")
+    assert graph._session is not None
+    uri = graph._session.nodes["/talker"].uri
+    async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
+        with anyio.fail_after(30), pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
+            await stream.receive()
+
+
 async def test_the_calls_of_one_call_are_answered_one_by_one(graph: Ros1Graph) -> None:
     calls = [
         {"methodName": "registerSubscriber", "params": ["/one", "/topic", "std_msgs/String", "http://one:1"]},
