@@ -13,9 +13,6 @@ import pytest
 
 from rwt import Server, SettingsError, connect
 from rwt.cli import main
-from rwt.composition.gateways import GATEWAYS
-from rwt.composition.nodes import NODES
-from rwt.settings import models
 from rwt_client import Robot
 from rwt_protocol import codecs
 from rwt_transports import BadUrl
@@ -136,10 +133,6 @@ def server(*urls: str, **changes: Any) -> Server:
     node.advertise("/greeting", "std_msgs/String", latch=True).publish({"data": "hello"})
     node.advertise_service("/beep", "std_srvs/Trigger", lambda request: {"success": True, "message": "ü"})
     return made
-
-
-def test_the_names_of_settings_are_those_of_the_tables() -> None:
-    assert (tuple(NODES), tuple(GATEWAYS)) == (models.NODES, models.GATEWAYS)
 
 
 @pytest.mark.anyio
