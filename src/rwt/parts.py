@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import MappingProxyType
@@ -206,7 +205,6 @@ def is_available(kind: Kind, name: str) -> bool:
         return False
 
 
-@cache
 def load(kind: Kind, name: str) -> Part:
     """Import the declaration of a part.
 

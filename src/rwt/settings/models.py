@@ -370,7 +370,6 @@ def _parts_in(values: Mapping[str, object]) -> Iterator[tuple[parts.Kind, str]]:
                 yield kind, name
 
 
-@cache
 def settings_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
     """Return the class of settings with the tables of some parts.
 
@@ -379,6 +378,17 @@ def settings_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
     """
     if not owners:
         return Settings
+    if all(name in parts.BUILT_IN[kind] for kind, name in owners):
+        return _type_of_built_in(owners)
+    return _made_type(owners)
+
+
+@cache
+def _type_of_built_in(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
+    return _made_type(owners)
+
+
+def _made_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
     order = [(kind, name) for kind, rows in parts.BUILT_IN.items() for name in rows]
     listed = sorted(owners, key=lambda each: (order.index(each) if each in order else len(order), each))
     found: list[SettingsOfPart] = []
@@ -387,7 +397,10 @@ def settings_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
         try:
             each = _settings_of(kind, name)
         except parts.PartError as error:
-            raise SettingsError(f"`{parts.row(kind, name).settings[0]}`: {error}") from error
+            # A part of another distribution is named by a setting; a built-in one has a table here.
+            built_in = name in parts.BUILT_IN[kind]
+            setting = parts.row(kind, name).settings[0] if built_in else dict(_NAMED_BY).get(kind, name)
+            raise SettingsError(f"`{setting}`: {error}") from error
         found.append(each)
         if each.key:
             fields[each.key] = (each.part.settings, each.part.settings())
