@@ -257,13 +257,14 @@ class WebSocketWire:
 
     Attributes by purpose:
 
-    * Role and limits: ``_server``, ``_mask_bit`` and ``_header_bytes`` (of a small frame from the peer,
-      derived from the role), ``_max_size``, ``_strict`` (True if text must be UTF-8), ``_events``,
+    * Role and limits: ``_server``, ``_small_frames`` (mask bit, bytes of the shortest header, and maximum
+      size of the frames that arrive), ``_max_size``, ``_strict`` (True if text must be UTF-8), ``_events``,
       ``_buffers``.
     * ``_state``: state of the connection.
     * ``_progress``: **NONE** between messages; **FRAGMENTED** after the first fragment of one, with
       ``_parts`` (its payload so far) and ``_parts_binary``; **SKIPPED** while one that is too large is
       skipped, with ``_head`` (its first bytes, until they are reported).
+    * ``_is_usual``: True if ``_progress`` is **NONE**, for speed.
     * Frame: ``_tail``, ``_staged``, ``_skip`` (bytes to skip), ``_skip_last`` (True if that frame ends its
       message).
     * ``_is_held``: True while nothing more is read, see :meth:`hold`.
@@ -273,8 +274,8 @@ class WebSocketWire:
     """
 
     __slots__ = (
-        "_buffers", "_events", "_head", "_header_bytes", "_is_held", "_mask_bit", "_max_size", "_parts",
-        "_parts_binary", "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict",
+        "_buffers", "_events", "_head", "_is_held", "_is_usual", "_max_size", "_parts", "_parts_binary",
+        "_progress", "_server", "_skip", "_skip_last", "_small_frames", "_staged", "_state", "_strict",
         "_tail", "framing", "message",
     )  # fmt: skip
 
@@ -284,13 +285,14 @@ class WebSocketWire:
         self._events = events
         self._max_size = limits.message_bytes
         self._server = server
-        self._mask_bit, self._header_bytes = (0x80, 6) if server else (0, 2)
+        self._small_frames = (0x80, 6, self._max_size) if server else (0, 2, self._max_size)
         self.framing = SERVER_FRAMING if server else CLIENT_FRAMING
         self._strict = limits.strict_utf8
         self._buffers = buffers
         self.message: Callable[[bytes, bool], None] = drop_message
         self._state = _WireState.OPEN
         self._progress = _Progress.NONE
+        self._is_usual = True
         self._parts = bytearray()
         self._parts_binary = False
         self._head: _SkippedHead | None = None
@@ -321,6 +323,7 @@ class WebSocketWire:
 
     def feed(self, data: bytes) -> None:
         position = 0
+        mask_bit, header_bytes, most = self._small_frames
         try:
             if self._staged is not None:
                 position = self._stage(self._staged, data, 0)
@@ -335,32 +338,31 @@ class WebSocketWire:
                 if self._skip:
                     position = self._skip_some(data, position, end)
                     continue
-                if self._progress is _Progress.NONE and end - position >= _LONGEST_SMALL_HEADER:
-                    # A whole message of less than 64 KiB, nearly all that peers send. Anything else, and
-                    # whatever breaks a rule, is left to `_read_frame`.
+                # Whole messages of less than 64 KiB, nearly all that peers send. Anything else, and whatever
+                # breaks a rule, is left to `_read_frame`.
+                while self._is_usual and not self._is_held and end - position >= _LONGEST_SMALL_HEADER:
                     first = data[position]
-                    size = data[position + 1] - self._mask_bit
-                    start = position + self._header_bytes
-                    is_small = 0 <= size < 126
+                    size = data[position + 1] - mask_bit
+                    start = position + header_bytes
                     if size == 126:
                         size = data[position + 2] << 8 | data[position + 3]
                         start += 2
-                        is_small = size >= 126
+                        if size < 126:
+                            break
+                    elif size > 126:
+                        break
                     stop = start + size
-                    if (
-                        is_small
-                        and (first == 0x81 or first == 0x82)
-                        and stop <= end
-                        and size <= self._max_size
-                    ):
-                        payload = data[start:stop]
-                        if self._server:
-                            payload = apply_mask(payload, data[start - 4 : start])
-                        position = stop
-                        if self._strict and first == 0x81:
-                            _require_utf8(payload)
-                        self.message(payload, first == 0x82)
-                        continue
+                    if (first != 0x81 and first != 0x82) or size < 0 or stop > end or size > most:
+                        break
+                    payload = data[start:stop]
+                    if mask_bit:
+                        payload = apply_mask(payload, data[start - 4 : start])
+                    position = stop
+                    if self._strict and first == 0x81:
+                        _require_utf8(payload)
+                    self.message(payload, first == 0x82)
+                if position == end or self._is_held:
+                    continue
                 following = self._read_frame(data, position, end)
                 if following == position:
                     self._tail = data[position:]
@@ -575,11 +577,13 @@ class WebSocketWire:
         if self._progress is _Progress.NONE:
             self._parts_binary = first & 0x0F == BINARY
         self._progress = progress
+        self._is_usual = False
 
     def _end_message(self) -> None:
         self._buffers.release(self)
         self._parts = bytearray()
         self._progress = _Progress.NONE
+        self._is_usual = True
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
         if self._strict and not binary:
