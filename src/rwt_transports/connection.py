@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
@@ -36,7 +37,7 @@ from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
-from rwt_transports.turns import REQUESTS_SECONDS, Turns, loop_turns, no_turns
+from rwt_transports.scheduler import REQUESTS, Scheduler
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import SERVER_FRAMING
@@ -99,7 +100,7 @@ class ListenerState:
         access_log: True if each HTTP request is logged.
         subprotocols: WebSocket subprotocols other than rosbridge.
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
-        requests: turns in which HTTP requests are read.
+        requests: scheduler of the reading of HTTP requests.
         ended: set when the only peer is gone, and when the listener has closed.
         closing: True if no more connections are accepted.
     """
@@ -118,7 +119,7 @@ class ListenerState:
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
     tasks: TaskStarter | None = None
-    requests: Turns = field(default_factory=no_turns)
+    requests: Scheduler = field(default_factory=partial(Scheduler.immediate, REQUESTS))
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
@@ -170,7 +171,7 @@ class ListenerState:
         """Run handlers and check timeouts inside the block; then close every connection with 1001."""
         async with background_tasks() as tasks:
             self.tasks = TaskStarter()
-            self.requests = loop_turns(REQUESTS_SECONDS)
+            self.requests = Scheduler.of_loop(REQUESTS)
             tasks.start_soon(self.tasks.run, tasks)
             tasks.start_soon(self.watch)
             try:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
-from typing import Final
-from weakref import WeakValueDictionary
 
 import anyio
-import anyio.lowlevel
 from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
@@ -31,7 +28,7 @@ from rwt_transports.drivers.sockets import (
 from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES
 from rwt_transports.errors import log_exception
-from rwt_transports.turns import READ_SECONDS, Turns, loop_turns
+from rwt_transports.scheduler import READING, Scheduler
 
 logger = logging.getLogger("rwt_transports")
 
@@ -42,32 +39,23 @@ GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
 """Exceptions of a stream whose other end is gone. Under TLS, a writer can get `EndOfStream`, too."""
 
 
-_turns: Final[WeakValueDictionary[tuple[object, Callable[[], bool]], Turns]] = WeakValueDictionary()
-"""Turns in which large messages are received, by event loop and hold-back function."""
-
-
-def _turns_of(is_held_back: Callable[[], bool]) -> Turns:
-    key = (anyio.lowlevel.current_token(), is_held_back)
-    return _turns.setdefault(key, loop_turns(READ_SECONDS, is_held_back=is_held_back))
-
-
 class _StreamLink(TaskLink):
     """Stream of one peer.
 
     Attributes by purpose, beside those of `TaskLink`:
 
     * Stream: ``_stream``, ``_socket`` (None if it has none).
-    * Reading: ``_turns`` (turns in which large messages are received).
+    * Reading: ``_scheduler`` (of the receiving of large messages).
     * Writing: ``_finishing`` (True if the stream is to be half-closed once everything is written).
     """
 
-    __slots__ = ("_finishing", "_socket", "_stream", "_turns")
+    __slots__ = ("_finishing", "_scheduler", "_socket", "_stream")
 
-    def __init__(self, stream: ByteStream, turns: Turns) -> None:
+    def __init__(self, stream: ByteStream, scheduler: Scheduler) -> None:
         super().__init__()
         self._stream = stream
         self._socket: socket.socket | None = stream.extra(SocketAttribute.raw_socket, None)
-        self._turns = turns
+        self._scheduler = scheduler
         self._finishing = False
 
     def hang_up(self) -> HangUp:
@@ -104,18 +92,18 @@ class _StreamLink(TaskLink):
 
     async def _receive_large(self, data: bytes) -> None:
         """Deliver a part of a large message, in a turn that has time for it."""
-        if not self._turns.must_wait:
-            self._turns.do(partial(self._callbacks.receive, data))
+        if not self._scheduler.must_wait:
+            self._scheduler.do(partial(self._callbacks.receive, data))
             return
         taken = anyio.Event()
 
         def deliver_late() -> None:
             try:
-                self._turns.do(partial(self._callbacks.receive, data))
+                self._scheduler.do(partial(self._callbacks.receive, data))
             finally:
                 taken.set()
 
-        self._turns.wait(deliver_late)
+        self._scheduler.wait(deliver_late)
         await taken.wait()
 
     async def _write(self) -> None:
@@ -149,16 +137,16 @@ class AnyioDriver:
     :class:`rwt_transports.api.Connector`."""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        turns = _turns_of(address.is_held_back)
-        tasks.start_soon(serve_stream, attach, await _connected(address), turns)
+        scheduler = Scheduler.of_loop(READING, address.is_held_back)
+        tasks.start_soon(serve_stream, attach, await _connected(address), scheduler)
 
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         sockets, port = await bind(address)
-        turns = _turns_of(address.is_held_back)
-        serve = partial(serve_stream, attach, turns=turns)
+        scheduler = Scheduler.of_loop(READING, address.is_held_back)
+        serve = partial(serve_stream, attach, scheduler=scheduler)
         if address.tls is not None:
-            serve = partial(_serve_in_tls, address, address.tls, attach, turns, Handshakes())
+            serve = partial(_serve_in_tls, address, address.tls, attach, scheduler, Handshakes())
         try:
             async with AsyncExitStack() as listeners, background_tasks() as tasks:
                 for each in sockets:
@@ -171,15 +159,15 @@ class AnyioDriver:
                 remove_unix(address.path)
 
 
-async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None = None) -> None:
+async def serve_stream(attach: Attach, stream: ByteStream, scheduler: Scheduler | None = None) -> None:
     """Serve the one peer at the other end of `stream`, until its connection ends.
 
     Args:
-        turns: turns in which large messages are received; None if the peer is the only one.
+        scheduler: scheduler of the receiving of large messages; None if the peer is the only one.
     """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
-    link = _StreamLink(stream, turns or loop_turns(READ_SECONDS))
+    link = _StreamLink(stream, scheduler or Scheduler.of_loop(READING))
     try:
         attach(link, host, port)
         await link.run()
@@ -192,7 +180,7 @@ async def _serve_in_tls(
     address: BindAddress,
     tls: SSLContext,
     attach: Attach,
-    turns: Turns,
+    scheduler: Scheduler,
     handshakes: Handshakes,
     stream: ByteStream,
 ) -> None:
@@ -204,7 +192,7 @@ async def _serve_in_tls(
     finally:
         address.addresses.leave(host)
     if encrypted is not None:
-        await serve_stream(attach, encrypted, turns)
+        await serve_stream(attach, encrypted, scheduler)
 
 
 async def _shake_hands(

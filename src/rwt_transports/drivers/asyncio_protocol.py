@@ -44,14 +44,7 @@ from rwt_transports.drivers.sockets import (
 )
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, forget_protocol, spare_buffers
 from rwt_transports.errors import log_exception
-from rwt_transports.turns import (
-    ENCRYPT_SECONDS,
-    READ_SECONDS,
-    WRITE_SECONDS,
-    Turns,
-    loop_batches,
-    loop_turns,
-)
+from rwt_transports.scheduler import READING, WRITING, Scheduler
 
 logger = logging.getLogger("rwt_transports")
 
@@ -77,8 +70,8 @@ class _LoopShare:
 
     Attributes:
         buffer: receive buffer for small messages.
-        reading: turns in which large messages are received.
-        writing: turns in which links are flushed.
+        reading: scheduler of the receiving of large messages.
+        writing: scheduler of the flushing of links.
     """
 
     __slots__ = ("__weakref__", "buffer", "loop", "reading", "writing")
@@ -86,8 +79,8 @@ class _LoopShare:
     def __init__(self, is_held_back: Callable[[], bool] = bool) -> None:
         self.loop = asyncio.get_running_loop()
         self.buffer = bytearray(READ_BYTES)
-        self.reading = loop_turns(READ_SECONDS, is_held_back=is_held_back)
-        self.writing = Turns(WRITE_SECONDS, loop_batches().call_soon, self.loop.call_later)
+        self.reading = Scheduler.of_loop(READING, is_held_back)
+        self.writing = Scheduler.of_loop(WRITING)
 
 
 _shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _LoopShare]] = (
@@ -350,9 +343,9 @@ class _SocketLink(asyncio.BufferedProtocol):
     def _flush_encrypted(self, gathering: Gathering) -> None:
         """Write in small chunks: the buffer for encrypted bytes never shrinks.
 
-        Beyond `ENCRYPT_SECONDS`, a batch in progress is completed, and the rest waits for the next turn.
+        Beyond the share of `WRITING`, a batch in progress is completed, and the rest waits for the next turn.
         """
-        write, over, more = self._transport.write, monotonic() + ENCRYPT_SECONDS, True
+        write, over, more = self._transport.write, monotonic() + WRITING.share, True
         while more and self._writable:
             pieces, more = gathering.take_pieces()
             for at, piece in enumerate(pieces):

@@ -206,12 +206,12 @@ class HttpConnection(UnbufferedCallbacks):
     # -- reading -------------------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        turns = self._listener.requests
-        if turns.must_wait:
+        scheduler = self._listener.requests
+        if scheduler.must_wait:
             self._become(_HttpState.WAITING)
-            turns.wait(self._take_waiting)
+            scheduler.wait(self._take_waiting)
         else:
-            turns.do(self._take_requests)
+            scheduler.do(self._take_requests)
 
     def _take_waiting(self) -> None:
         if self._is_over:
