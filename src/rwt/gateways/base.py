@@ -257,8 +257,8 @@ class ConnectedClient(ABC, Generic[T]):
                 reload_role()
 
     Messages wait beyond the client's share of a turn (`MESSAGES`), in turns that all clients together
-    have filled, and beyond the client's rate of work. While something waits, the client is **held**: nothing is read from it. A client that exceeds its rate of messages, or is no longer
-    admitted, is disconnected.
+    have filled, and beyond the client's rate of work. While something waits, the client is **held**: nothing
+    is read from it. A client that exceeds its rate of messages, or is no longer admitted, is disconnected.
 
     Attributes by purpose:
 
