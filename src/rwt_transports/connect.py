@@ -14,6 +14,7 @@ from typing import Final
 import anyio
 from websockets.uri import WebSocketURI
 
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import Connector, FindsPath, Link, UnbufferedCallbacks
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
@@ -97,7 +98,7 @@ class _Handshaking(UnbufferedCallbacks):
         path, _, query = target.path.partition("?")
         uri = WebSocketURI(target.scheme.tls, target.address.host, target.address.port, path, query)
         self._handshake = ClientHandshake(uri, outgoing.headers)
-        self._request: bytes | None = self._handshake.request
+        self._request: Sequence[Buffer] = (self._handshake.request,)
         link.wake()
 
     def receive(self, data: bytes) -> None:
@@ -112,9 +113,12 @@ class _Handshaking(UnbufferedCallbacks):
             if rest:
                 connection.receive(rest)
 
-    def take(self) -> bytes | None:
-        request, self._request = self._request, None
-        return request
+    def take(self, limit: int = 0, /) -> tuple[Sequence[Buffer], bool]:
+        request, self._request = self._request, ()
+        return request, False
+
+    def put_back(self, pieces: Sequence[Buffer]) -> None:
+        self._request = pieces
 
     def eof(self) -> None:
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 import anyio
 
 from rwt_protocol.extensions import imported_on_call
-from rwt_protocol.frames import Buffer, Framing
+from rwt_protocol.frames import Framing
 from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
@@ -240,7 +240,7 @@ class Connection:
     * Wiring: ``_state``, ``_listener``, ``_link``, ``_hang_up_aware`` (the link again, if it can tell),
       ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_holdable`` (the wire again, if
       a pause holds it), ``_endpoint``, ``outbox``, and what the driver calls on the wire and the outbox
-      directly: ``get_buffer``, ``take``, ``take_pieces``, ``put_back``.
+      directly: ``get_buffer``, ``take``, ``put_back``.
     * Peer: ``address``, ``_port``.
     * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
       link).
@@ -253,7 +253,7 @@ class Connection:
     __slots__ = (
         "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_inflating",
         "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state",
-        "_wire", "address", "get_buffer", "outbox", "put_back", "take", "take_pieces",
+        "_wire", "address", "get_buffer", "outbox", "put_back", "take",
     )  # fmt: skip
 
     def __init__(
@@ -271,9 +271,8 @@ class Connection:
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         # The driver calls the wire and the outbox directly here, since it does so for every message.
         self.get_buffer: Callable[[], memoryview | None] = self._wire.get_buffer
-        self.take: Callable[[], Buffer | None] = self.outbox.take
-        self.take_pieces: Callable[[], tuple[Sequence[Buffer], bool]] = self.outbox.take_pieces
-        self.put_back: Callable[[Sequence[Buffer]], None] = self.outbox.put_back
+        self.take = self.outbox.take
+        self.put_back = self.outbox.put_back
         self.address = address
         self._port = port
         self._closed_with: tuple[int, str] | None = None

@@ -22,12 +22,11 @@ from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
 
-SLICE_BYTES = 256 * 1024
-"""Maximum size of a slice: the rest of a larger piece stays shared and uncopied for a slow peer."""
+TAKE_BYTES = 256 * 1024
+"""Bytes of large pieces that a driver takes at once unless it asks for another number: the rest of a larger
+piece stays shared and uncopied for a slow peer."""
 ALONE_BYTES = 32 * 1024
 """Pieces of this size are not joined with others: copying them would cost more than another write."""
-GATHER_BYTES = 1024 * 1024
-"""Maximum total size of the pieces of one `writev`."""
 PIECES_BYTES = 256 * 1024
 """Frames from this size on are not joined with their own header."""
 
@@ -325,19 +324,20 @@ class Outbox:
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
-    def take(self) -> Buffer | None:
-        if self._begun:
-            data: Buffer = self._slice(self._begun.popleft(), SLICE_BYTES)
+    def take(self, limit: int = TAKE_BYTES) -> tuple[Sequence[Buffer], bool]:
+        if not self.ready and not self._begun:
+            self._refill()
+            if not self.ready:
+                self._empty()
+                return (), False
+        pieces: Sequence[Buffer]
+        if self._large or self._begun:
+            pieces = self._gather(limit)
         else:
-            ready = self.ready
-            if not ready:
-                self._refill()
-                if not ready:
-                    self._empty()
-                    return None
-            data = self._take_mixed(self._settle_bursts(), SLICE_BYTES) if self._large else self._take_small()
-        self.taken += len(data)
-        return data
+            pieces = (self._take_small(),)
+            self.taken += len(pieces[0])
+        # There is room as long as nothing waits: then the driver is spared a call that returns nothing.
+        return pieces, self.room <= 0 or self._on_empty is not None
 
     def _take_small(self) -> Buffer:
         ready = self.ready
@@ -360,24 +360,9 @@ class Outbox:
                     ready[at] = piece.framed(self._framing)
         return cast("list[Buffer]", ready)
 
-    def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
-        if not self.ready and not self._begun:
-            self._refill()
-            if not self.ready:
-                self._empty()
-                return (), False
-        pieces: Sequence[Buffer]
-        if self._large or self._begun:
-            pieces = self._gather()
-        else:
-            pieces = (self._take_small(),)
-            self.taken += len(pieces[0])
-        # There is room as long as nothing waits.
-        return pieces, self.room <= 0 or self._on_empty is not None
-
-    def _gather(self) -> Sequence[Buffer]:
+    def _gather(self, limit: int) -> Sequence[Buffer]:
         pieces: list[Buffer] = []
-        left = GATHER_BYTES
+        left = limit
         while left > 0:
             if self._begun:
                 pieces.append(self._slice(self._begun.popleft(), left))
@@ -386,7 +371,7 @@ class Outbox:
             else:
                 break
             left -= len(pieces[-1])
-        self.taken += GATHER_BYTES - left
+        self.taken += limit - left
         if self.ready and not self._large and not self._begun:
             # The end of the last large message, and the small ones after it.
             pieces.append(self._take_small())

@@ -110,13 +110,15 @@ class _StreamLink(TaskLink):
         try:
             while not self._closing:
                 await self._woken()
-                more = False
-                while (data := self._callbacks.take()) is not None:
-                    if more:
-                        # The network accepted the data before it, so the peer is reading.
-                        self._callbacks.progress()
-                    await self._send(data)
-                    more = True
+                more, is_first = True, True
+                while more:
+                    pieces, more = self._callbacks.take()
+                    for data in pieces:
+                        if not is_first:
+                            # The network accepted the data before it, so the peer is reading.
+                            self._callbacks.progress()
+                        await self._send(data)
+                        is_first = False
                 if self._finishing:
                     self._finishing = False
                     await self._stream.send_eof()

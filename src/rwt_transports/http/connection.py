@@ -67,8 +67,8 @@ class HttpConnection(UnbufferedCallbacks):
 
     Attributes by purpose:
 
-    * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take`` (of the
-      outbox, for the driver).
+    * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take``
+      and ``put_back`` (of the outbox, for the driver).
     * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
       ``_refused`` (answer to every request of this address, or None).
     * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
@@ -86,7 +86,8 @@ class HttpConnection(UnbufferedCallbacks):
         self._limits = limits = state.limits
         self._link = link
         self.outbox = Outbox(SERVER_FRAMING, limits, link.wake, self._overflow)
-        self.take: Callable[[], Buffer | None] = self.outbox.take
+        self.take = self.outbox.take
+        self.put_back = self.outbox.put_back
         self._peer = self.address = address
         self._port = port
         self._refused: HttpResponse | None = None
@@ -336,8 +337,10 @@ class HttpConnection(UnbufferedCallbacks):
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
         # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
-        while (data := self.take()) is not None:
-            unsent.append(data)
+        more = True
+        while more:
+            pieces, more = self.take()
+            unsent += pieces
         for data in (*unsent, answer.head):
             connection.outbox.push(data)
         try:
