@@ -21,7 +21,6 @@ from rwt.access.access import Access
 from rwt.access.audit import Audit, LineRate, is_written, one_line
 from rwt.access.client_graph import ClientGraph
 from rwt.access.graph_view import GraphView
-from rwt.access.quotas import RateLimit
 from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph, scheduler_of
 from rwt_graph.api import Graph
@@ -30,6 +29,7 @@ from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension
+from rwt_transports.rate_limit import RateLimit
 from rwt_transports.scheduler import MESSAGES, Scheduler
 from rwt_transports.websocket.close_codes import POLICY
 
