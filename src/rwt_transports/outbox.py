@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import Enum
 from time import time_ns
-from typing import cast
+from typing import Final, cast
 
 from rwt_protocol.frames import Buffer, Burst, Frame, Framing
 from rwt_transports.background import ignore
@@ -95,19 +96,42 @@ class OutboxFlow:
         self._queue.on_drop = None
 
 
+class _OutboxState(Enum):
+    OPEN = "open"
+    STOPPED = "stopped"
+    LOST = "lost"
+
+
+_OPEN: Final = _OutboxState.OPEN
+
+_TRANSITIONS: Final = {
+    _OutboxState.OPEN: {_OutboxState.STOPPED},
+    _OutboxState.STOPPED: {_OutboxState.LOST},
+    _OutboxState.LOST: set[_OutboxState](),
+}
+
+
 class Outbox:
     """Sending side of one connection.
+
+    Life cycle::
+
+        OPEN ── finish(), stop_sending() ──> STOPPED ── discard() ──> LOST
+
+    * **OPEN**: frames are accepted.
+    * **STOPPED**: further frames are dropped, the lanes stay empty and ``room`` is 0. The ready bytes still
+      go out, and the protocol's own, which :meth:`push` adds.
+    * **LOST**: nothing is queued; the connection is gone.
 
     A frame passes three queues: a lane (``_control`` or ``_data``), the ``ready`` bytes, and ``_begun`` (the
     rest of pieces that were written in part). Invariants:
 
     * ``room`` > 0 only if the lanes and ``_begun`` are empty: frames then bypass the lanes.
     * The data lane waits for the control lane, and both wait for ``ready`` and ``_begun``.
-    * Once ``_closed``, ``room`` is 0 and the lanes stay empty; what is ready still goes out.
 
     Attributes by purpose:
 
-    * Lanes: ``_control``, ``_control_bytes``, ``_data``, ``_limits``, ``_overflow``, ``_closed``.
+    * Lanes: ``_control``, ``_control_bytes``, ``_data``, ``_limits``, ``_overflow``.
     * Ready: ``ready``, ``bursts``, ``room``, ``_large`` (pieces of at least `ALONE_BYTES` among them, which
       are not joined), ``_begun``.
     * Framing: ``_framing``, ``whole``, ``small``, ``burst_bytes``.
@@ -130,8 +154,8 @@ class Outbox:
     """
 
     __slots__ = (
-        "_begun", "_closed", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
-        "_on_empty", "_overflow", "burst_bytes", "bursts", "messages", "ready",
+        "_begun", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
+        "_on_empty", "_overflow", "_state", "burst_bytes", "bursts", "messages", "ready",
         "received", "room", "small", "taken", "wake", "whole",
     )  # fmt: skip
 
@@ -142,6 +166,7 @@ class Outbox:
         wake: Callable[[], None],
         overflow: Callable[[str], None],
     ) -> None:
+        self._state = _OPEN
         self._limits = limits
         self._framing = framing
         self.whole = framing.whole
@@ -162,14 +187,17 @@ class Outbox:
         self.received = 0
         self.taken = 0
         self._on_empty: Callable[[], None] | None = None
-        self._closed = False
+
+    def _become(self, state: _OutboxState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
         if self.room > 0:
             self.send_at_once(frame)
-        elif not self._closed:
+        elif self._state is _OPEN:
             self._queue_control(frame)
 
     def flow(
@@ -209,12 +237,12 @@ class Outbox:
 
     def send_later(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue a message in the data lane."""
-        if not self._closed:
+        if self._state is _OPEN:
             self._data.add(queue, pieces, expires_ns)
 
     def send_rest_later(self, queue: Queue, pieces: Sequence[Frame]) -> None:
         """Queue the rest of a message whose first frame is ready."""
-        if not self._closed:
+        if self._state is _OPEN:
             self._data.add_begun(queue, pieces)
 
     def configure(self, queue: Queue, rules: FlowRules) -> None:
@@ -288,7 +316,7 @@ class Outbox:
 
     def push_if_read(self, data: bytes) -> None:
         """Queue bytes of the protocol itself, unless the peer does not read."""
-        if self.room > -self._limits.ready_bytes and not self._closed:
+        if self.room > -self._limits.ready_bytes and self._state is _OPEN:
             self.push(data)
 
     def finish(self, last: bytes) -> None:
@@ -306,12 +334,14 @@ class Outbox:
         self._control_bytes = 0
         self._data.clear()
         self._settle_bursts()
-        self._closed = True
+        if self._state is _OPEN:
+            self._become(_OutboxState.STOPPED)
         self.room = 0
 
     def discard(self) -> None:
         """Drop everything: the connection is lost."""
         self.stop_sending()
+        self._become(_OutboxState.LOST)
         self.ready.clear()
         self._large = 0
         self._begun.clear()
@@ -407,7 +437,7 @@ class Outbox:
     def _make_room(self) -> None:
         # Frames may bypass the lanes only while nothing waits in them, or they would overtake older ones.
         waiting = self.ready or self._begun or self._control or self._data.schedule
-        self.room = 0 if waiting or self._closed else self._limits.ready_bytes
+        self.room = 0 if waiting or self._state is not _OPEN else self._limits.ready_bytes
 
     def _empty(self) -> None:
         self._make_room()
