@@ -73,6 +73,7 @@ class OutgoingConnection:
 
         The wait has no end if the connection is lost meanwhile: watch for the endpoint's `closed`, too.
         """
+        # A lost connection never calls back, so there would be nothing to wait for.
         if self.connection is None or self.connection not in self.state.connections:
             return
         if self._draining is None:
@@ -99,6 +100,7 @@ class _Handshaking(UnbufferedCallbacks):
         uri = WebSocketURI(target.scheme.tls, target.address.host, target.address.port, path, query)
         self._handshake = ClientHandshake(uri, outgoing.headers)
         self._request: Sequence[Buffer] = (self._handshake.request,)
+        # Only asks for a later take(): the link has these callbacks once the constructor has returned.
         link.wake()
 
     def receive(self, data: bytes) -> None:
@@ -192,6 +194,7 @@ async def connect(
                 raise ConnectError(f"cannot connect to {url}: no answer within {timeout:g} s")
             if outgoing.error is not None:
                 raise outgoing.error
+            # Not before: the timeout of this function covers the handshake, and the ticks what follows it.
             tasks.start_soon(state.watch)
             yield outgoing
         finally:

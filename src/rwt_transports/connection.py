@@ -86,6 +86,9 @@ port."""
 class ListenerState:
     """State that the connections of one listener share.
 
+    All but ``connections`` and ``closing`` is constant while connections are open. ``closing`` is set once,
+    in :meth:`close`; from then on, new connections are cut.
+
     Attributes:
         accept: factory of the endpoint of a new peer.
         http: factory of the connection that serves a new peer until its upgrade; None for transports without
@@ -133,11 +136,13 @@ class ListenerState:
         """Attach a connection to its link, and begin."""
         self.connections.add(connection)
         self.addresses.enter(connection.address)
+        # Before the checks, since a driver reports the loss of a refused link, too.
         link.set_callbacks(connection)
         too_many = len(self.connections) > 2 * self.limits.connections
         if self.closing or too_many or self.addresses.is_flooding(connection.address):
             connection.abort()
         else:
+            # May end the connection at once: nothing may use it after this call.
             connection.begin()
 
     def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
@@ -147,6 +152,7 @@ class ListenerState:
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
+        # A copy: a timeout may end the connection, which leaves the set.
         for connection in tuple(self.connections):
             try:
                 connection.tick(now)
@@ -181,6 +187,7 @@ class ListenerState:
 
     async def end(self, code: int, reason: str) -> None:
         """Close every connection, and cut those that are still open after ``limits.close_seconds``."""
+        # Shielded, since this runs while the server is cancelled: peers are told why, within `close_seconds`.
         with anyio.CancelScope(shield=True):
             self.close(code, reason)
             with anyio.move_on_after(self.limits.close_seconds):
@@ -341,6 +348,7 @@ class Connection:
         self._listener.buffers.release(self._wire)
         self._listener.buffers.is_read(self._wire)
         self._become(_ConnectionState.LOST)
+        # Before the endpoint is told, so that what it sends in `closed` is dropped.
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
         # Break the cycles: they would live until a full garbage collection.
@@ -356,6 +364,8 @@ class Connection:
         self._closed_with = (code, reason)
         last = self._wire.close(code, reason)
         self.outbox.finish(last)
+        # Without a closing handshake the link closes once everything is sent; otherwise when the peer
+        # agrees.
         if not last:
             self.outbox.when_empty(self._link.close)
 
@@ -388,6 +398,7 @@ class Connection:
     def overflow(self, reason: str) -> None:
         """Close because the peer leaves too many replies unread."""
         logger.warning("closing %s: %s", self, reason)
+        # The peer reads too slowly for its replies: only the close frame follows those that are ready.
         self.outbox.stop_sending()
         self.close(POLICY, reason)
 
@@ -462,12 +473,14 @@ class Connection:
     def tick(self, now: float) -> None:
         if self._is_alive or self._heard is None:
             self._is_alive = self._is_pinged = False
+            # A tick's precision is enough: receiving only sets a flag, since it runs for every read.
             self._heard = now
         silent = now - self._heard
         limits = self._listener.limits
         if self._is_paused and self._hang_up_aware is not None:
             self._look_for_hang_up(self._hang_up_aware)
         if self._is_ending:
+            # Set by the first tick after the end, so that close() needs no clock.
             if self._deadline is None:
                 self._deadline = now + limits.close_seconds
             elif now >= self._deadline:

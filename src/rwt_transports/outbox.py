@@ -72,11 +72,13 @@ class OutboxFlow:
         outbox.bursts = True
         outbox.room = room - size
         outbox.messages += 1
+        # The burst reports its growth once, when it is sealed: frames join it without a call per client.
         burst.members.append(outbox.sealed)
         return True
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         outbox = self._outbox
+        # All or none: a receiver could not reassemble the rest of a fragmented message.
         if any(outbox.is_too_large(self._queue, frame) for frame in pieces):
             return
         if outbox.room <= 0:
@@ -170,6 +172,7 @@ class Outbox:
         self._limits = limits
         self._framing = framing
         self.whole = framing.whole
+        # One comparison on the hot path stands for two: small enough to join, and within the size limit.
         self.small = min(ALONE_BYTES, limits.outgoing_bytes + 1) if framing.shared else 0
         # Frames that are added to a burst later are not checked.
         self.burst_bytes = self.small if self.small > Burst.LARGE else 0
@@ -230,6 +233,7 @@ class Outbox:
 
     def is_too_large(self, queue: Queue, frame: Frame) -> bool:
         """Return True if a frame of the data lane is too large to be sent, and count and report the drop."""
+        # Only the data lane has this limit: a reply that is too large still answers its request.
         if frame.size <= self._limits.outgoing_bytes:
             return False
         self._data.count_drop(queue, DropReason.SIZE)
@@ -441,6 +445,7 @@ class Outbox:
 
     def _empty(self) -> None:
         self._make_room()
+        # Cleared first: the callback may set another, or close the connection.
         callback, self._on_empty = self._on_empty, None
         if callback is not None:
             callback()
@@ -449,6 +454,7 @@ class Outbox:
         """Move frames from the lanes to the ready bytes, up to the size of one write."""
         room = self._limits.ready_bytes
         control = self._control
+        # Replies before samples, and no more than one write: what comes meanwhile can still go first.
         while control and room > 0:
             frame = control.popleft()
             self._control_bytes -= frame.size

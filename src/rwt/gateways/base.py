@@ -29,7 +29,7 @@ from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 from rwt_transports.scheduler import MESSAGES, Scheduler
 from rwt_transports.websocket.close_codes import POLICY
 

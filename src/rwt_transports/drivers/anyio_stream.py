@@ -84,10 +84,12 @@ class _StreamLink(TaskLink):
                 if self._callbacks.get_buffer() is None:
                     self._callbacks.receive(data)
                 else:
+                    # Awaited: the next read has to wait for the turn of this one, which holds the peer back.
                     await self._receive_large(data)
         except anyio.EndOfStream:
             self._callbacks.eof()
         except GONE:
+            # The writer, too: its send to a peer that is gone may never return.
             self._scope.cancel()
 
     async def _receive_large(self, data: bytes) -> None:
@@ -127,6 +129,7 @@ class _StreamLink(TaskLink):
 
     async def _send(self, data: Buffer) -> None:
         if not isinstance(self._stream, TLSStream):
+            # anyio takes bytes only: a slice of a large message is copied here, `TAKE_BYTES` at most.
             await self._stream.send(data if isinstance(data, bytes) else bytes(data))
             return
         with memoryview(data) as view:  # The buffer for encrypted bytes never shrinks.

@@ -200,12 +200,14 @@ class _SocketLink(asyncio.BufferedProtocol):
             return self._view
         self._direct = True
         self._since = monotonic()
+        # A full turn bounds what may wait as late bytes: one short read for each connection.
         return space[:READ_BYTES] if self._share.reading.must_wait else space
 
     def buffer_updated(self, nbytes: int) -> None:
         """Deliver `nbytes` received into the buffer from :meth:`get_buffer`, or queue for a later turn."""
         if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
+            # A full buffer most likely ends within a large message, whose rest has arrived as well.
             if nbytes == READ_BYTES and self._file >= 0:
                 self._read_on()
         elif self._share.reading.must_wait:
@@ -233,6 +235,7 @@ class _SocketLink(asyncio.BufferedProtocol):
             self._share.reading.note(monotonic() - began)
 
     def _take_late(self) -> None:
+        # 0 if the connection was lost meanwhile.
         nbytes, self._late = self._late, 0
         if not nbytes:
             return
@@ -302,6 +305,7 @@ class _SocketLink(asyncio.BufferedProtocol):
     def flush(self) -> None:
         """Write pending data until the socket accepts no more; close the link if that fails."""
         try:
+            # Only asyncio's own transport without TLS lets others write to its socket.
             if self._file >= 0:
                 self._flush_gathered()
             else:

@@ -116,6 +116,7 @@ class _DatagramLink:
         more = True
         while more and not self.over:
             pieces, more = self.callbacks.take()
+            # The outbox joins small frames, and each has to be a datagram of its own.
             for message in b"".join(pieces).split(END):
                 if message:
                     await self._send(socket, message, host, port)

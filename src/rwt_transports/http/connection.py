@@ -179,6 +179,7 @@ class HttpConnection(UnbufferedCallbacks):
         """Check the timeouts; `now` is monotonic, in seconds. Bytes that trickle in do not extend them."""
         limits = self._limits
         if self.outbox.is_waited_for:
+            # Progress counts, not duration: a slow peer may take a long response for as long as it reads.
             if self._taken != self.outbox.taken or self._stalled is None:
                 self._taken = self.outbox.taken
                 self._stalled = now + limits.stalled_http_seconds
@@ -187,6 +188,7 @@ class HttpConnection(UnbufferedCallbacks):
             self._deadline = None
             return
         self._stalled = None
+        # The time of a handler is its own: only the network and the peer have timeouts.
         if self._is_answering:
             return
         if self._deadline is None:
@@ -276,6 +278,7 @@ class HttpConnection(UnbufferedCallbacks):
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
+        # Behind a proxy, each request of a connection may come from another client.
         if address != self.address:
             self._listener.addresses.leave(self.address)
             self.address = address
@@ -355,11 +358,13 @@ class HttpConnection(UnbufferedCallbacks):
             self._log_access(101, None)
             state.replace(self, connection, self._link)
             rest = self._h11.trailing_data[0]
+            # Bytes behind the request are received once more below.
             connection.outbox.received = self.outbox.received - len(rest)
             self.outbox.discard()  # Break the cycle: it refers to this connection.
             if rest:
                 connection.receive(rest)
             return None
+        # Taken for the WebSocket that was refused: earlier answers still come before the refusal.
         for data in unsent:
             self.outbox.push(data)
         return refusal
@@ -384,6 +389,7 @@ class HttpConnection(UnbufferedCallbacks):
                 self._become(_HttpState.ANSWERING)
                 self.outbox.when_empty(self._taken_whole)
         else:
+            # Handlers that await need a task; all others are answered within the call that received them.
             tasks = self._listener.tasks
             if tasks is None:
                 raise RuntimeError("the listener is not open")
@@ -403,6 +409,7 @@ class HttpConnection(UnbufferedCallbacks):
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         with anyio.CancelScope() as self._scope:
+            # Ended between start_soon() and the start of the task: nothing else would cancel it.
             if self._is_over:
                 self._scope.cancel()
             try:

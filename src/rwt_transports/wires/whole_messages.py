@@ -67,6 +67,7 @@ class MessageWire(StreamWire):
         self._kind, self._size = HEADER.unpack(data)
         self._wanted = self._size
         if self._size > self._max_size:
+            # The driver has dropped the rest, see the module.
             self._wanted = min(self._size, HEAD_BYTES)
             if not self._events.oversized(self._size):
                 reason = f"a message of {self._size} bytes; the limit is {self._max_size} (max_message_size)"

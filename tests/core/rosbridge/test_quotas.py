@@ -10,7 +10,7 @@ from rwt import Settings
 from rwt.rosbridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 from tests.core.rosbridge.recording_client import Client, Message
 
 

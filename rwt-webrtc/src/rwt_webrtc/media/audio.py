@@ -10,7 +10,7 @@ from av import AudioFrame
 
 from rwt.media.errors import VideoError
 from rwt_participant.messages import Message
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 from aioice import Candidate, Connection, TransportPolicy, stun, turn
 from aioice.ice import StunProtocol, relayed_candidate, server_reflexive_candidate
 
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 from rwt_webrtc.transport.ice_guard import (
     DATAGRAM_BYTES,
     EARLY_DATAGRAMS,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args
 from rwt.access.audit import Audit, one_line
 from rwt.access.gate.audit.file import AuditFile, encode
 from rwt_transports.http.addresses import network_of
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
     from rwt.access.gate.topic import GuardedTopic

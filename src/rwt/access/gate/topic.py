@@ -11,7 +11,7 @@ from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

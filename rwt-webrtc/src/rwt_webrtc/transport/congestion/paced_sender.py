@@ -22,7 +22,7 @@ from aiortc.rtp import RTP_HISTORY_SIZE, AnyRtcpPacket, HeaderExtensions, RtcpRt
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
-from rwt_transports.rate_limit import RateLimit
+from rwt_transports.limits import RateLimit
 from rwt_webrtc.transport.congestion.controller import PROBE_PACKETS, CongestionController, Probe
 from rwt_webrtc.transport.ice_guard import RETRANSMISSIONS_PER_SECOND
 
