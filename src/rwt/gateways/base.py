@@ -287,9 +287,9 @@ class ConnectedClient(ABC, Generic[T, W]):
     The way of a frame: its size, turn and rate are checked, in this order; then it is read once, by the
     gateway's `decode`, and its messages are run.
 
-    A frame waits beyond the client's share of a turn (`MESSAGES`), in turns that all clients together
-    have filled, and beyond the client's rate of work. A client that exceeds its rate of
-    messages, or is no longer admitted, is disconnected.
+    A frame waits beyond the client's share of a turn (`MESSAGES`), in turns that all clients together have
+    filled, and beyond the client's rate of work. A client that exceeds its rate of messages, or is no longer
+    admitted, is disconnected.
 
     Attributes by purpose:
 
@@ -386,8 +386,8 @@ class ConnectedClient(ABC, Generic[T, W]):
         if self._rate is None or self._is_within_rate(now, data, binary):
             self.messages += 1
             if size > LARGE_BYTES:
-                self._read_large(data, binary, now)
-            else:
+                self._read(data, binary, now)
+            else:  # Without that call.
                 self._run(self._decode(data, binary, now), now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > MESSAGES.share:
@@ -445,8 +445,8 @@ class ConnectedClient(ABC, Generic[T, W]):
                     return
             self._run((message,), now)
 
-    def _read_large(self, data: bytes, binary: bool, now: float) -> None:
-        """Read a frame of more than `LARGE_BYTES`, which a gateway may do in steps, and run its messages."""
+    def _read(self, data: bytes, binary: bool, now: float) -> None:
+        """Read an admitted frame and run its messages. Gateways may read large frames in steps."""
         self._run(self._decode(data, binary, now), now)
 
     def _is_within_rate(self, now: float, data: bytes = b"", binary: bool = False) -> bool:
@@ -540,7 +540,7 @@ class ConnectedClient(ABC, Generic[T, W]):
                 elif isinstance(what, UnreadFrame):
                     if self._is_within_rate(now, *what):
                         self.messages += 1
-                        self._read_large(*what, now)
+                        self._read(*what, now)
                 else:
                     self._resume(what, now)
                 self._worked += self._monotonic() - now

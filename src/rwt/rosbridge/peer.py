@@ -100,11 +100,11 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
         key = {"call_service": "service", "publish": "topic"}.get(str(members.get("op")))
         return key is not None and canonical(str(members.get(key))) == STOP
 
-    def _read_large(self, data: bytes, binary: bool, now: float) -> None:
+    def _read(self, data: bytes, binary: bool, now: float) -> None:
         if binary and len(data) > LARGE_BYTES:
             self._read_on(Arriving(self._read_in_steps(data)))
         else:
-            super()._read_large(data, binary, now)
+            super()._read(data, binary, now)
 
     def _read_in_steps(self, data: bytes) -> Steps:
         items = yield from self._session.decode_in_steps(data, True, self._began)

@@ -170,8 +170,7 @@ def test_the_handler_of_an_op_gets_its_light_form() -> None:
 
 
 def test_payloads_do_not_keep_the_frame_alive() -> None:
-    frame = bytearray(USUAL)
-    op = _read(LightSession(), frame)
+    op = _read(LightSession(), USUAL)
     message: object = getattr(op, "msg", None)
     assert isinstance(message, RawJson)
     assert type(message.data) is bytes
