@@ -15,12 +15,12 @@ from rwt_transports.api import HEAD_BYTES
 from rwt_transports.endpoint import DropReason, FlowRules, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.limits import Limits
-from rwt_webrtc.transport.aiortc_internals import WINDOW_BYTES
-from rwt_webrtc.transport.ice_agent import CONSENT_ASKED, CONSENT_SECONDS
-from rwt_webrtc.transport.ice_guard import CONSENT_EXPIRES_SECONDS
+from rwt_webrtc.packets.ice_guard import CONSENT_EXPIRES_SECONDS
 from rwt_webrtc.transport.ice_servers import IceServer
 from rwt_webrtc.transport.peer import Peer
 from rwt_webrtc.transport.signalling import PeerBounds
+from rwt_webrtc.upstream.association import WINDOW_BYTES
+from rwt_webrtc.upstream.ice_agent import CONSENT_ASKED, CONSENT_SECONDS
 from tests.extensions.webrtc.peers import End, answering, other_side, received, text_of
 from tests.waiting import until
 
@@ -179,7 +179,7 @@ async def test_a_client_that_is_held_back_is_told_a_smaller_window_and_gets_all_
         sent = [str(number) * 1000 for number in range(300)]
         for text in sent:
             channel.send(text)
-        association = next(iter(side.peers._peers.values()))._association
+        association = next(iter(side.peers._peers.values())).connection.association
         assert association is not None
         total = sum(map(len, sent))
         await until(lambda: association.unread_bytes == total)

@@ -11,9 +11,8 @@ from unittest.mock import Mock
 import pytest
 from aioice import Connection, stun
 
-from rwt_webrtc.transport import ice_guard
-from rwt_webrtc.transport.ice_agent import GuardedProtocol
-from rwt_webrtc.transport.ice_guard import (
+from rwt_webrtc.packets import ice_guard
+from rwt_webrtc.packets.ice_guard import (
     CHECKS,
     CREDIT_BYTES,
     REQUESTS_PER_SECOND,
@@ -25,7 +24,7 @@ from rwt_webrtc.transport.ice_guard import (
     is_unicast,
     reach_of,
 )
-from rwt_webrtc.transport.stun_messages import (
+from rwt_webrtc.packets.stun import (
     MAX_ATTRIBUTES,
     MAX_BYTES,
     TURN_METHODS,
@@ -33,6 +32,7 @@ from rwt_webrtc.transport.stun_messages import (
     StunClass,
     check_stun,
 )
+from rwt_webrtc.upstream.ice_socket import GuardedSocket
 
 A, B = ("192.0.2.1", 4000), ("192.0.2.2", 4000)
 SIZE = 100
@@ -142,8 +142,9 @@ def test_no_check_goes_to_more_than_one_host(host: str) -> None:
 async def test_a_response_from_another_address_proves_nothing() -> None:
     agent = Connection(ice_controlling=True)
     agent.remote_password = "p" * 22
-    protocol = GuardedProtocol(agent)
-    protocol.guard, protocol.transport = _guard(), Mock()
+    guard = _guard()
+    protocol = GuardedSocket(agent, guard)
+    protocol.transport = Mock()
     asked = asyncio.create_task(protocol.request(_request(), A, agent.remote_password.encode()))
     await asyncio.sleep(0)
     response = stun.Message(stun.Method.BINDING, stun.Class.RESPONSE, next(iter(protocol.transactions)))
@@ -151,10 +152,10 @@ async def test_a_response_from_another_address_proves_nothing() -> None:
     response.add_message_integrity(agent.remote_password.encode())
     protocol.datagram_received(bytes(response), B)
     await asyncio.sleep(0)
-    assert not protocol.guard.is_source(B) and not asked.done()
+    assert not guard.is_source(B) and not asked.done()
     protocol.datagram_received(bytes(response), A)
     await asked
-    assert protocol.guard.is_source(A)
+    assert guard.is_source(A)
 
 
 def test_peers_of_a_network_share_a_rate(now: list[float]) -> None:

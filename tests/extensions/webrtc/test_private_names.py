@@ -22,10 +22,10 @@ from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
 import rwt_webrtc
-from rwt_webrtc.transport.aiortc_internals import Association
-from rwt_webrtc.transport.congestion.paced_sender import PacedSender
-from rwt_webrtc.transport.ice_agent import GuardedAgent, GuardedProtocol
-from rwt_webrtc.transport.reassembly import Reassembly
+from rwt_webrtc.packets.reassembly import Reassembly
+from rwt_webrtc.upstream.association import Association
+from rwt_webrtc.upstream.ice_agent import GuardedAgent, GuardedProtocol
+from rwt_webrtc.upstream.rtp_sender import PacedSender
 
 ASYNC = (
     "_handle_data", "_receive", "_receive_data_chunk", "_receive_sack_chunk", "_data_channel_flush",

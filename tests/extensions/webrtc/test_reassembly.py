@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_transports.api import HEAD_BYTES
-from rwt_webrtc.transport.reassembly import FIRST, LAST, UNORDERED, Reassembly, Truncated, is_later
+from rwt_webrtc.packets.reassembly import FIRST, LAST, UNORDERED, Reassembly, Truncated, is_later
 from tests.extensions.webrtc.chunks import Chunk
 
 TSNS = 2**32

@@ -21,15 +21,15 @@ from aiortc.rtp import (
     pack_remb_fci,
 )
 
-from rwt_webrtc.transport.aiortc_internals import _BoundedNacks
-from rwt_webrtc.transport.ice_guard import MEDIA_SOURCES, IceGuard, Reach
-from rwt_webrtc.transport.rtp_packets import (
+from rwt_webrtc.packets.ice_guard import MEDIA_SOURCES, IceGuard, Reach
+from rwt_webrtc.packets.rtp import (
     MAX_COMPOUND,
     MAX_LOST,
     BadMedia,
     check_rtp,
     split_rtcp,
 )
+from rwt_webrtc.upstream.nack_generator import BoundedNackGenerator
 
 INFO = RtcpReceiverInfo(1, 2, 3, 4, 5, 6, 7)
 VALID: list[AnyRtcpPacket] = [
@@ -109,7 +109,7 @@ def test_sources_are_limited() -> None:
     "numbers", [[5, 6, 9, 8, 12], [65530, 2, 1], [5, 5 + MAX_LOST, 6], [5, 6000, 5999], [5, 30000, 60000, 3]]
 )
 def test_missing_packets_are_those_of_aiortc(numbers: list[int]) -> None:
-    ours, theirs = _BoundedNacks(), NackGenerator()
+    ours, theirs = BoundedNackGenerator(), NackGenerator()
     for number in numbers:
         packet = RtpPacket(sequence_number=number)
         ours.add(packet)

@@ -27,7 +27,7 @@ from aiortc.rtcsctptransport import (
     serialize_packet,
 )
 
-from rwt_webrtc.transport.sctp_packets import MAX_CHUNKS, MAX_PARAMETERS, BadPacket, check_packet
+from rwt_webrtc.packets.sctp import MAX_CHUNKS, MAX_PARAMETERS, BadPacket, check_packet
 from tests.faults.peers.attacks import Raw, chunk
 
 TAG = 0x12345678

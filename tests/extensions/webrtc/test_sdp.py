@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.sdp import (
     FRAGMENT_BYTES,
     OFFER_BYTES,

@@ -38,7 +38,7 @@ from rwt.media.encoders.video import VideoEncoder
 from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_interfaces.payload import Payload
-from rwt_webrtc.transport.congestion.paced_sender import PacedSender
+from rwt_webrtc.upstream.rtp_sender import PacedSender
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio

@@ -32,9 +32,10 @@ from rwt.media.encoders.encoded import Encoded
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
 from rwt_transports.http.routes import Work
-from rwt_webrtc.transport.congestion.controller import CongestionController
-from rwt_webrtc.transport.congestion.paced_sender import PacedSender, negotiate_transport_feedback
+from rwt_webrtc.congestion.controller import CongestionController
 from rwt_webrtc.transport.peer import Peer
+from rwt_webrtc.upstream.rtp_sender import PacedSender
+from rwt_webrtc.upstream.transceiver import negotiate_transport_feedback, pace
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000
@@ -84,8 +85,7 @@ class TopicTrack(MediaStreamTrack):
 
     def follow(self, transceiver: RTCRtpTransceiver, peer: Peer) -> None:
         """Send at the rate of the peer's link. Call before the peer is described."""
-        sender = PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
-        self._sender = sender
+        self._sender = pace(transceiver, self._controller, self._on_rtcp, self._ask_for_key)
         if negotiate_transport_feedback(peer.connection, transceiver):
             peer.on_feedback = lambda feedback: self._controller.acknowledged(feedback, monotonic())
 

@@ -17,7 +17,7 @@ from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import is_local
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.ice_servers import BadIceServer, IceServer, read_configuration, read_ice_servers
 from rwt_webrtc.transport.peer import Peer, PeerTerms
 from rwt_webrtc.transport.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
@@ -64,7 +64,6 @@ class DataChannelConnector:
         )
         tasks.start_soon(_hold, peer, ended)
         channel = peer.connection.createDataChannel(LABEL)
-        peer.prepare()
 
         def on_open() -> None:
             # Within the callback that reports the channel: no message can come before.

@@ -15,9 +15,9 @@ from aiortc import RTCConfiguration, RTCIceServer
 from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
-import rwt_webrtc.transport.ice_agent  # noqa: F401 - the import replaces aioice's classes for TURN
+import rwt_webrtc.upstream.turn_clients  # noqa: F401 - the import replaces aioice's classes for TURN
 from rwt_transports.errors import TransportError
-from rwt_webrtc.transport.stun_messages import BadStun, check_stun
+from rwt_webrtc.packets.stun import BadStun, check_stun
 
 MOST_SERVERS: Final = 8
 SECONDS: Final = 3.0

@@ -16,7 +16,7 @@ from aiortc import RTCIceCandidate
 from aiortc.sdp import candidate_from_sdp
 
 from rwt_transports.errors import TransportError
-from rwt_webrtc.transport.ice_guard import Reach, is_unicast, reach_of
+from rwt_webrtc.packets.ice_guard import Reach, is_unicast, reach_of
 
 OFFER_BYTES: Final = 64 * 1024
 """Largest offer that is looked at; a browser's with every codec it has takes 10 KiB."""

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import pairwise
 
-from rwt_webrtc.transport.congestion.controller import CongestionController, Probe
-from rwt_webrtc.transport.congestion.feedback import REFERENCE_SECONDS, Feedback
-from rwt_webrtc.transport.congestion.paced_sender import Pacer
+from rwt_webrtc.congestion.controller import CongestionController
+from rwt_webrtc.congestion.feedback import REFERENCE_SECONDS, Feedback
+from rwt_webrtc.congestion.pacing import Pacer
+from rwt_webrtc.congestion.probes import Probe
 
 STEP = 0.001
 HZ = 30

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rwt_webrtc.transport.congestion.controller import CongestionController
-from rwt_webrtc.transport.congestion.feedback import Feedback
+from rwt_webrtc.congestion.controller import CongestionController
+from rwt_webrtc.congestion.feedback import Feedback
 from tests.extensions.webrtc.congestion.simulated_link import Link, Simulation
 
 SEEDS = range(5)

@@ -8,8 +8,8 @@ from struct import pack
 
 import pytest
 
-from rwt_webrtc.transport.congestion.feedback import Feedback, read_feedback
-from rwt_webrtc.transport.rtp_packets import BadMedia, split_rtcp
+from rwt_webrtc.congestion.feedback import Feedback, read_feedback
+from rwt_webrtc.packets.rtp import BadMedia, split_rtcp
 
 
 def message(base: int, count: int, rest: bytes, *, padding: int = 0) -> bytes:

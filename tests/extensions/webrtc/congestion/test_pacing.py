@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt_webrtc.transport.congestion.paced_sender import FACTOR, Pacer
+from rwt_webrtc.congestion.pacing import FACTOR, Pacer
 
 
 def test_packets_leave_at_two_and_a_half_times_the_rate() -> None:

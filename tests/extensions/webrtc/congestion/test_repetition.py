@@ -10,10 +10,11 @@ from aiortc import RTCRtpSender
 from aiortc.rtp import RtpPacket
 
 from rwt_transports.background import ignore
-from rwt_webrtc.transport.congestion import paced_sender
-from rwt_webrtc.transport.congestion.controller import CongestionController
-from rwt_webrtc.transport.congestion.feedback import Feedback
-from rwt_webrtc.transport.congestion.paced_sender import PacedSender, RateMeter
+from rwt_webrtc.congestion.controller import CongestionController
+from rwt_webrtc.congestion.feedback import Feedback
+from rwt_webrtc.congestion.pacing import AHEAD_SECONDS, RateMeter
+from rwt_webrtc.upstream import rtp_sender
+from rwt_webrtc.upstream.rtp_sender import PacedSender
 
 
 @pytest.fixture
@@ -27,13 +28,13 @@ class Link:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 10.0
         self.sent: list[int] = []
-        monkeypatch.setattr(paced_sender, "monotonic", lambda: self.now)
+        monkeypatch.setattr(rtp_sender, "monotonic", lambda: self.now)
         transport = SimpleNamespace(state="new", _stats_id="transport")
         sender = RTCRtpSender("video", cast("Any", transport))
         controller = CongestionController(100_000, 100_000, 100_000, self.now)
         self.controller = controller
         self.keys_asked = 0
-        self.sender = PacedSender.adopt(sender, controller, ignore, self._ask)
+        self.sender = PacedSender(sender, controller, ignore, self._ask)
         monkeypatch.setattr(self.sender, "_send_packet", self._send)
         for number in range(3):
             self.sender._count(RtpPacket(sequence_number=number, payload=bytes(1000)))
@@ -46,9 +47,7 @@ class Link:
 
     def owe(self, seconds: float) -> None:
         """Make the next frame wait for so long."""
-        self.sender._pacer.sent(
-            round((paced_sender.AHEAD_SECONDS + seconds) * 100_000 / 8), 100_000, self.now
-        )
+        self.sender._pacer.sent(round((AHEAD_SECONDS + seconds) * 100_000 / 8), 100_000, self.now)
 
 
 @pytest.mark.anyio
@@ -74,7 +73,7 @@ async def test_a_key_frame_replaces_repetitions_that_have_waited_too_long(
         link.controller.acknowledged(Feedback(0, 0, (0.0,)), link.now)
     link.owe(0.4)
     await link.sender._retransmit(1)
-    link.now += 2 * paced_sender.STALE_SECONDS
+    link.now += 2 * rtp_sender.STALE_SECONDS
     await link.sender._retransmit(1)
     await link.sender._retransmit(2)
     link.now += 1
@@ -105,7 +104,7 @@ async def test_a_packet_is_repeated_once_within_its_travel_time(monkeypatch: pyt
     for _ in range(3):
         await link.sender._retransmit(2)
     assert link.sent == [2]
-    link.now += 2 * paced_sender.REPEAT_SECONDS
+    link.now += 2 * rtp_sender.REPEAT_SECONDS
     await link.sender._retransmit(2)
     assert link.sent == [2, 2]
     await link.sender._retransmit(77)

@@ -1,28 +1,44 @@
-"""Private names of aiortc: SCTP, DTLS, and the ends of peers and tracks.
+"""SCTP association of a peer, which carries all of its data channels (RFC 8831).
 
-aiortc is pinned below 1.17, and `tests/extensions/webrtc/test_private_names.py` checks the names. aiortc
-offers no public way to do this:
+Borrows :class:`aiortc.rtcsctptransport.RTCSctpTransport`, which keeps all messages to send in order, and all
+that a peer sends without an end; invalid UTF-8 ends the whole peer. Private names, and why each is needed:
 
-* :class:`Association`: limit what an SCTP association keeps, and schedule what it sends. aiortc's own keeps
-  all messages to send in order, and all that a peer sends without an end; invalid UTF-8 ends the whole peer.
-* :class:`GuardedHandshake`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has;
-  validate RTP and RTCP packets, and take transport-wide feedback out of them.
-* :func:`replace_decoder_queue`: limit what waits to be decoded.
-* :func:`release`: break the reference cycles of an ended peer.
+* ``_handle_data``: validate a packet before it is parsed, and end the peer if it cannot be handled.
+* ``_receive_chunk``: reject chunks that are impossible in the state of the association.
+* ``_association_state``: the state, which decides whether a chunk is possible and whether data may leave.
+* ``_local_port``, ``_remote_port``, ``_local_verification_tag``: what a valid packet carries.
+* ``_receive_data_chunk``: limit the fragments after a gap, and announce the window.
+* ``_receive_forward_tsn_chunk``: acknowledge at once.
+* ``_receive_sack_chunk``: learn the window of the peer.
+* ``_mark_received``: count received fragments without sorting them all for each one.
+* ``_last_received_tsn``, ``_sack_misordered``, ``_sack_duplicates``: what was received, for gap blocks.
+* ``_send_sack``, ``_sack_needed``: delay acknowledgements.
+* ``_sent_queue``, ``_advanced_peer_ack_tsn``: what a SACK chunk can acknowledge.
+* ``_get_inbound_stream``, ``_inbound_streams``: use a reassembly with limits and constant cost per fragment.
+* ``_inbound_streams_max``, ``_outbound_streams_count``: limit the streams.
+* ``_advertised_rwnd``: reduce the window by what paused endpoints have not read.
+* ``_reset_deferred_streams``, ``_reconfig_deferred``: release the fragments of a stream that is reset.
+* ``_receive``: pass messages on as bytes, to the link of their channel.
+* ``_data_channel_receive``, ``_data_channels``: validate messages that open channels.
+* ``_data_channel_flush``, ``_data_channel_queue``: take messages when aiortc's own queue is empty.
+* ``_outbound_queue``: take a message only when the one before has begun to leave.
+* ``_send``: send a message of a channel.
+* ``_transmit``, ``_send_chunk``: put several chunks into one packet.
+* ``_cwnd``, ``_flight_size``: limit the bytes in flight.
+* ``_rto``, ``_update_rto``, ``_srtt``, ``_rttvar``: retransmit sooner than after a second.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import struct
 from collections import deque
 from collections.abc import Callable
+from enum import Enum
 from time import time
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Final, cast
 
-from aiortc import RTCCertificate, RTCDataChannel, RTCDtlsTransport, RTCPeerConnection, RTCRtpReceiver
-from aiortc.rtcrtpreceiver import NackGenerator
+from aiortc import RTCDataChannel, RTCDtlsTransport
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
@@ -48,30 +64,15 @@ from aiortc.rtcsctptransport import (
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
-from rwt_webrtc.transport.congestion.feedback import Feedback, read_feedback
-from rwt_webrtc.transport.congestion.paced_sender import PacedSender
-from rwt_webrtc.transport.ice_agent import GuardedAgent
-from rwt_webrtc.transport.reassembly import Reassembly, Truncated, is_later
-from rwt_webrtc.transport.rtp_packets import MAX_LOST, BadMedia, check_rtp, split_rtcp
-from rwt_webrtc.transport.sctp_packets import BadPacket, check_packet
+from rwt_webrtc.packets.reassembly import Reassembly, Truncated, is_later
+from rwt_webrtc.packets.sctp import BadPacket, check_packet
 
 if TYPE_CHECKING:
-    from queue import Queue
-    from threading import Event
-
-    from aiortc.rtp import RtpPacket
-
     from rwt_transports.limits import Limits
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
     from rwt_webrtc.transport.channels import ChannelLink
 
 logger = logging.getLogger("rwt_webrtc.transport")
-
-# aioice logs each step of each candidate pair at INFO, 50 kB per second if clients wish, and aiortc each
-# frame that cannot be decoded as a warning. An application that sets a level for these loggers keeps it.
-for _name, _level in (("aioice", logging.WARNING), ("aiortc.rtcrtpreceiver", logging.ERROR)):
-    if logging.getLogger(_name).level == logging.NOTSET:
-        logging.getLogger(_name).setLevel(_level)
 
 STREAMS: Final = 1024
 """Streams each way: numbers of channels below this."""
@@ -87,10 +88,10 @@ GAP_BLOCKS: Final = 256
 """Gap blocks of a SACK chunk, which fits a datagram with them."""
 DUPLICATES: Final = 16
 """Duplicates that a SACK chunk reports."""
-IN_FLIGHT: Final = 1024
-"""Unacknowledged fragments; aiortc looks at all of them for each SACK chunk with gap blocks."""
 FRESH_TURNS: Final = 8
 """Messages of channels without retransmission in a row, after which one of the others has a turn."""
+IN_FLIGHT: Final = 1024
+"""Unacknowledged fragments; aiortc looks at all of them for each SACK chunk with gap blocks."""
 RTO_SECONDS: Final = 0.3
 """Minimum retransmission timeout. RFC 9260 recommends one second, too long for a robot; browsers use less,
 too.
@@ -119,14 +120,105 @@ _PACKET_BYTES: Final = SCTP_MAX_PACKET_LENGTH - SCTP_COMMON_HEADER_LENGTH
 
 
 class _Bundle(Chunk):
-    """Several chunks in one packet (RFC 9260 section 6.10)."""
+    """Chunks that leave in one packet (RFC 9260 section 6.10)."""
 
-    def __init__(self, chunks: list[Chunk]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._chunks = chunks
+        self._chunks: list[Chunk] = []
+        self._size = 0
+
+    def __bool__(self) -> bool:
+        return bool(self._chunks)
 
     def __bytes__(self) -> bytes:
         return b"".join(map(bytes, self._chunks))
+
+    def has_room(self, size: int) -> bool:
+        return self._size + size <= _PACKET_BYTES
+
+    def append(self, chunk: Chunk, size: int) -> None:
+        self._chunks.append(chunk)
+        self._size += size
+
+
+class _Acknowledgement:
+    """Decision when received data is acknowledged.
+
+    Attributes:
+        packets: packets with data since the last SACK chunk.
+        at_once: True if the next SACK chunk must not wait for data or for the timer.
+    """
+
+    def __init__(self) -> None:
+        self.packets = 0
+        self.at_once = False
+        self._timer: asyncio.TimerHandle | None = None
+
+    def received(self, on_due: Callable[[], None]) -> bool:
+        """Count a packet with data. Returns True if a SACK chunk is due now; `on_due` is called later."""
+        self.packets += 1
+        if self.at_once or self.packets >= SACK_PACKETS:
+            return True
+        if self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(SACK_SECONDS, self._is_due, on_due)
+        return False
+
+    def _is_due(self, on_due: Callable[[], None]) -> None:
+        # A SACK chunk does not cancel the timer: what came since then is acknowledged sooner.
+        self._timer = None
+        if self.packets:
+            on_due()
+
+    def sent(self) -> None:
+        self.packets = 0
+        self.at_once = False
+
+    def cancel(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+class _ChannelTurns:
+    """Turns of the channels that have messages to send: those without retransmission first."""
+
+    def __init__(self) -> None:
+        self._fresh: deque[ChannelLink] = deque()
+        self._others: deque[ChannelLink] = deque()
+        self._in_a_row = 0
+
+    def __bool__(self) -> bool:
+        return bool(self._fresh or self._others)
+
+    def add(self, link: ChannelLink) -> None:
+        waiting = self._fresh if link.is_fresh else self._others
+        if link not in waiting:
+            waiting.append(link)
+
+    def remove(self, link: ChannelLink) -> None:
+        waiting = self._fresh if link.is_fresh else self._others
+        if link in waiting:
+            waiting.remove(link)
+
+    def next(self) -> ChannelLink | None:
+        if self._fresh and (self._in_a_row < FRESH_TURNS or not self._others):
+            self._in_a_row += 1
+            return self._fresh.popleft()
+        self._in_a_row = 0
+        return self._others.popleft() if self._others else None
+
+
+class _Filling(Enum):
+    IDLE = "idle"
+    COLLECTING = "collecting"
+    SENDING = "sending"
+
+
+_TRANSITIONS: Final = {
+    _Filling.IDLE: {_Filling.IDLE, _Filling.COLLECTING},
+    _Filling.COLLECTING: {_Filling.SENDING, _Filling.IDLE},
+    _Filling.SENDING: {_Filling.COLLECTING, _Filling.IDLE},
+}
 
 
 _NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, ShutdownChunk)
@@ -138,61 +230,57 @@ class BrokenAssociation(TransportError):
 
 
 class Association(RTCSctpTransport):
-    """SCTP association of a peer, which carries all of its data channels (RFC 8831).
+    """SCTP association of a peer.
 
     * A message is taken from a channel only when the one before begins to leave. What is queued waits in the
       lanes of its connection, where the oldest samples are dropped.
     * Channels without retransmission go first, since their messages are worth nothing later; the others in
       turns.
     * Incomplete messages are limited, and complete ones are passed on as bytes.
-    * Bytes that a paused endpoint has not read reduce the window that the peer is told.
+    * Bytes that a paused endpoint has not read reduce the window that is announced to the peer.
     * Received data is acknowledged every second packet, with data of this side if possible, and at once after
       a gap.
     * Packets are validated before aiortc parses them, and chunks by the state of the association. Invalid
       ones are discarded (RFC 9260 sections 5.2 and 8.5).
+
+    The state of the protocol is aiortc's. Taking messages from channels has states of its own::
+
+        IDLE ── room in the window ──> COLLECTING ── messages were taken ──> SENDING
+          ^                              │      ^                              │
+          └──── no message, no room ─────┴──────┴─────── room again ───────────┘
+
+    * **IDLE**: the next wake-up, or the end of aiortc's own queue, begins again.
+    * **COLLECTING**: what aiortc would transmit meanwhile is held back, so that messages share packets.
+    * **SENDING**: the chunks of the messages leave; a channel that is woken now waits for the next round.
+
+    Args:
+        buffers: counts the bytes of incomplete messages.
+        fail: ends the peer for a reason.
 
     Attributes:
         held_bytes: size of incomplete messages.
         unread_bytes: size of messages that wait for paused endpoints.
     """
 
-    @classmethod
-    def adopt(
-        cls,
-        sctp: RTCSctpTransport,
+    def __init__(
+        self,
+        transport: RTCDtlsTransport,
         limits: Limits,
         buffers: ReceiveBufferPool,
         fail: Callable[[str], None],
-    ) -> Association:
-        """Convert the association of a peer connection, before it starts.
-
-        Args:
-            buffers: counts the bytes of incomplete messages.
-            fail: ends the peer for a reason.
-        """
-        sctp.__class__ = cls  # The peer connection does not take one.
-        association = cast("Association", sctp)
-        association._begin(limits, buffers, fail)
-        return association
-
-    def _begin(self, limits: Limits, buffers: ReceiveBufferPool, fail: Callable[[str], None]) -> None:
+    ) -> None:
+        super().__init__(transport)
         self.held_bytes = self._incomplete = 0
         self.unread_bytes = 0
         self._limits = limits
         self._buffers = buffers
         self._fail = fail
         self._channels: dict[int, ChannelLink] = {}
-        self._fresh: deque[ChannelLink] = deque()
-        self._others: deque[ChannelLink] = deque()
-        self._fresh_turns = 0
+        self._turns = _ChannelTurns()
         self._peer_window = WINDOW_BYTES
-        self._filling = False
-        self._collecting = False
-        self._bundle: list[Chunk] | None = None
-        self._bundle_size = 0
-        self._unacknowledged = 0
-        self._sack_at_once = False
-        self._sack_timer: asyncio.TimerHandle | None = None
+        self._filling = _Filling.IDLE
+        self._bundle: _Bundle | None = None
+        self._acknowledgement = _Acknowledgement()
         self._wakeup = asyncio.Event()
         self._inbound_streams_max = self._outbound_streams_count = STREAMS
         self._rto = HANDSHAKE_RTO_SECONDS
@@ -207,12 +295,10 @@ class Association(RTCSctpTransport):
     def unregister(self, receiver: ChannelLink) -> None:
         if receiver.channel.id is not None:
             self._channels.pop(receiver.channel.id, None)
-        for waiting in (self._fresh, self._others):
-            if receiver in waiting:
-                waiting.remove(receiver)
+        self._turns.remove(receiver)
 
     def wake(self, receiver: ChannelLink) -> None:
-        self._requeue(receiver)
+        self._turns.add(receiver)
         self._wakeup.set()
 
     def count_unread(self, change: int) -> None:
@@ -235,7 +321,7 @@ class Association(RTCSctpTransport):
             self._wakeup.clear()
             try:
                 await self._fill()
-                if self._sack_at_once and self._association_state == self.State.ESTABLISHED:
+                if self._acknowledgement.at_once and self._association_state == self.State.ESTABLISHED:
                     await self._send_chunk(self._make_sack())
             except ConnectionError:
                 return  # The peer connection reports it.
@@ -244,23 +330,23 @@ class Association(RTCSctpTransport):
                 self._fail("internal error")
                 return
 
+    def _become(self, filling: _Filling) -> None:
+        assert filling in _TRANSITIONS[self._filling], f"{self._filling} -> {filling}"
+        self._filling = filling
+
     async def _fill(self) -> None:
         """Take messages while all taken ones are sent."""
-        if self._filling:
+        if self._filling is not _Filling.IDLE:
             return
-        self._filling = True
         try:
             while not self._outbound_queue and not self._data_channel_queue and self._window_is_open():
-                self._collecting = True
-                try:
-                    taken = await self._collect()
-                finally:
-                    self._collecting = False
-                if not taken:
+                self._become(_Filling.COLLECTING)
+                if not await self._collect():
                     return
+                self._become(_Filling.SENDING)
                 await self._transmit()
         finally:
-            self._filling = False
+            self._become(_Filling.IDLE)
 
     async def _collect(self) -> bool:
         """Collect data to send now, at least one message if there is one."""
@@ -271,7 +357,7 @@ class Association(RTCSctpTransport):
             if message is None:
                 receiver.sent_all()
                 continue
-            self._requeue(receiver)
+            self._turns.add(receiver)
             room -= len(message[0])
             taken = True
             await self._send_message(receiver.channel, *message)
@@ -286,16 +372,7 @@ class Association(RTCSctpTransport):
     def _next_receiver(self) -> ChannelLink | None:
         if self._association_state != self.State.ESTABLISHED:
             return None
-        if self._fresh and (self._fresh_turns < FRESH_TURNS or not self._others):
-            self._fresh_turns += 1
-            return self._fresh.popleft()
-        self._fresh_turns = 0
-        return self._others.popleft() if self._others else None
-
-    def _requeue(self, receiver: ChannelLink) -> None:
-        waiting = self._fresh if receiver.is_fresh else self._others
-        if receiver not in waiting:
-            waiting.append(receiver)
+        return self._turns.next()
 
     async def _send_message(self, channel: RTCDataChannel, data: bytes, binary: bool) -> None:
         if channel.readyState != "open" or channel.id is None:
@@ -317,44 +394,44 @@ class Association(RTCSctpTransport):
     # -- aiortc's side -------------------------------------------------------------------------------------
 
     async def _transmit(self) -> None:
-        if self._collecting or self._bundle is not None:
+        if self._filling is _Filling.COLLECTING or self._bundle is not None:
             return
-        # Where aiortc sends each chunk in a packet of its own, small messages share them: what costs is the
-        # packet, here and on the other side, which acknowledges each one.
-        self._bundle = []
+        # aiortc sends each chunk in a packet of its own. Here small messages share packets, since the cost is
+        # that of a packet, here and on the other side, which acknowledges each one.
+        self._bundle = _Bundle()
         try:
             await super()._transmit()
         finally:
-            chunks, self._bundle = self._bundle, None
-        if chunks:
-            await super()._send_chunk(_Bundle(chunks))
+            bundle, self._bundle = self._bundle, None
+        if bundle:
+            await super()._send_chunk(bundle)
 
     async def _send_chunk(self, chunk: Chunk) -> None:
-        if self._bundle is None:
+        bundle = self._bundle
+        if bundle is None:
             await super()._send_chunk(chunk)
             return
         size = (
             _DATA_HEADER_BYTES + len(chunk.user_data) + 3 if isinstance(chunk, DataChunk) else _PACKET_BYTES
         )
-        if self._bundle and self._bundle_size + size > _PACKET_BYTES:
-            full, self._bundle = self._bundle, []
-            await super()._send_chunk(_Bundle(full))
-        if not self._bundle:
-            self._bundle_size = 0
-            can_acknowledge = self._unacknowledged and not self._sack_at_once  # No gaps: the length is fixed.
-            if can_acknowledge and size + _SACK_BYTES <= _PACKET_BYTES:
-                self._bundle.append(self._make_sack())
-                self._bundle_size = _SACK_BYTES
-        self._bundle_size += size
-        self._bundle.append(chunk)
+        if bundle and not bundle.has_room(size):
+            self._bundle = _Bundle()
+            await super()._send_chunk(bundle)
+            # Sending may have been suspended, and others may have used or sent the new bundle meanwhile.
+            await self._send_chunk(chunk)
+            return
+        acknowledgement = self._acknowledgement
+        # Without gaps, which are acknowledged at once, the length is fixed.
+        can_acknowledge = not bundle and acknowledgement.packets and not acknowledgement.at_once
+        if can_acknowledge and bundle.has_room(size + _SACK_BYTES):
+            bundle.append(self._make_sack(), _SACK_BYTES)
+        bundle.append(chunk, size)
 
     async def stop(self) -> None:
         sender, self._sender = self._sender, None
         if sender is not None:
             sender.cancel()
-        if self._sack_timer is not None:
-            self._sack_timer.cancel()
-            self._sack_timer = None
+        self._acknowledgement.cancel()
         for stream in self._inbound_streams.values():
             cast("Reassembly", stream).clear()
         self._buffers.release(self)
@@ -408,7 +485,7 @@ class Association(RTCSctpTransport):
         if tsn == (last + 1) % 2**32 and not self._sack_misordered:
             self._last_received_tsn = tsn
             return False
-        self._sack_at_once = True
+        self._acknowledgement.at_once = True
         if not is_later(tsn, last) or tsn in self._sack_misordered:
             if len(self._sack_duplicates) < DUPLICATES:
                 self._sack_duplicates.append(tsn)
@@ -423,20 +500,11 @@ class Association(RTCSctpTransport):
     async def _send_sack(self) -> None:
         """Acknowledge a packet with data, or leave that to the next packet."""
         self._sack_needed = False  # Otherwise aiortc would count packets without data, too.
-        self._unacknowledged += 1
-        if self._sack_at_once or self._unacknowledged >= SACK_PACKETS:
+        if self._acknowledgement.received(self._schedule_sack):
             await self._send_chunk(self._make_sack())
-        elif self._sack_timer is None:
-            self._sack_timer = asyncio.get_running_loop().call_later(SACK_SECONDS, self._sack_is_due)
-
-    def _sack_is_due(self) -> None:
-        # The timer is not cancelled by a SACK chunk: what came since then is acknowledged sooner.
-        self._sack_timer = None
-        if self._unacknowledged:
-            self._schedule_sack()
 
     def _schedule_sack(self) -> None:
-        self._sack_at_once = True
+        self._acknowledgement.at_once = True
         self._wakeup.set()
 
     def _make_sack(self) -> SackChunk:
@@ -453,8 +521,7 @@ class Association(RTCSctpTransport):
         sack.cumulative_tsn, sack.advertised_rwnd = last, max(0, self._advertised_rwnd)
         sack.gaps, sack.duplicates = gaps, self._sack_duplicates[:]
         self._sack_duplicates.clear()
-        self._unacknowledged = 0
-        self._sack_at_once = False
+        self._acknowledgement.sent()
         return sack
 
     async def _reset_deferred_streams(self) -> None:
@@ -501,7 +568,7 @@ class Association(RTCSctpTransport):
         self._set_window()
 
     async def _receive_forward_tsn_chunk(self, chunk: ForwardTsnChunk) -> None:
-        self._sack_at_once = True
+        self._acknowledgement.at_once = True
         await super()._receive_forward_tsn_chunk(chunk)
 
     async def _receive_sack_chunk(self, chunk: SackChunk) -> None:
@@ -511,7 +578,7 @@ class Association(RTCSctpTransport):
 
     async def _data_channel_flush(self) -> None:
         await super()._data_channel_flush()
-        if self._fresh or self._others:
+        if self._turns:
             await self._fill()
 
     def _update_rto(self, R: float) -> None:
@@ -542,108 +609,3 @@ class Association(RTCSctpTransport):
             await self._data_channel_receive(stream_id, WEBRTC_DCEP, data)
         except ValueError as error:  # A label that is no UTF-8.
             raise BrokenAssociation(f"channel {stream_id} was opened wrongly: {error}") from error
-
-
-CIPHERS: Final = b":".join(
-    (
-        b"ECDHE-ECDSA-AES128-GCM-SHA256",
-        b"ECDHE-ECDSA-CHACHA20-POLY1305",
-        b"ECDHE-ECDSA-AES128-SHA",
-        b"ECDHE-ECDSA-AES256-SHA",
-        b"ECDHE-RSA-AES128-GCM-SHA256",
-        b"ECDHE-RSA-CHACHA20-POLY1305",
-    )
-)
-"""aiortc's ciphers, which are for elliptic-curve certificates only, and some for RSA. The fingerprint in the
-session description authenticates either kind."""
-
-
-class _AnyCertificate(RTCCertificate):
-    def _create_ssl_context(self, srtp_profiles: list[Any]) -> Any:
-        context = super()._create_ssl_context(srtp_profiles)
-        context.set_cipher_list(CIPHERS)
-        return context
-
-
-class GuardedHandshake(RTCDtlsTransport):
-    """DTLS transport of a peer, which validates RTP and RTCP packets before aiortc parses them.
-
-    Attributes:
-        on_feedback: called with transport-wide feedback, which aiortc would take for lost packets.
-    """
-
-    on_feedback: Callable[[Feedback], None]
-
-    @classmethod
-    def adopt(cls, handshake: RTCDtlsTransport, on_feedback: Callable[[Feedback], None]) -> None:
-        """Convert a transport, before its handshake begins."""
-        handshake.__class__ = cls  # The peer connection makes it.
-        guarded = cast("GuardedHandshake", handshake)
-        guarded.on_feedback = on_feedback
-        vars(guarded)["_RTCDtlsTransport__local_certificate"].__class__ = _AnyCertificate
-
-    async def _handle_rtp_data(self, data: bytes, arrival_time_ms: int) -> None:
-        try:
-            check_rtp(data)
-            await super()._handle_rtp_data(data, arrival_time_ms)
-        except (BadMedia, struct.error) as bad:  # Header extensions of wrong sizes.
-            logger.debug("discarded %s", bad)
-
-    async def _handle_rtcp_data(self, data: bytes) -> None:
-        try:
-            rest, parts = split_rtcp(data)
-            for part in parts:
-                self.on_feedback(read_feedback(part))
-            if rest:
-                await super()._handle_rtcp_data(rest)
-        except BadMedia as bad:
-            logger.debug("discarded %s", bad)
-
-    def release(self) -> None:
-        """Break the reference cycles of a transport that has been closed for a while."""
-        self.remove_all_listeners()
-        self.on_feedback = ignore
-        if self._ssl is not None:
-            # pyOpenSSL's helper holds a function that holds the helper.
-            vars(self._ssl.get_context()._verify_helper).clear()
-            self._ssl = None
-
-
-def release(connection: RTCPeerConnection) -> None:
-    """Break the reference cycles of a peer connection that has been closed for a while.
-
-    The server rarely collects cyclic garbage, and freezes what it has seen alive.
-    """
-    handshakes = {each.sender.transport for each in connection.getTransceivers()}
-    if connection.sctp is not None:
-        handshakes.add(connection.sctp.transport)
-    for sender in connection.getSenders():
-        if isinstance(sender, PacedSender):
-            sender.release()
-    for handshake in handshakes:
-        agent = handshake.transport.iceGatherer._connection
-        if isinstance(agent, GuardedAgent):
-            agent.release()
-        if isinstance(handshake, GuardedHandshake):
-            handshake.release()
-
-
-class _BoundedNacks(NackGenerator):
-    """Missing packets; a gap beyond those that can be sent again costs no more than one of that size."""
-
-    def add(self, packet: RtpPacket) -> bool:
-        if self.max_seq is not None and MAX_LOST < (packet.sequence_number - self.max_seq) % 65536 < 32768:
-            self.max_seq = (packet.sequence_number - MAX_LOST) % 65536
-        return super().add(packet)
-
-
-def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event], Queue[Any]]) -> None:
-    """Replace the queue of a receiver that has not begun.
-
-    Args:
-        make_queue: makes the queue, called with the event that asks for a key frame.
-    """
-    private = cast("Any", receiver)
-    private._RTCRtpReceiver__decoder_queue = make_queue(private._RTCRtpReceiver__decoder_error)
-    if private._RTCRtpReceiver__nack_generator is not None:
-        private._RTCRtpReceiver__nack_generator = _BoundedNacks()

@@ -1,7 +1,22 @@
 """RTP sender of a video track that keeps to the rate of a congestion controller.
 
-aiortc sends each frame at once, and ignores transport-wide feedback. It offers no public way to change that,
-so this module uses its private names, which `tests/extensions/webrtc/test_private_names.py` checks.
+Borrows :class:`aiortc.RTCRtpSender`, which sends each frame at once, and ignores transport-wide feedback.
+Private names, and why each is needed:
+
+* ``_run_rtp``: send packets at the rate of the link; aiortc's sends all packets of a frame in a row.
+* ``_next_encoded_frame``: the payloads of the next frame.
+* ``_retransmit``: let repetitions wait for the link.
+* ``_handle_rtcp_packet``: limit the requests for repetitions, and pass packets on to the track.
+* ``_send_keyframe``: pass requests for key frames on to the shared encoder.
+* ``_ssrc``, ``_rtx_ssrc``: what packets and repetitions carry; the description has them already.
+* ``_stream_id``: the same for the description's media stream.
+* ``__mid``, ``__rtp_header_extensions_map``: header extensions that were negotiated.
+* ``__rtp_history``: sent packets, which aiortc repeats.
+* ``__rtx_payload_type``, ``__rtx_sequence_number``: packets of repetitions (RFC 4588).
+* ``__ntp_timestamp``, ``__rtp_timestamp``, ``__octet_count``, ``__packet_count``: counted for sender reports.
+* ``__rtp_started``, ``__rtp_exited``: events for which stopping waits.
+* ``__encoder``: released at the end.
+* ``RTCDtlsTransport._send_rtp``: send a packet.
 """
 
 from __future__ import annotations
@@ -12,33 +27,21 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import Any, Final, cast
 
-from aiortc import RTCPeerConnection, RTCRtpSender, RTCRtpTransceiver
+from aiortc import RTCRtpSender
 from aiortc.clock import current_ntp_time
 from aiortc.mediastreams import MediaStreamError
-from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
+from aiortc.rtcrtpparameters import RTCRtpCodecParameters
 from aiortc.rtp import RTP_HISTORY_SIZE, AnyRtcpPacket, HeaderExtensions, RtcpRtpfbPacket, RtpPacket, wrap_rtx
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
-from rwt_webrtc.transport.congestion.controller import PROBE_PACKETS, CongestionController, Probe
-from rwt_webrtc.transport.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
+from rwt_webrtc.congestion.controller import CongestionController
+from rwt_webrtc.congestion.pacing import Pacer, RateMeter
+from rwt_webrtc.congestion.probes import PROBE_PACKETS, Probe
+from rwt_webrtc.packets.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
 
-if TYPE_CHECKING:
-    from aiortc.sdp import SessionDescription
-
-
-TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-wide-cc-extensions-01"
-TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")
-FACTOR: Final = 2.5
-"""Maximum rate of the packets of a frame, as a multiple of the average rate."""
-BURST_SECONDS: Final = 0.005
-"""Time that a late packet may be caught up with."""
-AHEAD_SECONDS: Final = 0.1
-"""Time by which frames may exceed the average rate: key frames are large."""
-MOST_DEBT_SECONDS: Final = 1.0
-"""Maximum time for which frames wait, whatever was sent."""
 LEAST_SLEEP_SECONDS: Final = 0.002
 """Delay below which a packet is sent at once: timers are not more precise."""
 FRAME_WAIT_SECONDS: Final = 0.03
@@ -55,102 +58,39 @@ PACKET_OVERHEAD_BYTES: Final = 70
 """IP, UDP, RTP with its extensions, and the authentication tag of SRTP."""
 
 
-class Pacer:
-    """Time at which packets and frames may be sent, in seconds of a steady clock."""
-
-    def __init__(self) -> None:
-        self._packet_at = 0.0
-        self._debt_bits = 0.0
-        self._rate = 1.0
-        self._at = 0.0
-
-    def sent(self, size: int, rate: float, now: float, burst_rate: float | None = None) -> None:
-        """Count a packet.
-
-        Args:
-            burst_rate: bits per second now; None for :data:`FACTOR` times the average.
-        """
-        bits = 8 * size
-        self._packet_at = max(self._packet_at, now - BURST_SECONDS) + bits / (burst_rate or FACTOR * rate)
-        self._pay(rate, now)
-        self._debt_bits = min(self._debt_bits + bits, MOST_DEBT_SECONDS * rate)
-
-    def _pay(self, rate: float, now: float) -> None:
-        # What is owed at a higher rate is in the queue of the link, which lowers the rate while it drains.
-        owed = self._debt_bits * min(1.0, rate / self._rate)
-        self._debt_bits = max(0.0, owed - rate * (now - self._at))
-        self._rate, self._at = rate, now
-
-    def packet_delay(self, now: float) -> float:
-        """Return the seconds until the next packet."""
-        return max(0.0, self._packet_at - now)
-
-    def frame_delay(self, rate: float, now: float) -> float:
-        """Return the seconds until the next frame at an average rate."""
-        self._pay(rate, now)
-        return max(0.0, self._debt_bits / rate - AHEAD_SECONDS)
-
-
-class RateMeter:
-    """Rate over about the last second; times in seconds of a steady clock."""
-
-    def __init__(self) -> None:
-        self._bits = 0.0
-        self._at = 0.0
-
-    def add(self, bits: float, now: float) -> None:
-        self._bits, self._at = self.rate(now) + bits, now
-
-    def rate(self, now: float) -> float:
-        """Return the bits per second."""
-        return self._bits * math.exp(self._at - now)
-
-
 class PacedSender(RTCRtpSender):
     """Sender of a video track that keeps to the rate of a congestion controller.
 
     Packets of a frame leave at 2.5 times the rate at most, and frames wait until those before are paid for.
     So a slow link makes the track's queue wait, which drops images. Probes repeat packets that were sent.
+
+    Args:
+        plain: sender of the same track, which has not started and is not used.
+        on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
+        on_keyframe: called if the receiver needs a key frame.
     """
 
-    @classmethod
-    def adopt(
-        cls,
-        sender: RTCRtpSender,
+    def __init__(
+        self,
+        plain: RTCRtpSender,
         controller: CongestionController,
         on_packet: Callable[[AnyRtcpPacket, int], None],
         on_keyframe: Callable[[], None],
-    ) -> PacedSender:
-        """Convert the sender of a peer connection, before it starts.
-
-        Args:
-            on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
-            on_keyframe: called if the receiver needs a key frame.
-        """
-        sender.__class__ = cls  # The peer connection does not take one.
-        paced = cast("PacedSender", sender)
-        paced._controller = controller
-        paced._pacer = Pacer()
-        paced._on_packet = on_packet
-        paced._on_keyframe = on_keyframe
-        paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
-        paced._recent = deque(maxlen=PROBE_HISTORY)
-        paced._wanted = {}
-        paced._given_up = None
-        paced._repeated_at = {}
-        paced._repeated = RateMeter()
-        return paced
-
-    _controller: CongestionController
-    _pacer: Pacer
-    _on_packet: Callable[[AnyRtcpPacket, int], None]
-    _on_keyframe: Callable[[], None]
-    _again: TokenBucket
-    _recent: deque[RtpPacket]
-    _wanted: dict[int, float]  # Time of the request for each packet to repeat, in order.
-    _given_up: int | None  # Number of the last packet before a key frame, which replaces repetitions.
-    _repeated_at: dict[int, float]
-    _repeated: RateMeter
+    ) -> None:
+        super().__init__(plain.track, plain.transport)
+        self._ssrc, self._rtx_ssrc, self._stream_id = plain._ssrc, plain._rtx_ssrc, plain._stream_id
+        self._controller = controller
+        self._pacer = Pacer()
+        self._on_packet = on_packet
+        self._on_keyframe = on_keyframe
+        self._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
+        self._recent: deque[RtpPacket] = deque(maxlen=PROBE_HISTORY)
+        # Time of the request for each packet to repeat, in order.
+        self._wanted: dict[int, float] = {}
+        # Number of the last packet before a key frame, which replaces repetitions.
+        self._given_up: int | None = None
+        self._repeated_at: dict[int, float] = {}
+        self._repeated = RateMeter()
 
     @property
     def repeated_rate(self) -> float:
@@ -321,21 +261,3 @@ class PacedSender(RTCRtpSender):
             await self._send_packet(packet, probe)
             size += len(packet.payload) + PACKET_OVERHEAD_BYTES
         probe.is_complete = True
-
-
-def negotiate_transport_feedback(connection: RTCPeerConnection, transceiver: RTCRtpTransceiver) -> bool:
-    """Accept transport-wide feedback for a sender. Returns False if the offer has none.
-
-    Call between the offer and the answer. aiortc does not offer it, since its receivers do not send it.
-    """
-    remote: SessionDescription = cast("Any", connection)._RTCPeerConnection__remoteDescription()
-    (media,) = (each for each in remote.media if each.rtp.muxId == transceiver.mid)
-    offered = {each.uri: each for each in media.rtp.headerExtensions}
-    able = {codec.payloadType for codec in media.rtp.codecs if TRANSPORT_FEEDBACK in codec.rtcpFeedback}
-    codecs = [codec for codec in transceiver._codecs if codec.payloadType in able]
-    if TRANSPORT_NUMBERS not in offered or not codecs:
-        return False
-    transceiver._headerExtensions.append(offered[TRANSPORT_NUMBERS])
-    for codec in codecs:
-        codec.rtcpFeedback.append(TRANSPORT_FEEDBACK)
-    return True

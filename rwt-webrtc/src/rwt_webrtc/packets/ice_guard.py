@@ -15,7 +15,7 @@ from time import monotonic
 from typing import Final
 
 from rwt_transports.http.routes import is_local
-from rwt_webrtc.transport.rtp_packets import RTP_HEADER_BYTES
+from rwt_webrtc.packets.rtp import RTP_HEADER_BYTES
 
 Address = tuple[str, int]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Final
 
-from rwt_webrtc.transport.rtp_packets import BadMedia
+from rwt_webrtc.packets.rtp import BadMedia
 
 MAX_STATUSES: Final = 2048
 """Packets of one message; a receiver sends one every 50 to 250 ms."""
