@@ -19,8 +19,8 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.peer import Peer, PeerTerms
 from rwt_webrtc.transport.sdp import read_description
-from tests.extensions.webrtc.peers import OtherSide, Side, other_side
 from tests.waiting import until
+from tests.webrtc.peers import OtherSide, Side, other_side
 
 MIB = 1 << 20
 

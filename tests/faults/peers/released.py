@@ -22,9 +22,9 @@ from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.peer import RELEASE_SECONDS, Peer, PeerTerms
 from rwt_webrtc.transport.sdp import read_description
 from rwt_webrtc.transport.signalling import PeerBounds
-from tests.extensions.webrtc.peers import Side, answering, text_of
 from tests.faults.peers.attacks import memory, refuse
 from tests.waiting import until
+from tests.webrtc.peers import Side, answering, text_of
 
 WARM = 20
 AT_ONCE = 8

@@ -16,8 +16,8 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.ice_servers import IceServer
 from rwt_webrtc.transport.peer import Peer, PeerTerms
-from tests.extensions.webrtc.peers import Side
 from tests.faults.peers.attacks import Damage, attack, refuse
+from tests.webrtc.peers import Side
 
 REQUESTS, REQUESTS_PER_SECOND = 100, 20
 """Requests that a TURN server may cause."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-import numpy as np
 import pytest
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription, VideoStreamTrack
-from av import Packet, VideoFrame
-from PIL import Image
+from av import Packet
 from websockets.asyncio.client import connect
 
 from rwt import Server
@@ -21,28 +18,14 @@ from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
 from rwt.settings.models import WebRtcSettings
 from rwt_participant.qos import LATCHED
 from rwt_webrtc.media.whip import SENDERS_TOPIC
-from tests.extensions.webrtc.test_frame_size import vp8_header
-from tests.extensions.webrtc.test_whep import _post
 from tests.waiting import until
+from tests.webrtc.cameras import Picture, jpeg_colour, media_server, whip_url
+from tests.webrtc.encoded_frames import vp8_header
+from tests.webrtc.watching import post
 
 pytestmark = pytest.mark.anyio
 
-WIDTH, HEIGHT = 64, 48
 TOPIC = "/operator/camera"
-
-
-class Picture(VideoStreamTrack):
-    """A camera that sees one colour."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.colour = (200, 30, 30)
-
-    async def recv(self) -> VideoFrame:
-        pixels = np.full((HEIGHT, WIDTH, 3), self.colour, np.uint8)
-        frame = VideoFrame.from_ndarray(pixels, "rgb24")
-        frame.pts, frame.time_base = await self.next_timestamp()
-        return frame
 
 
 class Sender:
@@ -55,7 +38,7 @@ class Sender:
 
     async def offer(self, url: str) -> tuple[int, str]:
         await self.connection.setLocalDescription()
-        return await asyncio.to_thread(_post, url, self.connection.localDescription.sdp)
+        return await asyncio.to_thread(post, url, self.connection.localDescription.sdp)
 
     async def send(self, url: str) -> None:
         status, text = await self.offer(url)
@@ -72,29 +55,14 @@ async def sender() -> AsyncIterator[Sender]:
         await made.connection.close()
 
 
-def _server(**settings: Any) -> Server:
-    return Server("ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True), **settings)
-
-
-def _url(server: Server, query: str) -> str:
-    return f"{server.urls[0].replace('ws', 'http', 1)}/whip?{query}"
-
-
-def _colour(message: Any) -> tuple[int, int, int]:
-    with Image.open(io.BytesIO(bytes(message.data))) as image:
-        assert image.size == (WIDTH, HEIGHT)
-        red, green, blue = np.median(np.asarray(image.convert("RGB")), axis=(0, 1))
-    return int(red), int(green), int(blue)
-
-
 async def test_a_camera_becomes_a_topic_until_it_ends() -> None:
-    async with _server() as server, sender() as camera:
+    async with media_server() as server, sender() as camera:
         got: list[Any] = []
         server.node("robot").subscribe(TOPIC, got.append, "sensor_msgs/CompressedImage")
-        await camera.send(_url(server, f"topic={TOPIC}&frame_id=head&quality=95"))
-        await until(lambda: got and abs(_colour(got[-1])[0] - 200) < 20)
+        await camera.send(whip_url(server, f"topic={TOPIC}&frame_id=head&quality=95"))
+        await until(lambda: got and abs(jpeg_colour(got[-1])[0] - 200) < 20)
         camera.picture.colour = (30, 30, 200)
-        await until(lambda: abs(_colour(got[-1])[2] - 200) < 20)
+        await until(lambda: abs(jpeg_colour(got[-1])[2] - 200) < 20)
         assert (got[-1].format, got[-1].header.frame_id) == ("jpeg", "head")
         assert got[-1].header.stamp.sec > 0
         await camera.connection.close()
@@ -119,15 +87,15 @@ def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
 
 
 async def test_who_sends_is_told_while_it_is_received() -> None:
-    async with _server() as server:
+    async with media_server() as server:
         told = _senders(server)
         async with sender() as camera:
             await until(lambda: told == [[]])
             # An offer that nobody follows up lights nothing.
-            status, _ = await camera.offer(_url(server, f"topic={TOPIC}"))
+            status, _ = await camera.offer(whip_url(server, f"topic={TOPIC}"))
             assert status == 201
         async with sender() as camera:
-            await camera.send(_url(server, f"topic={TOPIC}"))
+            await camera.send(whip_url(server, f"topic={TOPIC}"))
             await until(lambda: len(told) > 1)
             assert told[-1] == [(TOPIC, "video", "whip:2", "admin")]
             late = _senders(server)
@@ -147,12 +115,12 @@ class Giant(VideoStreamTrack):
 
 async def test_an_image_that_claims_too_many_pixels_is_not_decoded(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
-    async with _server() as server:
+    async with media_server() as server:
         connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
         connection.addTrack(Giant())
         await connection.setLocalDescription()
         status, text = await asyncio.to_thread(
-            _post, _url(server, f"topic={TOPIC}"), connection.localDescription.sdp
+            post, whip_url(server, f"topic={TOPIC}"), connection.localDescription.sdp
         )
         assert status == 201, text
         await connection.setRemoteDescription(RTCSessionDescription(text, "answer"))
@@ -191,15 +159,18 @@ async def test_nobody_else_says_who_sends() -> None:
                         answer = json.loads(await asyncio.wait_for(client.recv(), 20))
                         assert f"{SENDERS_TOPIC} is published by the server alone" in answer["msg"]
             async with sender() as camera:
-                status, why = await camera.offer(_url(server, f"topic={SENDERS_TOPIC}&token={token}"))
+                status, why = await camera.offer(whip_url(server, f"topic={SENDERS_TOPIC}&token={token}"))
                 assert (status, why) == (403, f"{SENDERS_TOPIC} is published by the server alone\n")
         assert told == [[]]
 
 
 async def test_a_role_publishes_where_it_may() -> None:
     roles = {"guest": RoleSettings(publish=("/chatter",))}
-    async with _server(auth=AuthSettings(default_role="guest"), roles=roles) as server, sender() as camera:
-        status, text = await camera.offer(_url(server, f"topic={TOPIC}"))
+    async with (
+        media_server(auth=AuthSettings(default_role="guest"), roles=roles) as server,
+        sender() as camera,
+    ):
+        status, text = await camera.offer(whip_url(server, f"topic={TOPIC}"))
         assert status == 403
         assert "roles.guest.publish" in text
 
@@ -214,9 +185,9 @@ async def test_a_role_publishes_where_it_may() -> None:
     ],
 )
 async def test_refusals(query: str, status: int, why: str) -> None:
-    async with _server() as server, sender() as camera:
-        assert (await camera.offer(_url(server, query)))[0] == status
-        assert why in (await camera.offer(_url(server, query)))[1]
+    async with media_server() as server, sender() as camera:
+        assert (await camera.offer(whip_url(server, query)))[0] == status
+        assert why in (await camera.offer(whip_url(server, query)))[1]
 
 
 async def test_a_camera_whose_role_may_not_any_more_is_ended() -> None:
@@ -234,7 +205,7 @@ async def test_a_camera_whose_role_may_not_any_more_is_ended() -> None:
     ):
         got: list[Any] = []
         server.node("robot").subscribe(TOPIC, got.append, "sensor_msgs/CompressedImage")
-        await camera.send(_url(server, f"topic={TOPIC}&token=operator-operator"))
+        await camera.send(whip_url(server, f"topic={TOPIC}&token=operator-operator"))
         await until(lambda: got)
         server.settings = server.settings.model_copy(update={"roles": may_not})
         server.reload()

@@ -6,7 +6,7 @@ import pytest
 
 from rwt_webrtc.congestion.controller import CongestionController
 from rwt_webrtc.congestion.feedback import Feedback
-from tests.extensions.webrtc.congestion.simulated_link import Link, Simulation
+from tests.webrtc.simulated_link import Link, Simulation
 
 SEEDS = range(5)
 

@@ -10,23 +10,14 @@ from av import AudioFrame
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
-from rwt.settings.models import WebRtcSettings
 from rwt_webrtc.media.audio import AudioBudget
-from tests.extensions.webrtc.sounds import Singer, pitch, sound_peer
-from tests.extensions.webrtc.test_whip import Picture
 from tests.waiting import until
+from tests.webrtc.cameras import Picture, media_server, whip_url
+from tests.webrtc.sounds import Singer, pitch, sound_peer
 
 pytestmark = pytest.mark.anyio
 
 TOPIC = "/operator/voice"
-
-
-def _server(**settings: Any) -> Server:
-    return Server("ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True), **settings)
-
-
-def _url(server: Server, query: str) -> str:
-    return f"{server.urls[0].replace('ws', 'http', 1)}/whip?{query}"
 
 
 class Ear:
@@ -48,9 +39,9 @@ class Ear:
 
 @pytest.mark.parametrize(("rate", "channels"), [(48_000, 1), (16_000, 1), (48_000, 2)])
 async def test_a_tone_arrives_as_that_tone(rate: int, channels: int) -> None:
-    async with _server() as server, sound_peer(Singer()) as peer:
+    async with media_server() as server, sound_peer(Singer()) as peer:
         ear = Ear(server)
-        await peer.connect(_url(server, f"audio={TOPIC}&rate={rate}&channels={channels}"))
+        await peer.connect(whip_url(server, f"audio={TOPIC}&rate={rate}&channels={channels}"))
         await until(lambda: len(ear.pieces) >= 14)
         # Not the first ones: a codec begins softly.
         left = ear.samples[::channels][4 * rate // 20 :]
@@ -63,11 +54,11 @@ async def test_a_tone_arrives_as_that_tone(rate: int, channels: int) -> None:
 
 
 async def test_a_camera_and_a_microphone_come_together_and_end_together() -> None:
-    async with _server() as server, sound_peer(Picture(), Singer()) as peer:
+    async with media_server() as server, sound_peer(Picture(), Singer()) as peer:
         ear = Ear(server)
         pictures: list[Any] = []
         server.node("viewer").subscribe("/operator/camera", pictures.append, "sensor_msgs/CompressedImage")
-        await peer.connect(_url(server, f"topic=/operator/camera&audio={TOPIC}"))
+        await peer.connect(whip_url(server, f"topic=/operator/camera&audio={TOPIC}"))
         await until(lambda: pictures and ear.pieces)
         assert (await peer.connection.getStats()) is not None
         await peer.connection.close()
@@ -76,10 +67,10 @@ async def test_a_camera_and_a_microphone_come_together_and_end_together() -> Non
 
 
 async def test_sound_that_nobody_asked_for_is_not_taken() -> None:
-    async with _server() as server, sound_peer(Picture(), Singer()) as peer:
+    async with media_server() as server, sound_peer(Picture(), Singer()) as peer:
         pictures: list[Any] = []
         server.node("viewer").subscribe("/operator/camera", pictures.append, "sensor_msgs/CompressedImage")
-        await peer.connect(_url(server, "topic=/operator/camera"))
+        await peer.connect(whip_url(server, "topic=/operator/camera"))
         await until(lambda: pictures)
         directions = {each.kind: each.currentDirection for each in peer.connection.getTransceivers()}
         assert directions == {"video": "sendonly", "audio": "inactive"}
@@ -90,8 +81,8 @@ async def test_sound_that_nobody_asked_for_is_not_taken() -> None:
 async def test_a_role_needs_both_topics(allowed: tuple[str, ...]) -> None:
     auth = AuthSettings(default_role="guest")
     roles = {"guest": RoleSettings(publish=allowed)}
-    async with _server(auth=auth, roles=roles) as server, sound_peer(Singer()) as peer:
-        status, text = await peer.offer(_url(server, f"audio={TOPIC}"))
+    async with media_server(auth=auth, roles=roles) as server, sound_peer(Singer()) as peer:
+        status, text = await peer.offer(whip_url(server, f"audio={TOPIC}"))
         assert (status, "roles.guest.publish" in text) == (403, True)
 
 
@@ -110,18 +101,18 @@ async def test_a_role_needs_both_topics(allowed: tuple[str, ...]) -> None:
     ],
 )
 async def test_refusals(query: str, status: int, why: str) -> None:
-    async with _server() as server, sound_peer(Singer()) as peer:
-        got = await peer.offer(_url(server, query))
+    async with media_server() as server, sound_peer(Singer()) as peer:
+        got = await peer.offer(whip_url(server, query))
         assert got[0] == status
         assert why in got[1]
 
 
 async def test_an_offer_without_opus_is_refused() -> None:
-    async with _server() as server, sound_peer(Singer()) as peer:
+    async with media_server() as server, sound_peer(Singer()) as peer:
         (transceiver,) = peer.connection.getTransceivers()
         known = transceiver.sender.getCapabilities("audio").codecs
         transceiver.setCodecPreferences([each for each in known if each.mimeType == "audio/PCMU"])
-        assert await peer.offer(_url(server, f"audio={TOPIC}")) == (
+        assert await peer.offer(whip_url(server, f"audio={TOPIC}")) == (
             400,
             "the sound that is offered has no opus/48000/2 (RFC 7587), the one codec here\n",
         )

@@ -15,8 +15,8 @@ from aiortc import RTCDataChannel
 
 from rwt import Server
 from rwt.settings.models import Settings, WebRtcSettings
-from tests.extensions.webrtc.peers import OtherSide, other_side
 from tests.waiting import until
+from tests.webrtc.peers import OtherSide, other_side
 
 pytestmark = [pytest.mark.anyio, pytest.mark.extended]
 

@@ -21,8 +21,8 @@ from rwt_webrtc.transport.peer import Peer
 from rwt_webrtc.transport.signalling import PeerBounds
 from rwt_webrtc.upstream.association import WINDOW_BYTES
 from rwt_webrtc.upstream.ice_agent import CONSENT_ASKED, CONSENT_SECONDS
-from tests.extensions.webrtc.peers import End, answering, other_side, received, text_of
 from tests.waiting import until
+from tests.webrtc.peers import End, answering, other_side, received, text_of
 
 pytestmark = pytest.mark.anyio
 

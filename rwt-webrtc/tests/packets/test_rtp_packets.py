@@ -7,18 +7,9 @@ from struct import pack
 import pytest
 from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtp import (
-    AnyRtcpPacket,
-    RtcpByePacket,
     RtcpPsfbPacket,
-    RtcpReceiverInfo,
     RtcpRrPacket,
-    RtcpRtpfbPacket,
-    RtcpSdesPacket,
-    RtcpSenderInfo,
-    RtcpSourceInfo,
-    RtcpSrPacket,
     RtpPacket,
-    pack_remb_fci,
 )
 
 from rwt_webrtc.packets.ice_guard import MEDIA_SOURCES, IceGuard, Reach
@@ -30,25 +21,13 @@ from rwt_webrtc.packets.rtp import (
     split_rtcp,
 )
 from rwt_webrtc.upstream.nack_generator import BoundedNackGenerator
-
-INFO = RtcpReceiverInfo(1, 2, 3, 4, 5, 6, 7)
-VALID: list[AnyRtcpPacket] = [
-    RtcpSrPacket(1, RtcpSenderInfo(1, 2, 3, 4), [INFO]),
-    RtcpRrPacket(1, [INFO, INFO]),
-    RtcpRrPacket(1, []),
-    RtcpSdesPacket([RtcpSourceInfo(1, [(1, b"name")])]),
-    RtcpByePacket([1, 2]),
-    RtcpByePacket([]),
-    RtcpPsfbPacket(1, 1, 2),
-    RtcpPsfbPacket(15, 1, 2, pack_remb_fci(1_000_000, [1, 2])),
-    RtcpRtpfbPacket(1, 1, 2, [1, 2, 30]),
-]
+from tests.webrtc.packets import RTCP_VALID
 
 
 def test_packets_of_the_protocol_are_accepted() -> None:
-    for packet in VALID:
+    for packet in RTCP_VALID:
         split_rtcp(bytes(packet))
-    split_rtcp(b"".join(map(bytes, VALID)))
+    split_rtcp(b"".join(map(bytes, RTCP_VALID)))
     media = RtpPacket(payload_type=96, sequence_number=7, ssrc=0x01020304, payload=b"x" * 9)
     check_rtp(media.serialize())
     media.csrc, media.padding_size = [1, 2], 3
@@ -59,8 +38,8 @@ def test_packets_of_the_protocol_are_accepted() -> None:
     "data",
     [
         b"\x80",
-        bytes(VALID[0])[:-1],
-        bytes(VALID[0])[:-4],
+        bytes(RTCP_VALID[0])[:-1],
+        bytes(RTCP_VALID[0])[:-4],
         pack("!BBH", 0, 201, 1) + bytes(4),
         pack("!BBH", 0x82, 201, 7) + bytes(28),
         pack("!BBH", 0x80, 200, 1) + bytes(4),

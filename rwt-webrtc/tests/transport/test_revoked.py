@@ -16,9 +16,9 @@ from rwt.access.access import Access
 from rwt_graph import MemoryGraph
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from tests.extensions.webrtc.peers import OtherSide
-from tests.extensions.webrtc.test_whep import TOPIC, Camera, Watcher, _post
 from tests.waiting import until
+from tests.webrtc.peers import OtherSide
+from tests.webrtc.watching import TOPIC, Camera, Watcher, post
 
 pytestmark = pytest.mark.anyio
 
@@ -98,7 +98,7 @@ async def test_a_peer_whose_token_is_gone_ends_with_all_its_channels() -> None:
         try:
             channel = other.connection.createDataChannel("robot")
             target = f"{url}/webrtc?token={TOKEN}"
-            status, answer = await asyncio.to_thread(_post, target, (await other.offer()).decode())
+            status, answer = await asyncio.to_thread(post, target, (await other.offer()).decode())
             assert status == 201, answer
             await other.take_answer(answer)
             await until(lambda: channel.readyState == "open")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rwt_transports.api import HEAD_BYTES
 from rwt_webrtc.packets.reassembly import FIRST, LAST, UNORDERED, Reassembly, Truncated, is_later
-from tests.extensions.webrtc.chunks import Chunk
+from tests.webrtc.chunks import Chunk
 
 TSNS = 2**32
 

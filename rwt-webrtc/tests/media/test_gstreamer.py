@@ -12,9 +12,9 @@ from typing import Any
 import anyio.to_thread
 import pytest
 
-from tests.extensions.webrtc.test_whep import TOPIC, _near, camera
-from tests.extensions.webrtc.test_whip import _colour, _server, _url
 from tests.waiting import until
+from tests.webrtc.cameras import jpeg_colour, media_server, whip_url
+from tests.webrtc.watching import TOPIC, camera, near
 
 PEER = Path(__file__).with_name("gstreamer_peer.py")
 PYTHON = "/usr/bin/python3"
@@ -71,13 +71,13 @@ async def _sees(viewer: subprocess.Popen[str], colour: tuple[int, int, int]) -> 
             line = await anyio.to_thread.run_sync(viewer.stdout.readline, abandon_on_cancel=True)
             assert line, "the viewer has ended"
             words = line.split()
-            if words[0] == "colour" and _near((int(words[1]), int(words[2]), int(words[3])), colour):
+            if words[0] == "colour" and near((int(words[1]), int(words[2]), int(words[3])), colour):
                 return
 
 
 async def test_its_camera_becomes_a_topic() -> None:
-    async with _server() as server:
+    async with media_server() as server:
         got: list[Any] = []
         server.node("robot").subscribe("/operator/camera", got.append, "sensor_msgs/CompressedImage")
-        with peer("whip", _url(server, "topic=/operator/camera&quality=95")):
-            await until(lambda: got and _near(_colour(got[-1]), (200, 30, 30)))
+        with peer("whip", whip_url(server, "topic=/operator/camera&quality=95")):
+            await until(lambda: got and near(jpeg_colour(got[-1]), (200, 30, 30)))

@@ -16,7 +16,7 @@ from rwt_webrtc.media.decoding import (
     bound_decoding,
     check_frame,
 )
-from tests.extensions.webrtc.test_frame_size import vp8_header
+from tests.webrtc.encoded_frames import vp8_header
 
 pytestmark = pytest.mark.anyio
 

@@ -14,7 +14,7 @@ from aiortc.mediastreams import MediaStreamError
 from av import AudioFrame
 from numpy.typing import NDArray
 
-from tests.extensions.webrtc.test_whep import _post
+from tests.webrtc.watching import post
 
 TONE = 440
 LOUD = 9000
@@ -78,7 +78,7 @@ class SoundPeer:
     async def offer(self, url: str) -> tuple[int, str]:
         """Send an offer; the status and the text of the answer."""
         await self.connection.setLocalDescription()
-        return await asyncio.to_thread(_post, url, self.connection.localDescription.sdp)
+        return await asyncio.to_thread(post, url, self.connection.localDescription.sdp)
 
     async def connect(self, url: str) -> None:
         status, text = await self.offer(url)

@@ -21,9 +21,9 @@ from rwt_interfaces.registry import Registry
 from rwt_webrtc.media import audio_topics
 from rwt_webrtc.media.audio import DATA, INFO, SAMPLE_FORMATS, AudioFormat, AudioUnreadable, read_info
 from rwt_webrtc.media.opus_encoder import OpusEncoder
-from tests.extensions.webrtc.sounds import pitch, sound_peer, tone
-from tests.extensions.webrtc.test_whep import Camera
 from tests.waiting import until
+from tests.webrtc.sounds import pitch, sound_peer, tone
+from tests.webrtc.watching import Camera
 
 pytestmark = pytest.mark.anyio
 
