@@ -11,7 +11,7 @@ from av import VideoFrame
 from PIL import Image
 
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
+from rwt_webrtc.settings import WebRtcSettings
 
 WIDTH, HEIGHT = 64, 48
 

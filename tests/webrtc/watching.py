@@ -16,8 +16,8 @@ from aiortc.mediastreams import MediaStreamError
 from av import VideoFrame
 
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
+from rwt_webrtc.settings import WebRtcSettings
 
 WIDTH, HEIGHT = 64, 48
 TOPIC = "/camera/image_raw"

@@ -15,9 +15,9 @@ from websockets.asyncio.client import connect
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
-from rwt.settings.models import WebRtcSettings
 from rwt_participant.qos import LATCHED
 from rwt_webrtc.media.whip import SENDERS_TOPIC
+from rwt_webrtc.settings import WebRtcSettings
 from tests.waiting import until
 from tests.webrtc.cameras import Picture, jpeg_colour, media_server, whip_url
 from tests.webrtc.encoded_frames import vp8_header
