@@ -170,9 +170,9 @@ class AudioTopics:
     async def _info(self, name: str) -> Message:
         """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
-        told = self._node.graph.topic(topic)
-        if told is not None and told.type is not None and told.type.name != INFO:
-            raise RequestRefused(400, f"{topic} is a {told.type.name}, where {INFO} tells of the sound")
+        found = self._node.graph.topic(topic)
+        if found is not None and found.type is not None and found.type.name != INFO:
+            raise RequestRefused(400, f"{topic} is a {found.type.name}, where {INFO} tells of the sound")
         try:
             return await self._node.once(topic, INFO, timeout=PATIENCE)
         except TimedOut:

@@ -1,1 +1,1 @@
-"""Packets of a peer, without I/O: validation and limits before they are parsed, and reassembly."""
+"""Packets of a peer, without I/O: validation and limits, reassembly, and the order of sending."""

@@ -43,12 +43,12 @@ CREDIT_BYTES: Final = 2048
 DATAGRAM_BYTES: Final = 2048
 """Maximum size of a datagram; those of WebRTC fit an Ethernet frame."""
 EARLY_DATAGRAMS: Final = 64
-"""Datagrams that wait until a path is found."""
+"""Maximum queue until a path is found, in datagrams."""
 WAITING_DATAGRAMS: Final = 1024
 
 
 class Reach(IntEnum):
-    """Addresses that two peers may tell each other, each including those after it."""
+    """Addresses that two peers may exchange; each value includes those after it."""
 
     LOOPBACK = 0
     PRIVATE = 1
@@ -131,8 +131,8 @@ class IceGuard:
     """Addresses of a peer, and the checks that it may still cause.
 
     Args:
-        reach: addresses to which checks are sent, and that the other side is told.
-        take_check: counts a check to be sent for the peer's network; returns False beyond its rate.
+        reach: addresses to which checks are sent, and that are announced to the other side.
+        take_check: counts a check to be sent for the peer's network; returns False over its rate limit.
 
     Attributes:
         consent_seconds: time without an answer after which the peer counts as gone.

@@ -53,7 +53,7 @@ class DataChannelConnector:
                 ReceiveBufferPool(2 * limits.message_bytes),
                 AddressCount(),
                 candidates=CANDIDATES,
-                # Before time is up for all of it, so that what was tried can be told.
+                # Ends before the timeout of connecting, so that the error can name what was tried.
                 connect_seconds=PATH_PART * min(address.seconds, LONGEST_SECONDS),
             ),
             servers,

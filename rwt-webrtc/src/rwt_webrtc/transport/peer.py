@@ -58,7 +58,7 @@ class PeerTerms:
         channels: maximum number of open data channels of a peer.
         candidates: maximum number of candidates of the other side, in its description and afterwards.
         connect_seconds: time within which the peers have to find each other.
-        tell_private: True if peers with public addresses are told private ones, too.
+        announce_private: True if private addresses are announced to peers with public ones, too.
         relay_only: True if only addresses of a TURN server are used.
         checks: rate limit of checks by network.
     """
@@ -69,13 +69,13 @@ class PeerTerms:
     channels: int = 16
     candidates: int = 64
     connect_seconds: float = 10.0
-    tell_private: bool = False
+    announce_private: bool = False
     relay_only: bool = False
     checks: CheckRates = field(default_factory=CheckRates)
 
     def reach(self, address: str) -> Reach:
-        """Return which addresses a peer is told, by the address of its signalling."""
-        return min(reach_of(address), Reach.PRIVATE) if self.tell_private else reach_of(address)
+        """Return the addresses that are announced to a peer, by the address of its signalling."""
+        return min(reach_of(address), Reach.PRIVATE) if self.announce_private else reach_of(address)
 
 
 class PeerState(Enum):
@@ -121,7 +121,7 @@ class Peer:
         servers: STUN and TURN servers, which help to find a path.
         accept: makes the endpoint of each data channel.
         address: address of the other side according to its signalling.
-        reach: addresses that the other side is told, and to which checks are sent.
+        reach: addresses that are announced to the other side, and to which checks are sent.
         on_closed: called once when it has ended.
 
     Attributes:

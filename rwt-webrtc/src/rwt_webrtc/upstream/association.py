@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
 from collections.abc import Callable
 from enum import Enum
 from time import time
@@ -42,9 +41,7 @@ from aiortc import RTCDataChannel, RTCDtlsTransport
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
-    SCTP_COMMON_HEADER_LENGTH,
     SCTP_DATA_CHUNK_HEADER_LENGTH,
-    SCTP_MAX_PACKET_LENGTH,
     USERDATA_MAX_LENGTH,
     WEBRTC_BINARY,
     WEBRTC_BINARY_EMPTY,
@@ -66,6 +63,7 @@ from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
 from rwt_webrtc.packets.reassembly import Reassembly, Truncated, is_later
 from rwt_webrtc.packets.sctp import BadPacket, check_packet
+from rwt_webrtc.packets.sending import PACKET_BYTES, Acknowledgement, Bundle, ChannelTurns, gap_blocks
 
 if TYPE_CHECKING:
     from rwt_transports.limits import Limits
@@ -84,12 +82,8 @@ INCOMPLETE: Final = 2 * MISORDERED
 """Messages of which fragments, or those before them, are missing; a FORWARD TSN chunk may end all of them."""
 TSN_RANGE: Final = 65535
 """Maximum distance of a fragment from the last one without a gap: a gap block reports no more."""
-GAP_BLOCKS: Final = 256
-"""Gap blocks of a SACK chunk, which fits a datagram with them."""
 DUPLICATES: Final = 16
 """Duplicates that a SACK chunk reports."""
-FRESH_TURNS: Final = 8
-"""Messages of channels without retransmission in a row, after which one of the others has a turn."""
 IN_FLIGHT: Final = 1024
 """Unacknowledged fragments; aiortc looks at all of them for each SACK chunk with gap blocks."""
 RTO_SECONDS: Final = 0.3
@@ -97,115 +91,11 @@ RTO_SECONDS: Final = 0.3
 too.
 """
 HANDSHAKE_RTO_SECONDS: Final = 1.0
-SACK_PACKETS: Final = 2
-"""Packets with data that one SACK chunk acknowledges (RFC 9260 section 6.2)."""
-SACK_SECONDS: Final = 0.02
-"""Maximum delay of a SACK chunk, in which it can join data of this side. RFC 9260 allows 0.2 s, which would
-reach :data:`RTO_SECONDS` on links of 50 ms each way.
-"""
-
-_OPEN: Final = bytes([DATA_CHANNEL_OPEN])
-_ACK: Final = bytes([DATA_CHANNEL_ACK])
-
 
 CWND_BYTES: Final = 128 * 1024
 """Maximum bytes in flight: 2.5 MB/s at a round trip of 50 ms. More would only delay fresh data."""
 BURST_BYTES: Final = 4 * USERDATA_MAX_LENGTH
 """Maximum bytes that aiortc sends at once (RFC 9260 section 6.1 D)."""
-
-_DATA_HEADER_BYTES: Final = SCTP_DATA_CHUNK_HEADER_LENGTH
-_SACK_BYTES: Final = 16
-"""Length of a SACK chunk without gap blocks and duplicates."""
-_PACKET_BYTES: Final = SCTP_MAX_PACKET_LENGTH - SCTP_COMMON_HEADER_LENGTH
-
-
-class _Bundle(Chunk):
-    """Chunks that leave in one packet (RFC 9260 section 6.10)."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._chunks: list[Chunk] = []
-        self._size = 0
-
-    def __bool__(self) -> bool:
-        return bool(self._chunks)
-
-    def __bytes__(self) -> bytes:
-        return b"".join(map(bytes, self._chunks))
-
-    def has_room(self, size: int) -> bool:
-        return self._size + size <= _PACKET_BYTES
-
-    def append(self, chunk: Chunk, size: int) -> None:
-        self._chunks.append(chunk)
-        self._size += size
-
-
-class _Acknowledgement:
-    """Decision when received data is acknowledged.
-
-    Attributes:
-        packets: packets with data since the last SACK chunk.
-        at_once: True if the next SACK chunk must not wait for data or for the timer.
-    """
-
-    def __init__(self) -> None:
-        self.packets = 0
-        self.at_once = False
-        self._timer: asyncio.TimerHandle | None = None
-
-    def received(self, on_due: Callable[[], None]) -> bool:
-        """Count a packet with data. Returns True if a SACK chunk is due now; `on_due` is called later."""
-        self.packets += 1
-        if self.at_once or self.packets >= SACK_PACKETS:
-            return True
-        if self._timer is None:
-            self._timer = asyncio.get_running_loop().call_later(SACK_SECONDS, self._is_due, on_due)
-        return False
-
-    def _is_due(self, on_due: Callable[[], None]) -> None:
-        # A SACK chunk does not cancel the timer: what came since then is acknowledged sooner.
-        self._timer = None
-        if self.packets:
-            on_due()
-
-    def sent(self) -> None:
-        self.packets = 0
-        self.at_once = False
-
-    def cancel(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-
-class _ChannelTurns:
-    """Turns of the channels that have messages to send: those without retransmission first."""
-
-    def __init__(self) -> None:
-        self._fresh: deque[ChannelLink] = deque()
-        self._others: deque[ChannelLink] = deque()
-        self._in_a_row = 0
-
-    def __bool__(self) -> bool:
-        return bool(self._fresh or self._others)
-
-    def add(self, link: ChannelLink) -> None:
-        waiting = self._fresh if link.is_fresh else self._others
-        if link not in waiting:
-            waiting.append(link)
-
-    def remove(self, link: ChannelLink) -> None:
-        waiting = self._fresh if link.is_fresh else self._others
-        if link in waiting:
-            waiting.remove(link)
-
-    def next(self) -> ChannelLink | None:
-        if self._fresh and (self._in_a_row < FRESH_TURNS or not self._others):
-            self._in_a_row += 1
-            return self._fresh.popleft()
-        self._in_a_row = 0
-        return self._others.popleft() if self._others else None
 
 
 class _Filling(Enum):
@@ -221,6 +111,10 @@ _TRANSITIONS: Final = {
 }
 
 
+_OPEN: Final = bytes([DATA_CHANNEL_OPEN])
+_ACK: Final = bytes([DATA_CHANNEL_ACK])
+_SACK_BYTES: Final = 16
+"""Length of a SACK chunk without gap blocks and duplicates."""
 _NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, ShutdownChunk)
 """Chunks with numbers that only an association has whose peer has announced its first one."""
 
@@ -276,11 +170,11 @@ class Association(RTCSctpTransport):
         self._buffers = buffers
         self._fail = fail
         self._channels: dict[int, ChannelLink] = {}
-        self._turns = _ChannelTurns()
+        self._turns: ChannelTurns[ChannelLink] = ChannelTurns()
         self._peer_window = WINDOW_BYTES
         self._filling = _Filling.IDLE
-        self._bundle: _Bundle | None = None
-        self._acknowledgement = _Acknowledgement()
+        self._bundle: Bundle | None = None
+        self._acknowledgement = Acknowledgement()
         self._wakeup = asyncio.Event()
         self._inbound_streams_max = self._outbound_streams_count = STREAMS
         self._rto = HANDSHAKE_RTO_SECONDS
@@ -288,17 +182,17 @@ class Association(RTCSctpTransport):
 
     # -- the channels' side --------------------------------------------------------------------------------
 
-    def register(self, receiver: ChannelLink) -> None:
-        assert receiver.channel.id is not None  # An open channel has one.
-        self._channels[receiver.channel.id] = receiver
+    def register(self, link: ChannelLink) -> None:
+        assert link.channel.id is not None  # An open channel has one.
+        self._channels[link.channel.id] = link
 
-    def unregister(self, receiver: ChannelLink) -> None:
-        if receiver.channel.id is not None:
-            self._channels.pop(receiver.channel.id, None)
-        self._turns.remove(receiver)
+    def unregister(self, link: ChannelLink) -> None:
+        if link.channel.id is not None:
+            self._channels.pop(link.channel.id, None)
+        self._turns.remove(link)
 
-    def wake(self, receiver: ChannelLink) -> None:
-        self._turns.add(receiver)
+    def wake(self, link: ChannelLink) -> None:
+        self._turns.add(link, is_fresh=link.is_fresh)
         self._wakeup.set()
 
     def count_unread(self, change: int) -> None:
@@ -315,7 +209,7 @@ class Association(RTCSctpTransport):
         self._fail(reason)
 
     async def _send_awaited(self) -> None:
-        """Send the data of woken receivers once per turn of the event loop, until cancelled."""
+        """Send the data of woken links once per turn of the event loop, until cancelled."""
         while True:
             await self._wakeup.wait()
             self._wakeup.clear()
@@ -352,24 +246,24 @@ class Association(RTCSctpTransport):
         """Collect data to send now, at least one message if there is one."""
         room = max(min(BURST_BYTES, self._cwnd - self._flight_size), 1)
         taken = False
-        while room > 0 and (receiver := self._next_receiver()) is not None:
-            message = receiver.next_message()
+        while room > 0 and (link := self._next_link()) is not None:
+            message = link.next_message()
             if message is None:
-                receiver.sent_all()
+                link.sent_all()
                 continue
-            self._turns.add(receiver)
+            self._turns.add(link, is_fresh=link.is_fresh)
             room -= len(message[0])
             taken = True
-            await self._send_message(receiver.channel, *message)
+            await self._send_message(link.channel, *message)
         return taken
 
     def _window_is_open(self) -> bool:
-        # One message may always be under way, so that the window is heard of when it opens.
+        # One message may always be under way: its acknowledgement reports when the window opens.
         if len(self._sent_queue) >= IN_FLIGHT:
             return False
         return self._peer_window > self._flight_size or not self._flight_size
 
-    def _next_receiver(self) -> ChannelLink | None:
+    def _next_link(self) -> ChannelLink | None:
         if self._association_state != self.State.ESTABLISHED:
             return None
         return self._turns.next()
@@ -398,7 +292,7 @@ class Association(RTCSctpTransport):
             return
         # aiortc sends each chunk in a packet of its own. Here small messages share packets, since the cost is
         # that of a packet, here and on the other side, which acknowledges each one.
-        self._bundle = _Bundle()
+        self._bundle = Bundle()
         try:
             await super()._transmit()
         finally:
@@ -411,11 +305,11 @@ class Association(RTCSctpTransport):
         if bundle is None:
             await super()._send_chunk(chunk)
             return
-        size = (
-            _DATA_HEADER_BYTES + len(chunk.user_data) + 3 if isinstance(chunk, DataChunk) else _PACKET_BYTES
-        )
+        size = PACKET_BYTES
+        if isinstance(chunk, DataChunk):
+            size = SCTP_DATA_CHUNK_HEADER_LENGTH + len(chunk.user_data) + 3  # Padding included.
         if bundle and not bundle.has_room(size):
-            self._bundle = _Bundle()
+            self._bundle = Bundle()
             await super()._send_chunk(bundle)
             # Sending may have been suspended, and others may have used or sent the new bundle meanwhile.
             await self._send_chunk(chunk)
@@ -509,17 +403,10 @@ class Association(RTCSctpTransport):
 
     def _make_sack(self) -> SackChunk:
         # aiortc's has a block for each gap, and may exceed a datagram.
-        last, gaps = self._last_received_tsn or 0, list[tuple[int, int]]()
-        for offset in sorted((tsn - last) % 2**32 for tsn in self._sack_misordered):
-            if gaps and offset == gaps[-1][1] + 1:
-                gaps[-1] = (gaps[-1][0], offset)
-            elif len(gaps) == GAP_BLOCKS:
-                break
-            else:
-                gaps.append((offset, offset))
+        last = self._last_received_tsn or 0
         sack = SackChunk()
         sack.cumulative_tsn, sack.advertised_rwnd = last, max(0, self._advertised_rwnd)
-        sack.gaps, sack.duplicates = gaps, self._sack_duplicates[:]
+        sack.gaps, sack.duplicates = gap_blocks(last, self._sack_misordered), self._sack_duplicates[:]
         self._sack_duplicates.clear()
         self._acknowledgement.sent()
         return sack
@@ -590,13 +477,13 @@ class Association(RTCSctpTransport):
         if pp_id == WEBRTC_DCEP:
             await self._receive_control(stream_id, data)
             return
-        receiver = self._channels.get(stream_id)
-        if receiver is None:
+        link = self._channels.get(stream_id)
+        if link is None:
             return
         if pp_id in (WEBRTC_STRING, WEBRTC_BINARY):
-            receiver.message(data, pp_id == WEBRTC_BINARY)
+            link.message(data, pp_id == WEBRTC_BINARY)
         elif pp_id in (WEBRTC_STRING_EMPTY, WEBRTC_BINARY_EMPTY):
-            receiver.message(b"", pp_id == WEBRTC_BINARY_EMPTY)
+            link.message(b"", pp_id == WEBRTC_BINARY_EMPTY)
 
     async def _receive_control(self, stream_id: int, data: bytes) -> None:
         """Handle a message of the channel establishment protocol (RFC 8832)."""

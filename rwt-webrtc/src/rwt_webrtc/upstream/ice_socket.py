@@ -75,7 +75,7 @@ class GuardedSocket(StunProtocol):
             agent.request_received(message, source, self)
 
     def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
-        """Send a message, except for one beyond the limits, which counts as lost."""
+        """Send a message. One over the limits is dropped, and counts as lost."""
         data = bytes(message)
         if message.message_class != stun.Class.REQUEST:
             is_admitted = self._guard.admit_response(addr, len(data))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class BoundedNackGenerator(NackGenerator):
-    """Missing packets; a gap beyond those that can be sent again costs no more than one of that size."""
+    """Missing packets of a track. Of a long gap, only those are noted that can still be sent again."""
 
     def add(self, packet: RtpPacket) -> bool:
         """Note a packet. Returns True if others are missing before it."""

@@ -49,7 +49,7 @@ class _GuardedTurn(turn.TurnClientMixin):
             logger.debug("discarded %s of a TURN server", bad)
 
     def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
-        """Send a request; one beyond the rate counts as lost."""
+        """Send a request. One over the rate limit is dropped, and counts as lost."""
         if self._requests.take():
             super().send_stun(message, addr)
 
