@@ -22,12 +22,12 @@ Address = tuple[str, int]
 CONSENT_EXPIRES_SECONDS: Final = 3.6
 """Time without an answer after which a peer with data channels is gone: its commands and offers end."""
 MEDIA_CONSENT_EXPIRES_SECONDS: Final = 30.0
-"""The same for a peer with media only, which does not move the robot: the limit of RFC 7675. Browsers keep
-such a connection over shorter outages."""
+"""Time without an answer after which a peer with media only is gone, the limit of RFC 7675: it does not move the
+robot, and browsers keep its connection over shorter outages."""
 CHECKS: Final = 100
 """Checks that a peer may cause to addresses that have not answered."""
 CHECKS_PER_SECOND: Final = 20
-"""The same for all peers of a network together, after a burst of :data:`CHECKS`: Ta of RFC 8445 is 50 ms."""
+"""Checks per second of all peers of a network, after a burst of :data:`CHECKS`: Ta of RFC 8445 is 50 ms."""
 REQUESTS_PER_SECOND: Final = 50
 """Requests with valid credentials that a peer may send."""
 SOURCES: Final = 128

@@ -81,7 +81,7 @@ class Reassembly:
         hold: called with the change of what is kept of incomplete messages, in bytes and in number.
 
     Attributes:
-        sequence_number: of the ordered message that is next.
+        sequence_number: number of the next ordered message.
     """
 
     def __init__(self, stream_id: int, max_size: int, hold: Callable[[int, int], None]) -> None:

@@ -27,7 +27,7 @@ PATH: Final = "webrtc"
 REQUEST_SECONDS: Final = 20.0
 LONGEST_SECONDS: Final = 60.0
 PATH_PART: Final = 0.7
-"""The part of the time for connecting in which a path has to be found."""
+"""Part of the timeout of connecting within which a path must be found."""
 
 
 class DataChannelConnector:
