@@ -22,8 +22,8 @@ Address = tuple[str, int]
 CONSENT_EXPIRES_SECONDS: Final = 3.6
 """Time without an answer after which a peer with data channels is gone: its commands and offers end."""
 MEDIA_CONSENT_EXPIRES_SECONDS: Final = 30.0
-"""Time without an answer after which a peer with media only is gone, the limit of RFC 7675: it does not move the
-robot, and browsers keep its connection over shorter outages."""
+"""Time without an answer after which a peer with media only is gone, the limit of RFC 7675: it does not move
+the robot, and browsers keep its connection over shorter outages."""
 CHECKS: Final = 100
 """Checks that a peer may cause to addresses that have not answered."""
 CHECKS_PER_SECOND: Final = 20

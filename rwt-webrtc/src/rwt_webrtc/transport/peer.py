@@ -41,7 +41,7 @@ logger = logging.getLogger("rwt_webrtc.transport")
 READY_BYTES: Final = 16 * KIB
 """Maximum bytes queued below a channel's lanes, where old messages can no longer be dropped."""
 FRESH_READY_BYTES: Final = 1 * KIB
-"""Maximum bytes queued below the lanes of a channel without retransmission, where an old message is useless."""
+"""Maximum bytes queued below the lanes of a channel without retransmission: old messages are useless."""
 
 RELEASE_SECONDS: Final = 0.5
 """Time after which an ended peer connection is not used any more."""
