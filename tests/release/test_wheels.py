@@ -102,7 +102,8 @@ def test_release_is_complete(built: Path) -> None:
 def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
     program = (
         "from importlib.metadata import metadata\n"
-        "for name in ('robot-web-tools', 'rwt-webrtc', 'rwt-rclpy', 'rwt-lerobot', 'rosbridge-conformance'):\n"
+        "ours = ('robot-web-tools', 'rwt-webrtc', 'rwt-rclpy', 'rwt-lerobot', 'rosbridge-conformance')\n"
+        "for name in ours:\n"
         "    found = metadata(name)\n"
         "    print(name, found['License-Expression'], *sorted(found.get_all('License-File')))\n"
     )
