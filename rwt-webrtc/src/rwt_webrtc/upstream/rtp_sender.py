@@ -37,10 +37,11 @@ from aiortc.rtp import RTP_HISTORY_SIZE, AnyRtcpPacket, HeaderExtensions, RtcpRt
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
+from rwt_transports.limits import RateLimit
 from rwt_webrtc.congestion.controller import CongestionController
 from rwt_webrtc.congestion.pacing import Pacer, RateMeter
 from rwt_webrtc.congestion.probes import PROBE_PACKETS, Probe
-from rwt_webrtc.packets.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
+from rwt_webrtc.packets.ice_guard import RETRANSMISSIONS_PER_SECOND
 
 LEAST_SLEEP_SECONDS: Final = 0.002
 """Delay below which a packet is sent at once: timers are not more precise."""
@@ -83,7 +84,7 @@ class PacedSender(RTCRtpSender):
         self._pacer = Pacer()
         self._on_packet = on_packet
         self._on_keyframe = on_keyframe
-        self._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
+        self._again = RateLimit(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
         self._recent: deque[RtpPacket] = deque(maxlen=PROBE_HISTORY)
         # Time of the request for each packet to repeat, in order.
         self._wanted: dict[int, float] = {}
@@ -113,7 +114,8 @@ class PacedSender(RTCRtpSender):
     async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
         if isinstance(packet, RtcpRtpfbPacket):
             # A report of 1 kB may ask for the same packet 4,000 times.
-            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take()]
+            now = monotonic()
+            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take(now)]
         self._on_packet(packet, self._ssrc)
         await super()._handle_rtcp_packet(packet)
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from struct import Struct
+from time import monotonic
 from typing import Any, Final
 
 from aioice import stun, turn
 
-from rwt_webrtc.packets.ice_guard import DATAGRAM_BYTES, TokenBucket
+from rwt_transports.limits import RateLimit
+from rwt_webrtc.packets.ice_guard import DATAGRAM_BYTES
 from rwt_webrtc.packets.stun import TURN_METHODS, BadStun, check_stun
 
 logger = logging.getLogger("rwt_webrtc.transport")
@@ -36,7 +38,7 @@ class _GuardedTurn(turn.TurnClientMixin):
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._requests = TokenBucket(TURN_REQUESTS_PER_SECOND, TURN_REQUESTS)
+        self._requests = RateLimit(TURN_REQUESTS_PER_SECOND, TURN_REQUESTS)
 
     def datagram_received(self, data: bytes | str, addr: tuple[str, int]) -> None:
         """Hand over a message of the server, or drop it unless it is valid."""
@@ -50,7 +52,7 @@ class _GuardedTurn(turn.TurnClientMixin):
 
     def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
         """Send a request. One over the rate limit is dropped, and counts as lost."""
-        if self._requests.take():
+        if self._requests.take(monotonic()):
             super().send_stun(message, addr)
 
 
