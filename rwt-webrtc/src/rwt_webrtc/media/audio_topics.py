@@ -18,9 +18,7 @@ import anyio.to_thread
 
 from rwt.media.broadcast import EncoderThreads, Listener, SharedStream
 from rwt.media.errors import RequestRefused
-from rwt_graph import Graph, Node
-from rwt_graph.api import Sample
-from rwt_graph.errors import InvalidGraphName
+from rwt_graph import Graph, InvalidGraphName, Node, Sample
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import TimedOut
