@@ -13,12 +13,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from tools.generate_rooms import MOST_MODULES
 from tools.size import calls, complexity, loaded
 from tools.size.complexity import LONG_LINES, MANY_ATTRIBUTES, STEPS
 from tools.size.layout import ROOT, Layout, source_files
 from tools.size.source import LineCounts, count_lines, is_alias, rejected_docstrings, total
 from tools.size.structure import (
+    MOST_MODULES,
     SMALL_LINES,
     Module,
     Protocols,
@@ -260,7 +260,7 @@ def main(argv: list[str] | None = None) -> int:
         return 0
     if arguments.ratchet:
         lines = [*grown(report.structure(), json.loads(RECORDED.read_text(encoding="utf-8")))]
-        print(*lines, sep="\n")
+        print("\n".join(lines) or "no figure has grown")
         return 1 if lines else 0
     lists = [lines(report) for name, (lines, _) in LISTS.items() if getattr(arguments, name)]
     if arguments.calls:
