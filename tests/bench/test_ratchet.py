@@ -1,4 +1,4 @@
-"""Ratchet of the calls per operation; `make bench-ratchet` compares all operations with the table, nightly."""
+"""Ratchet of the calls per operation: `make bench-ratchet` compares all with the table, nightly."""
 
 from __future__ import annotations
 

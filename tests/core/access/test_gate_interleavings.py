@@ -488,7 +488,7 @@ class GateMachine(RuleBasedStateMachine):
     def pause(self, seconds: float) -> None:
         """The process is stopped, and no timer runs."""
         self.robot.take()
-        self.robot.clock._steady_ns += round(seconds * 1e9)
+        self.robot.clock.suspend(seconds)
         self.robot.clock.advance(0.0)
         if self.model.advance(self._now()):
             self._require_stop()

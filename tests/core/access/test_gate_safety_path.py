@@ -193,10 +193,10 @@ def test_no_verb_keeps_long_names(verb: str) -> None:
 def test_one_timer_repeats_all_stop_messages() -> None:
     robot = _crowded(500)
     robot.clock.advance(2.0)
-    before = len(robot.clock._timers)
+    before = robot.clock.pending()
     robot.gate.stop(None)
     robot.clock.advance(0.01)
-    assert len(robot.clock._timers) == before
+    assert robot.clock.pending() == before
     robot.take()
     robot.clock.advance(1.0)
     assert 9 <= len(robot.take()) <= 11

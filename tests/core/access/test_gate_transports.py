@@ -191,11 +191,11 @@ class ConnectedWire(Wire):
     def __init__(self, robot: ServedRobot, transport: str, credential: str) -> None:
         super().__init__(credential)
         self._robot = robot
-        known = set(robot.gate._actors)
+        known = set(robot.gate.actors)
         self._held = Held(robot.loop)
         url = robot.url(transport, credential)
         self.client = self._held.enter(connect(url, reconnect=None, fetch_types=False, ros_version=2))
-        (self.person.name,) = set(robot.gate._actors) - known
+        (self.person.name,) = set(robot.gate.actors) - known
         self._waiting: set[asyncio.Task[Any]] = set()
 
     def publish(self, message: dict[str, Any]) -> str:
@@ -225,7 +225,7 @@ class ConnectedWire(Wire):
 
     def leave(self) -> bool:
         self._held.leave()
-        self._robot.until(lambda: self.person.name not in self._robot.gate._actors)
+        self._robot.until(lambda: self.person.name not in self._robot.gate.actors)
         return True
 
 
