@@ -71,7 +71,7 @@ class Measured:
 
 def picture_without_library(frame: Frame) -> Frame:
     """As png with zlib alone."""
-    with mock.patch.object(png, "_fast_library", lambda: None):
+    with mock.patch.object(png, "fast_library", lambda: None):
         return png.encode(frame)
 
 

@@ -408,10 +408,13 @@ def test_a_stop_has_no_rate_and_no_quota(op: str) -> None:
     robot.access.limits = robot.access.limits.model_copy(update=limits)
     client = robot.client()
     graph = client.peer.graph
-    graph._quotas.calls.add(1)
-    graph._quotas.advertisements.add(1)
+    trigger = robot.graph.registry.service("std_srvs/Trigger")
+    robot.graph.participant("/base").advertise_service("/never", trigger, lambda call: None)
+    graph.call_service("/never", lambda type: Payload.from_value(type.request, {}), lambda reply: None)
+    graph.advertise("/elsewhere", TWIST, "mark")
     with pytest.raises(QuotaExceeded):
-        graph._quotas.calls.add(1)
+        graph.advertise("/elsewhere_too", TWIST, "another mark")
+    assert graph.calls_in_flight == 1
     _press(robot, client, op)
     assert client.close_code is None
     client.say("call_service", service="/gate/stop", args={})

@@ -33,7 +33,7 @@ from rwt_participant.timers import Timer
 from rwt_webrtc.settings import WebRtcSettings
 from tests.core.access.gate_model import LIMITS
 from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, settings_of, token
-from tests.core.access.test_gate_interleavings import CREDENTIALS, EXAMPLES, GateMachine, Wire
+from tests.core.access.test_gate_interleavings import CREDENTIALS, EXAMPLES, GateMachine, JumpingClock, Wire
 from tests.extensions.mcp.agents import agent_at
 from tests.waiting import until
 
@@ -44,7 +44,7 @@ PATIENCE = 30.0
 T = TypeVar("T")
 
 
-class LoopClock(SimulatedClock):
+class LoopClock(JumpingClock):
     """Simulated clock of an event loop: what is due at once runs in the loop's next turn."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
