@@ -260,8 +260,8 @@ class Http:
             connection.request(method, path, body, dict(headers or {}))
             answer = connection.getresponse()
             self._transcript.add(f"< {answer.status} {answer.reason}")
-            shown = [each for each in answer.getheaders() if show or each[0] != "Content-Length"]
-            _note_headers(self._transcript, shown)
+            noted = [each for each in answer.getheaders() if show or each[0] != "Content-Length"]
+            _note_headers(self._transcript, noted)
             text = self._body(answer, events)
             if show and text:
                 self._transcript.add(text)
