@@ -123,7 +123,9 @@ class Report:
             found[f"calls per message: {name}, with background"] = counts.per_message(counts.functions)
             found[f"files per message: {name}"] = counts.files
             found[f"classes per message: {name}"] = counts.classes
-        found["seconds of `from rwt import Server`"] = loaded.import_seconds(self._layout)
+        seconds, cpu_seconds = loaded.import_seconds(self._layout)
+        found["seconds of `from rwt import Server`"] = seconds
+        found["CPU seconds of `from rwt import Server`"] = cpu_seconds
         return found
 
     def calls(self, name: str) -> Iterator[str]:
