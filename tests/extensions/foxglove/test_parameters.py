@@ -78,9 +78,7 @@ async def values(viewer: Viewer) -> dict[str, Any]:
 
 async def test_all_values_come_with_their_types(connect: Connect) -> None:
     viewer = connect()
-    gateway = viewer.client._gateway
-    assert isinstance(gateway, FoxgloveGateway)
-    assert "parameters" in str(Viewer(gateway).heard()[0])
+    assert "parameters" in str(Viewer(viewer.gateway).heard()[0])
     viewer.say("getParameters", parameterNames=[], id="all")
     said = await values(viewer)
     assert said["id"] == "all"

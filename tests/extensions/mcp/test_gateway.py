@@ -268,7 +268,7 @@ async def test_nothing_is_left_of_agents_that_have_gone() -> None:
 
 
 async def test_a_session_that_takes_its_time_to_begin_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rwt.extensions.mcp.asgi._PATIENCE", 0.0)
+    monkeypatch.setattr("rwt.extensions.mcp.asgi.PATIENCE_SECONDS", 0.0)
     async with small_robot(gateways=["mcp"]) as (server, _), agent_at(url_of(server), "legacy") as agent:
         # The head of the first answer names the session, without which nothing that follows is heard.
         assert '"percentage":0.75' in await done(agent, "read_topic", topic="/battery")
