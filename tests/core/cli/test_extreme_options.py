@@ -77,7 +77,7 @@ def test_every_value_is_taken_or_refused_in_one_line(
                 assert len(said) < 1000 and not _HARMFUL.search(said), (action.dest, value[:40], said[:2000])
 
 
-SETTINGS: Final = ("workers", "domain")
+SETTINGS: Final = ("workers", "setting:zenoh.domain")
 """Options that are settings, whose models have the ranges."""
 
 _NUMBERS: Final = ("9" * 400, "1e400", "nan", "inf", "-1", "1e308", "-" + "9" * 400, "")

@@ -14,6 +14,7 @@ import anyio
 import pytest
 
 from rwt import Settings
+from rwt.extensions.mcp.agent import RESULT_BYTES
 from rwt_client import connect
 from tests.extensions.mcp.agents import OPEN, Era, agent_at, done, refused, served, url_of
 from tests.extensions.mcp.robots import small_robot
@@ -242,7 +243,7 @@ async def test_what_an_agent_publishes_is_heard_by_rosbridge_and_the_other_way_r
 
 
 async def test_results_are_bounded_in_size() -> None:
-    async with served(gateways=["mcp"], mcp={"default_role": "admin", "result_bytes": 2048}) as server:
+    async with served(gateways=["mcp"], mcp={"default_role": "admin"}) as server:
         node = server.node("large")
         node.publish("/large", {"data": "x" * 100_000}, "std_msgs/String", latch=True)
         fields = [{"name": f"field {each}" * 20, "offset": each} for each in range(500)]
@@ -250,8 +251,8 @@ async def test_results_are_bounded_in_size() -> None:
         async with agent_at(url_of(server)) as agent:
             for topic in ("/large", "/list"):
                 text = await done(agent, "read_topic", topic=topic)
-                assert len(text.encode()) <= 2048 and "cut at 2048 bytes" in text
-            assert len((await done(agent, "list_robot", plumbing=True)).encode()) <= 2048
+                assert len(text.encode()) <= RESULT_BYTES and f"cut at {RESULT_BYTES} bytes" in text
+            assert len((await done(agent, "list_robot", plumbing=True)).encode()) <= RESULT_BYTES
         node.close()
 
 
