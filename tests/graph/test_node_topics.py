@@ -285,6 +285,6 @@ async def test_kept_messages_that_nobody_reads_are_kept_in_one_form(graph: Memor
         (sample,) = subscription.history()
         sample.payload.cbor()
         kept.append(sample.payload)
-    assert [payload._forms is not None for payload in kept] == [False] * 5 + [True] * 3
+    assert [payload._binary is not None for payload in kept] == [False] * 5 + [True] * 3
     assert kept[0].cbor() == kept[-1].cbor()
     assert msgspec.to_builtins(kept[0].value()) == {"data": text}
