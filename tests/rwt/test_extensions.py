@@ -72,7 +72,7 @@ class StageGraph(MemoryGraph):
     "msgpack": """
 from dataclasses import replace
 import msgspec
-from rwt_protocol.codecs import CODECS, Encoding
+from rwt_protocol.codecs import ENCODINGS, Encoding
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_within
 from rwt_protocol.frames import Frame
 
@@ -87,7 +87,7 @@ frames = []
 CODEC = MessagePack()
 FIRST = bytes((*range(0x80, 0x90), 0xDE, 0xDF))
 ENCODING = Encoding("msgpack", 1, CODEC.publish_encoder, binary=True, codec=MessagePack, first_bytes=FIRST)
-CLASH = replace(CODECS["cbor"], name="clash")
+CLASH = replace(ENCODINGS["cbor"], name="clash")
 """,
     "netstring": """
 from rwt_transports.schemes import Scheme

@@ -1,7 +1,7 @@
 """Reader of messages in JSON, which chooses the cheapest way for each text.
 
-:func:`read_json` makes these attempts, in this order. Each returns a message, raises InvalidMessage, or leaves
-the text to the next one. So exact messages pay for no other attempt.
+:func:`read_json` makes these attempts, in this order. Each returns a message, raises InvalidMessage, or
+leaves the text to the next one. So exact messages pay for no other attempt.
 
 | attempt | texts | result |
 |---|---|---|
