@@ -115,7 +115,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     for name in imported():
         del sys.modules[name]
     SCHEMES.pop("netstring", None)
-    codecs._ENCODINGS.pop("msgpack", None)
+    codecs._REGISTERED.pop("msgpack", None)
     for first in [first for first, codec in codecs._BINARY.items() if codec is not codecs.cbor_codec]:
         del codecs._BINARY[first]
 
