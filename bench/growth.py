@@ -34,7 +34,7 @@ from bench.traffic.load import Throughput, Window
 from bench.traffic.processes import Server
 from bench.traffic.wire import Connection, Loop, masked
 from bench.transport.zenoh import free_endpoint, small
-from rwt_graph.zenoh import ZenohGraph
+from rwt.extensions.zenoh import ZenohGraph
 from rwt_participant.qos import DEFAULT_QOS
 from tests.waiting import until
 

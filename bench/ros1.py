@@ -40,8 +40,8 @@ from typing import TYPE_CHECKING, Any, Final
 import websockets
 
 from bench.traffic.processes import Server, cpu_time
+from tests.extensions.ros1.live.conftest import Ros
 from tests.processes import free_port
-from tests.ros1.conftest import Ros
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

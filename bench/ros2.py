@@ -27,8 +27,8 @@ from typing import Final, NamedTuple
 import websockets
 
 from bench.traffic.processes import Server, cpu_time
+from tests.extensions.ros2.domains import free_domain
 from tests.processes import free_port, running
-from tests.ros2.domains import free_domain
 from tests.statements import Program
 from tools.upstream.ros2_workspace import ROSBRIDGE, environment
 
@@ -202,7 +202,9 @@ class _Client:
 async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: float) -> dict[str, float]:
     """Return the microseconds of CPU time per delivered message of each server that delivers."""
     package, _, name = case.type.split("/")
-    with closing(Program(sys.executable, "tests.ros2.program", environment=dict(os.environ))) as program:
+    with closing(
+        Program(sys.executable, "tests.extensions.ros2.program", environment=dict(os.environ))
+    ) as program:
         publish = _PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz)
         program.run(_SERVE if case.is_service else publish)
         async with AsyncExitStack() as stack:

@@ -5,7 +5,7 @@ The program and the robot share a graph in memory; on a simulated clock the half
 
 import anyio
 
-from rwt.nodes.demo import DemoRobot
+from rwt.extensions.demo import DemoRobot
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 
 SIDE = 1.0  # metres

@@ -20,8 +20,8 @@ except ModuleNotFoundError as missing:
         raise
     raise SystemExit("pybullet_robot: PyBullet is not installed: pip install pybullet") from None
 from rwt import Server
-from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.depth_cloud import DepthCloudEncoder
+from rwt.extensions.demo.world.lens import Lens
+from rwt.extensions.depth_cloud import DepthCloudEncoder
 from rwt_transports.errors import TransportError
 
 DEPTH_PER_TILE = 2.0

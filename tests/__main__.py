@@ -45,16 +45,16 @@ EXTENDED: Final = {
     "examples": "needs PyBullet",
     "faults": "takes minutes",
     "fuzz": "replays the corpus, takes minutes",
-    "graph/zenoh/test_pyzeros.py": "needs a C compiler",
-    "graph/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
+    "extensions/zenoh/test_pyzeros.py": "needs a C compiler",
+    "extensions/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
     "journeys": "needs Node and the clients, takes minutes",
     "release": "builds wheels, needs Node",
-    "ros1": "needs Debian's packages of ROS 1 (`make test-ros1`), takes minutes",
-    "rwt/gateways/mcp/test_inspector.py": "needs Node",
-    "rwt/media/webrtc/test_gstreamer.py": "needs GStreamer",
-    "rwt/media/webrtc/test_nat.py": "needs Chromium, root and nft",
+    "extensions/ros1/live": "needs Debian's packages of ROS 1 (`make test-ros1`), takes minutes",
+    "extensions/mcp/test_inspector.py": "needs Node",
+    "extensions/webrtc/test_gstreamer.py": "needs GStreamer",
+    "extensions/webrtc/test_nat.py": "needs Chromium, root and nft",
     "tools": "tests of the development tools",
-    "transports/asgi/test_servers.py": "needs ASGI servers and Django",
+    "extensions/asgi/test_servers.py": "needs ASGI servers and Django",
 }
 """Folders and files that `make test` leaves to `make test-all`, each with the reason.
 
@@ -79,20 +79,22 @@ LONG: Final = (
     "faults/attacks",
     "conformance",
     "browser",
-    "rwt/cli",
+    "core/cli",
     "journeys",
     "docs",
     "clients",
     "faults",
-    "ros2",
+    "extensions/ros2",
     "release",
-    "rwt",
-    "rwt/gateways/mcp",
+    "core/server",
+    "extensions/workers",
+    "extensions/recording",
+    "extensions/mcp",
     "traces",
-    "graph/zenoh",
-    "rwt/testing/pytest_plugin",
-    "rwt/media/webrtc",
-    "interfaces",
+    "extensions/zenoh",
+    "extensions/testing/pytest_plugin",
+    "extensions/webrtc",
+    "core/interfaces",
 )
 """Folders whose tests start servers, clients, browsers and compilers, the longest first.
 
@@ -335,7 +337,7 @@ def _arguments() -> tuple[argparse.Namespace, list[str]]:
     parser = argparse.ArgumentParser(
         prog="python -m tests",
         description=__doc__,
-        epilog="example: python -m tests --processes 4 tests/rwt/gateways/rosbridge tests/rwt/access -- -x",
+        epilog="example: python -m tests --processes 4 tests/core/rosbridge tests/core/access -- -x",
     )
     default = max(3, 2 * (os.cpu_count() or 1))
     parser.add_argument(

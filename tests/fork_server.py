@@ -26,7 +26,7 @@ PRELOADED: Final = (
     "trio",
     "anyio._backends._asyncio",
     "rwt.server",
-    "rwt.playback",
+    "rwt.extensions.recording.playback.server",
     "rwt.settings.models",
     "rwt_client.robot",
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 import anyio
 import zenoh
 
-from rwt_graph.zenoh import ZenohGraph
+from rwt.extensions.zenoh import ZenohGraph
 from tests.processes import free_port
 from tests.waiting import PATIENCE
 

@@ -42,13 +42,13 @@ class _Written(str):
 PACKAGES = (
     "rwt",
     "rwt.cli",
-    "rwt.gateways.foxglove",
-    "rwt.gateways.http",
-    "rwt.gateways.rosbridge",
-    "rwt.media.webrtc",
-    "rwt.nodes",
-    "rwt.testing",
-    "rwt.web",
+    "rwt.extensions.foxglove",
+    "rwt.extensions.dashboard",
+    "rwt.extensions.http",
+    "rwt.extensions.testing",
+    "rwt.extensions.tf_stream",
+    "rwt.rosapi",
+    "rwt.rosbridge",
     "rwt_client",
     "rwt_graph",
     "rwt_interfaces",
@@ -57,10 +57,16 @@ PACKAGES = (
     "rwt_rclpy",
     "rwt_tf2",
     "rwt_transports",
+    "rwt_webrtc.media",
 )
 """Packages with a public API, each of which has a page."""
 
-SOURCES = (ROOT / "src", ROOT / "rwt-lerobot" / "src", ROOT / "rwt-rclpy" / "src")
+SOURCES = (
+    ROOT / "src",
+    ROOT / "rwt-lerobot" / "src",
+    ROOT / "rwt-rclpy" / "src",
+    ROOT / "rwt-webrtc" / "src",
+)
 
 
 def pages() -> Mapping[str, str]:

@@ -20,7 +20,7 @@ _BEGIN = "| folder | modules | purpose |\n|---|---|---|\n"
 def packages() -> Mapping[str, Path]:
     """Every folder of modules by its dotted name, with its `__init__`."""
     found = {}
-    for top in (ROOT / "src", ROOT / "rwt-lerobot" / "src", ROOT / "rwt-rclpy" / "src", ROOT / "conformance"):
+    for top in (*sorted(ROOT.glob("rwt-*/src")), ROOT / "src", ROOT / "conformance"):
         for folder in top.iterdir():
             for init in folder.rglob("__init__.py"):
                 found[".".join(init.parent.relative_to(top).parts)] = init

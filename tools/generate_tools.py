@@ -1,6 +1,6 @@
 """Write docs/reference/agents.md from the tools, resources and prompts of agents.
 
-Run it after a change of `rwt.gateways.mcp.tools` or `rwt.gateways.mcp.guides`: ``python tools/generate_tools.py``. A test
+Run it after a change of `rwt.extensions.mcp.tools` or `rwt.extensions.mcp.guides`: ``python tools/generate_tools.py``. A test
 compares.
 """
 
@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from rwt.gateways.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES
-from rwt.gateways.mcp.tools import TOOLS
-from rwt.gateways.mcp.tools.tool import Tool
+from rwt.extensions.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES
+from rwt.extensions.mcp.tools import TOOLS
+from rwt.extensions.mcp.tools.tool import Tool
 
 TARGET: Final = Path(__file__).parents[1] / "docs" / "reference" / "agents.md"
 

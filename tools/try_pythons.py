@@ -23,7 +23,7 @@ from typing import Any, Final
 ROOT: Final = Path(__file__).parents[1]
 FOLDER: Final = ROOT / "build" / "pythons"
 OLDEST: Final = (3, 11)
-FOLDERS: Final = ("tests/rwt/gateways/rosbridge", "tests/graph", "tests/participant", "tests/tf2")
+FOLDERS: Final = ("tests/core/rosbridge", "tests/core/graph", "tests/core/participant", "tests/core/tf2")
 UV: Final = (sys.executable, "-m", "uv")
 
 

@@ -1,4 +1,4 @@
-// Builds the page into src/rwt/web/static: bundles with hashed names, a compressed copy beside each file, and
+// Builds the page into src/rwt/extensions/dashboard/static: bundles with hashed names, a compressed copy beside each file, and
 // manifest.json, the list of what is served and how. Ends with 1 where a budget of budgets.json is exceeded.
 
 import { createHash } from "node:crypto";

@@ -23,7 +23,7 @@ import uvicorn
 from bench.message.holds import TimedSelector
 from rwt import Server, Settings
 from rwt.cli.commands.serve import BoundedGarbageCollection
-from rwt.gateways.rosbridge import Bridge
+from rwt.rosbridge import Bridge
 from rwt_transports.listener import listen
 
 TOKEN: Final = "operator-of-the-benchmark"

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from rwt import Settings
-from rwt.gateways.rosbridge import Bridge
+from rwt.rosbridge import Bridge
 from rwt_graph import Node, SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import JAZZY

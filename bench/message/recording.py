@@ -21,7 +21,7 @@ import anyio.lowlevel
 from mcap.writer import CompressionType, Writer
 
 from bench.traffic import messages
-from rwt.nodes.recording import ChannelForm, RecordingWriter, channel_form
+from rwt.extensions.recording import ChannelForm, RecordingWriter, channel_form
 from rwt_client.endpoints.remote_handle import ClientConnection
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.subscriptions import RawSubscription

@@ -28,7 +28,7 @@ import anyio.to_thread
 from aioice import stun
 
 from rwt import Server
-from rwt.hub.hub import open_hub
+from rwt.extensions.hub.hub import open_hub
 from rwt.settings.models import DialSettings, Settings, WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt import Server
-from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import Pose, house
-from rwt.nodes.demo.world.view import View
+from rwt.extensions.demo.world.lens import Lens
+from rwt.extensions.demo.world.map import Pose, house
+from rwt.extensions.demo.world.view import View
 from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route

@@ -9,7 +9,7 @@ from typing import Any
 
 import cbor2
 
-from rwt.gateways.rosbridge import Bridge
+from rwt.rosbridge import Bridge
 from rwt_protocol.frames import Burst, Frame
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
 

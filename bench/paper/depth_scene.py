@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.demo.world.map import Pose, house
-from rwt.nodes.demo.world.view import View
+from rwt.extensions.demo.world.lens import Lens
+from rwt.extensions.demo.world.map import Pose, house
+from rwt.extensions.demo.world.view import View
 
 RATE: Final = 30
 """Pictures a second."""

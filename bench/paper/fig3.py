@@ -15,8 +15,8 @@ from bench.paper.arm_robot import DRIVES, LINKS, MINUTE, ROOT
 from bench.paper.counting import CountingClient
 from bench.paper.report import Report
 from rwt import Settings
-from rwt.gateways.rosbridge import Bridge
-from rwt.nodes import Tf2WebRepublisher
+from rwt.extensions.tf_stream import Tf2WebRepublisher
+from rwt.rosbridge import Bridge
 from rwt_graph import MemoryGraph, Node, SimulatedClock, TopicPublisher
 from rwt_tf2 import IDENTITY, Buffer, StampedTransform, Transform, write_transform
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from bench.paper.depth_scene import LENS, RATE, Shot, drive
 from bench.paper.report import Report
+from rwt.extensions.depth_cloud.depth_image import DepthImage, decode_image, encode_image, square
 from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.encoders.image import ImageEncoder
 from rwt.media.encoders.video import VideoEncoder
 from rwt.media.stream_request import Video, read_request
-from rwt.nodes.depth_cloud.depth_image import DepthImage, decode_image, encode_image, square
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 

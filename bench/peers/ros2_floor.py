@@ -20,11 +20,11 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from bench.peers.bare_loop import ACCEPTED
-from rwt_graph.ros2 import add_installed
-from rwt_graph.ros2.qos import to_ros
-from rwt_graph.ros2.rcl import raw_take
-from rwt_graph.ros2.type_supports import message_class
-from rwt_graph.ros2.wakeups import Wakeup, load_rcl
+from rwt.extensions.ros2 import add_installed
+from rwt.extensions.ros2.qos import to_ros
+from rwt.extensions.ros2.rcl import raw_take
+from rwt.extensions.ros2.type_supports import message_class
+from rwt.extensions.ros2.wakeups import Wakeup, load_rcl
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_participant.qos import QoS

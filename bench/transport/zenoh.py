@@ -22,9 +22,9 @@ from pathlib import Path
 import anyio
 import anyio.lowlevel
 
+from rwt.extensions.zenoh import ZenohGraph
 from rwt_graph import MemoryGraph
 from rwt_graph.api import Participant, Publisher, Sample
-from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import DEFAULT_QOS, History, QoS
 from tests.waiting import until

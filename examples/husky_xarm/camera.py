@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from husky_xarm.description import OPTICAL
 from husky_xarm.scene import Scene, Snapshot
-from rwt.nodes.demo.world.lens import Lens
+from rwt.extensions.demo.world.lens import Lens
 from rwt_tf2 import Transform
 
 _NEAR = 0.05

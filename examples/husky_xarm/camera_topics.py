@@ -10,8 +10,8 @@ from husky_xarm.camera import Picture, Renderer, RendererGone
 from husky_xarm.description import OPTICAL
 from husky_xarm.simulation import Simulation
 from rwt import SENSOR_DATA, Node
-from rwt.nodes.demo import messages
-from rwt.nodes.demo.world.lens import Lens
+from rwt.extensions.demo import messages
+from rwt.extensions.demo.world.lens import Lens
 
 if TYPE_CHECKING:
     from husky_xarm.scene import Snapshot

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from husky_xarm.camera import Picture, draw
 from husky_xarm.scene import HOME, Scene
 from husky_xarm.simulation import Simulation
-from rwt.nodes.demo.drive import Velocity
-from rwt.nodes.demo.world.lens import Lens
+from rwt.extensions.demo.drive import Velocity
+from rwt.extensions.demo.world.lens import Lens
 
 #: Round a circle, while the arm looks about.
 _DRIVE = Velocity(0.4, 0.6)

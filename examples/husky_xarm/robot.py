@@ -7,8 +7,8 @@ from husky_xarm.camera_topics import CameraPublisher
 from husky_xarm.description import describe
 from husky_xarm.simulation import Simulation
 from husky_xarm.state import StatePublisher
-from rwt.nodes.demo.drive import STANDSTILL, Teleop
-from rwt.nodes.demo.world.lens import Lens
+from rwt.extensions.demo.drive import STANDSTILL, Teleop
+from rwt.extensions.demo.world.lens import Lens
 from rwt_graph import Graph, Node
 
 CONTROL_PERIOD = 1 / 30

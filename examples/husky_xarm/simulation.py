@@ -11,7 +11,7 @@ import pybullet
 
 from husky_xarm.description import ARM_JOINTS, LEFT_WHEELS, RIGHT_WHEELS, Joint, describe
 from husky_xarm.scene import HOME, Place, Scene, Snapshot
-from rwt.nodes.demo.drive import Velocity
+from rwt.extensions.demo.drive import Velocity
 from rwt_tf2 import Transform
 
 STEP: Final = 1 / 240

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from husky_xarm.description import ROOT, Description, Joint
 from husky_xarm.simulation import JointState, Simulation
-from rwt.nodes.demo import messages
+from rwt.extensions.demo import messages
 from rwt_graph import Node
 from rwt_tf2 import StampedTransform, Transform, write_transform
 

@@ -11,8 +11,8 @@ import anyio
 import anyio.to_thread
 
 from rwt import Server
-from rwt.nodes.demo import DemoRobot
-from rwt.nodes.demo.world.lens import Lens
+from rwt.extensions.demo import DemoRobot
+from rwt.extensions.demo.world.lens import Lens
 from teaching.plan import Camera, name_of
 
 

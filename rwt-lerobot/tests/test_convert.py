@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from rwt.nodes.recording import RecordingWriter, channel_form
+from rwt.extensions.recording import RecordingWriter, channel_form
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry

@@ -34,10 +34,7 @@ from rwt.composition.nodes import (
     start_recording,
     start_script,
 )
-from rwt.gateways.rosbridge.bridge import GATEWAY_NODE, Bridge
-from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
 from rwt.gateways.visitors import counted
-from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import (
     ALIVE,
@@ -48,6 +45,9 @@ from rwt.observability.supervision import (
     tell,
     tell_reloading,
 )
+from rwt.rosapi import DISCLOSURES
+from rwt.rosbridge.bridge import GATEWAY_NODE, Bridge
+from rwt.rosbridge.numpy_loading import NumpyLoading
 from rwt.settings.sources import LoadedSettings, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt.tls.machine import outward_address
@@ -65,17 +65,17 @@ if TYPE_CHECKING:
 
     from rwt.access.graph_view import GraphView
     from rwt.blocking import BlockingNode
+    from rwt.extensions.asgi import App, AsgiApplication, AsgiMount
+    from rwt.extensions.hub.relay.dial import RelayStatus
+    from rwt.extensions.recording import RecordingOptions
+    from rwt.extensions.workers.worker import InWorker, WorkerContext
     from rwt.gateways.base import Gateway, MakeGateway
-    from rwt.nodes.recording import RecordingOptions
     from rwt.settings.models import Settings
-    from rwt.workers.worker import InWorker, WorkerContext
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
-    from rwt_transports.asgi import App, AsgiApplication, AsgiMount
     from rwt_transports.endpoint import Accept
     from rwt_transports.http.routes import HttpExtension
     from rwt_transports.listener import Listener
-    from rwt_transports.relay.dial import RelayStatus
 
 logger = logging.getLogger(__name__)
 
@@ -272,7 +272,7 @@ class Server:
             check_graph(given, settings, self._registry, self._clock)
             return given
         if given is None and self._script is not None:
-            from rwt.testing.journal import ObservedGraph  # Only what is tested is observed.
+            from rwt.extensions.testing.journal import ObservedGraph  # Only what is tested is observed.
 
             # What the robot's own nodes publish is not what it received.
             given = partial(ObservedGraph, only=(GATEWAY_NODE,))
@@ -323,7 +323,7 @@ class Server:
         Raises:
             SettingsError: the server already runs, or `workers` is not 1: use the ASGI server's own workers.
         """
-        from rwt_transports.asgi import AsgiApplication  # Few servers are mounted in an app.
+        from rwt.extensions.asgi import AsgiApplication  # Few servers are mounted in an app.
 
         if self._app is None:
             if self._running is not None:
@@ -423,7 +423,7 @@ class Server:
         """Return functions that wait for an end which the server does not cause."""
         ends: list[Callable[[], Awaitable[object]]] = [each.ended for each in self._while_running.listeners]
         if self._worker is not None:
-            from rwt.workers.supervisor import parent_sentinel
+            from rwt.extensions.workers.supervisor import parent_sentinel
 
             ends.append(partial(anyio.wait_readable, parent_sentinel()))
         return ends
@@ -490,7 +490,7 @@ class Server:
             settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
         )
         if settings.webrtc.enabled:
-            from rwt.composition.webrtc import media_routes, webrtc_media, webrtc_peers
+            from rwt_webrtc.server import media_routes, webrtc_media, webrtc_peers
 
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
             # They have ended when what they publish on leaves the graph.
@@ -528,7 +528,7 @@ class Server:
 
     def _make_mounts(self) -> Iterable[AsgiMount]:
         if self._mounts:
-            from rwt_transports.asgi import AsgiMount  # Few servers have an app.
+            from rwt.extensions.asgi import AsgiMount  # Few servers have an app.
 
             yield from (AsgiMount(path, app) for path, app in self._mounts.items())
 
@@ -611,7 +611,7 @@ class Server:
             ServerError: the recording cannot be written.
         """
         if self.settings.workers > 1 and self._worker is None:
-            from rwt.workers.worker import run_workers  # Imported only where there are several.
+            from rwt.extensions.workers.worker import run_workers  # Imported only where there are several.
 
             if main is not None:
                 raise SettingsError("`workers`: the robot's own program runs in one process: use 1 here")

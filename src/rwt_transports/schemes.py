@@ -52,7 +52,7 @@ def stream_driver() -> StreamDriver:
 
 def _data_channel() -> Connector:
     try:
-        from rwt_transports.webrtc.connector import DataChannelConnector  # An optional dependency.
+        from rwt_webrtc.transport.connector import DataChannelConnector  # An optional dependency.
     except ImportError as missing:
         raise ConnectError(
             f"webrtc+http(s):// needs aiortc: pip install 'robot-web-tools[webrtc]' ({missing})"

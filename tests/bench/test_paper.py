@@ -18,8 +18,8 @@ from bench.paper.depth_scene import drive
 from bench.paper.fig3 import ANGULAR, LINEAR, PAPER_SAVED, Viewer, play, viewers
 from bench.paper.report import Report
 from bench.paper.text_messages import samples
-from rwt.nodes.depth_cloud.depth_image import decode_image, encode_image
-from rwt.nodes.tf.streams import CpuBudget
+from rwt.extensions.depth_cloud.depth_image import decode_image, encode_image
+from rwt.extensions.tf_stream.streams import CpuBudget
 from rwt_protocol.codecs import png
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 

@@ -14,8 +14,8 @@ import anyio.abc
 import pytest
 
 from rwt import Server
-from rwt.composition.web import serve_page
-from rwt.hub.hub import open_hub
+from rwt.extensions.dashboard.page_server import serve_page
+from rwt.extensions.hub.hub import open_hub
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, REFUSED, Browser, Page, Size
 from tests.browser.grip import Grip, hold_until
 from tests.browser.stand import Stand, stand

@@ -8,8 +8,8 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
-from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.depth_cloud import DepthCloudEncoder
+from rwt.extensions.demo.world.lens import Lens
+from rwt.extensions.depth_cloud import DepthCloudEncoder
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Page, Picture, near

@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape
 import pytest
 from websockets.asyncio.server import ServerConnection, serve
 
-from rwt.composition.web import serve_page
+from rwt.extensions.dashboard.page_server import serve_page
 from tests.browser.driver import REFUSED, Browser
 from tests.browser.test_panels import KINDS, open_panels, text
 

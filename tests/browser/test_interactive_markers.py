@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rwt.nodes.interactive_markers import (
+from rwt.extensions.markers import (
     Colour,
     Event,
     Feedback,

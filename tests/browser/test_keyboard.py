@@ -14,7 +14,7 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt.nodes.interactive_markers import (
+from rwt.extensions.markers import (
     Colour,
     Event,
     Feedback,

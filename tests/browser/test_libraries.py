@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from rwt import Server
-from rwt.web import find_static_files
+from rwt.extensions.dashboard import find_static_files
 from tests.browser.driver import HERE, Browser, Picture, near
 from tests.browser.stand import REGISTRIES
 from tests.docs.blocks import ROOT

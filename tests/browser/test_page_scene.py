@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt.nodes.interactive_markers import (
+from rwt.extensions.markers import (
     Colour,
     Event,
     Feedback,

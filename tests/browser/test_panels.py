@@ -19,7 +19,7 @@ import pytest
 from PIL import Image
 
 from rwt import Server
-from rwt.nodes.recording import open_recording
+from rwt.extensions.recording import open_recording
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page
 from tests.browser.grip import hold_until

@@ -10,7 +10,7 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt.nodes.recording import open_recording
+from rwt.extensions.recording import open_recording
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import Browser, Page
 from tests.browser.test_data_panels import address, write

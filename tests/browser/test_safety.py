@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt.nodes.interactive_markers import Colour, InteractiveMarkerServer, box, interactive_marker, move_plane
+from rwt.extensions.markers import Colour, InteractiveMarkerServer, box, interactive_marker, move_plane
 from tests.browser.driver import Browser, Page
 from tests.browser.stalling_proxy import StallingProxy, stalling_proxy
 from tests.browser.test_panels import open_panels, text

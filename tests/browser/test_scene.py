@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rwt.nodes.demo.arm.kinematics import ARM
-from rwt.nodes.mesh_files import MeshFiles
+from rwt.extensions.demo.arm.kinematics import ARM
+from rwt.extensions.meshes.mesh_files import MeshFiles
 from rwt_graph import Node
 from tests.browser.driver import Browser, near
 from tests.browser.stand import Stand, stand

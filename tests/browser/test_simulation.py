@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.mesh_files import MeshFiles
+from rwt.extensions.demo.world.lens import Lens
+from rwt.extensions.meshes.mesh_files import MeshFiles
 from tests.browser.driver import Browser, Picture, Pixels
 from tests.browser.stand import stand
 

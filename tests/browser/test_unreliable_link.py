@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from rwt import Server
-from rwt.nodes.video.responses import VIDEO_SCRIPT
+from rwt.extensions.video.responses import VIDEO_SCRIPT
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Page

@@ -10,7 +10,7 @@ from rwt import Server
 from tests.browser.driver import IS_MUTE, MUTE, Browser
 from tests.browser.stand import stand
 from tests.browser.test_panels import violations
-from tests.rwt.media.webrtc.sounds import TONE
+from tests.extensions.webrtc.sounds import TONE
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio

@@ -19,7 +19,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from rwt import Server, connect
 from rwt.access.gate.audit.file import read_audit
-from tests.rwt.gateways.mcp.agents import agent_at
+from tests.extensions.mcp.agents import agent_at
 from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.clients, pytest.mark.timeout(180)]

@@ -22,11 +22,11 @@ from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Route, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
-from rwt_transports.webrtc.ice_servers import IceServer
-from rwt_transports.webrtc.peer import PeerTerms
-from rwt_transports.webrtc.signalling import PeerBounds, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from tests.rwt.nodes.readers import NobodyInParticular
+from rwt_webrtc.transport.ice_servers import IceServer
+from rwt_webrtc.transport.peer import PeerTerms
+from rwt_webrtc.transport.signalling import PeerBounds, data_routes, open_peers
+from tests.page_readers import NobodyInParticular
 
 Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc"]
 

@@ -14,9 +14,9 @@ from rosbridge_conformance.runner import Conditions, Run, run_cases
 from rosbridge_conformance.suite.case import Case
 from rosbridge_conformance.suite.target import Target
 from rosbridge_conformance.wire.wires import Dial, Wire, WireClosed, framing_of
-from rwt.gateways.rosbridge.bridge import Bridge
-from rwt.nodes.rosapi import Rosapi
-from rwt.nodes.tf import Tf2WebRepublisher
+from rwt.extensions.tf_stream import Tf2WebRepublisher
+from rwt.rosapi import Rosapi
+from rwt.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph

@@ -18,7 +18,7 @@ from rosbridge_conformance.suite.loading import load_cases
 from rosbridge_conformance.suite.rules import load_rules
 from rosbridge_conformance.suite.target import find_target
 from rosbridge_conformance.wire.wires import Wire
-from rwt_graph.zenoh import ZenohGraph
+from rwt.extensions.zenoh import ZenohGraph
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.loopback import Transport, served
 from tests.conformance.memory_server import MemoryServer, MemoryWire, VirtualPace, memory_server

@@ -12,10 +12,10 @@ from rosbridge_conformance.suite.case import Case
 from rosbridge_conformance.suite.target import Target
 from rosbridge_conformance.wire.pace import RealPace
 from rosbridge_conformance.wire.wires import Wire
-from rwt.gateways.rosbridge.bridge import Bridge
-from rwt.nodes.rosapi import Rosapi
+from rwt.extensions.zenoh import ZenohGraph
+from rwt.rosapi import Rosapi
+from rwt.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
-from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_transports.endpoint import Accept

@@ -100,7 +100,12 @@ def _command(block: Block, folder: Path, code: str) -> list[str]:
     file = folder / (block.value("file") or f"example.{suffix}")
     file.write_text(code, encoding="utf-8")
     if block.value("run") == "pytest":
-        plugins = ("no:cacheprovider", "rwt.testing.pytest_plugin", "rwt_rclpy.pytest_plugin", "anyio")
+        plugins = (
+            "no:cacheprovider",
+            "rwt.extensions.testing.pytest_plugin",
+            "rwt_rclpy.pytest_plugin",
+            "anyio",
+        )
         return [sys.executable, "-m", "pytest", "-q", *(f"-p{name}" for name in plugins), file.name]
     if block.value("run") == "vitest":
         return ["node", str(_CLIENTS / "node_modules" / "vitest" / "vitest.mjs"), "run", file.name]

@@ -13,7 +13,7 @@ import rwt
 import rwt_graph
 from rwt.cli import parser_for
 from rwt.cli.parser import commands_of
-from rwt.nodes import Rosapi
+from rwt.rosapi import Rosapi
 from rwt_graph import MemoryGraph, Node
 from rwt_participant import errors, goals, qos
 from rwt_protocol.codecs import SELECTABLE

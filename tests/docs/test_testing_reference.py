@@ -7,11 +7,11 @@ import inspect
 import pytest
 from pydantic import BaseModel
 
-import rwt.testing.pytest_plugin
-from rwt.testing import Faults, ScriptedAction, ScriptedRobot, ScriptedService, ScriptedTopic
-from rwt.testing.pytest_plugin.environment import RobotServer
-from rwt.testing.script import file as script_file
-from rwt.testing.virtual_time import VirtualTime
+import rwt.extensions.testing.pytest_plugin
+from rwt.extensions.testing import Faults, ScriptedAction, ScriptedRobot, ScriptedService, ScriptedTopic
+from rwt.extensions.testing.pytest_plugin.environment import RobotServer
+from rwt.extensions.testing.script import file as script_file
+from rwt.extensions.testing.virtual_time import VirtualTime
 from rwt_graph import Node
 from tests.docs.blocks import ROOT
 
@@ -42,7 +42,7 @@ def test_every_method_is_listed(kind: type) -> None:
 
 
 def test_every_fixture_and_every_argument_of_the_marker_is_listed() -> None:
-    fixtures = [name for name in vars(rwt.testing.pytest_plugin) if name.startswith("rwt_")]
+    fixtures = [name for name in vars(rwt.extensions.testing.pytest_plugin) if name.startswith("rwt_")]
     assert "rwt_server" in fixtures
     wanted = [*fixtures, "distro", "demo", "interfaces", "settings"]
     assert [name for name in wanted if f"| `{name}` |" not in PAGE] == []

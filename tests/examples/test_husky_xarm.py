@@ -17,8 +17,8 @@ import anyio.lowlevel
 import numpy as np
 import pytest
 
-from rwt.nodes.demo.world.lens import Lens
-from rwt.nodes.mesh_files import MeshFiles
+from rwt.extensions.demo.world.lens import Lens
+from rwt.extensions.meshes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_participant.errors import GoalRejected
 from rwt_participant.goals import Goal, GoalStatus

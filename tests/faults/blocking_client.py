@@ -9,8 +9,8 @@ import struct
 import time
 from typing import Any
 
-from tests.transports.rfc6455.frames import CLOSE, PING, PONG, TEXT, frame, text
-from tests.transports.rfc6455.handshake import REQUEST
+from tests.core.transports.rfc6455.frames import CLOSE, PING, PONG, TEXT, frame, text
+from tests.core.transports.rfc6455.handshake import REQUEST
 
 PATIENCE = 60.0
 """Seconds to wait for what must come."""

@@ -10,7 +10,7 @@ import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt import Server, Settings
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.rosbridge.bridge import Bridge
 from rwt.settings.models import LimitSettings
 from tests.faults.blocking_client import BlockingClient
 from tests.waiting import wait_until

@@ -9,8 +9,8 @@ import json
 import sys
 import time
 
+from tests.core.transports.rfc6455.frames import text
 from tests.faults.blocking_client import BlockingClient
-from tests.transports.rfc6455.frames import text
 
 MOST_SECONDS = 20.0
 

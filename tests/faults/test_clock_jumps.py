@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from rwt import Settings
-from rwt.gateways.rosbridge import Bridge
+from rwt.rosbridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
-from tests.rwt.gateways.rosbridge.recording_client import Client
+from tests.core.rosbridge.recording_client import Client
 
 DAY_NS = 86_400 * 1_000_000_000
 START_NS = 1_700_000_000 * 1_000_000_000

@@ -15,15 +15,14 @@ from hypothesis import strategies as st
 
 from rwt import Settings
 from rwt.access.access import Access
-from rwt.gateways.rosbridge import Bridge
-from rwt.nodes import Rosapi
-from rwt.nodes.rosapi import DISCLOSURES
+from rwt.rosapi import DISCLOSURES, Rosapi
+from rwt.rosbridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces import Registry
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
+from tests.core.rosbridge.recording_client import Client
 from tests.faults.server_log import Failures
-from tests.rwt.gateways.rosbridge.recording_client import Client
 
 FEW: Final = 60
 EXAMPLES: Final = int(os.environ.get("SWEEP_EXAMPLES", FEW))

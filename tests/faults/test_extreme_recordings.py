@@ -22,13 +22,13 @@ from rosbags.rosbag2 import StoragePlugin
 
 from rwt.cli import parser_for
 from rwt.cli.errors import CommandError
-from rwt.nodes.playback import Player, PlayOptions
-from rwt.nodes.recording import RecordingError, open_recording
+from rwt.extensions.recording import RecordingError, open_recording
+from rwt.extensions.recording.playback import Player, PlayOptions
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_interfaces import Registry
+from tests.extensions.recording.robots import record_robot
+from tests.extensions.recording.test_bags import ros1_bag, ros2_bag
 from tests.faults.server_log import Failures
-from tests.rwt.nodes.recording.robots import record_robot
-from tests.rwt.nodes.recording.test_bags import ros1_bag, ros2_bag
 
 FEW: Final = 40
 EXAMPLES: Final = int(os.environ.get("SWEEP_EXAMPLES", FEW))

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt import Server
-from rwt.nodes.video import server as video
+from rwt.extensions.video import server as video
 from rwt_graph import Node
 from rwt_graph.api import Graph
 from tests.faults.server_log import Failures

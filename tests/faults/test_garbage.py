@@ -15,19 +15,19 @@ import pytest
 
 from rwt.cli.commands.serve import MAX_SCANNED, BoundedGarbageCollection
 from rwt.delivery.throttle import Throttle
-from rwt.gateways.rosbridge.ops.actions import PeerGoal
-from rwt.gateways.rosbridge.ops.offers import Provided
-from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
-from rwt.gateways.rosbridge.peer import Peer
+from rwt.rosbridge.ops.actions import PeerGoal
+from rwt.rosbridge.ops.offers import Provided
+from rwt.rosbridge.ops.subscriptions import ClientSubscription
+from rwt.rosbridge.peer import Peer
 from rwt_graph.memory.actions import MemoryActionServer
 from rwt_interfaces.errors import InvalidMessage
 from rwt_transports.connection import Connection
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.wire import WebSocketWire
+from tests.core.transports.rfc6455.frames import TEXT, frame
 from tests.faults.blocking_client import PATIENCE, BlockingClient
 from tests.faults.conftest import Robot
-from tests.transports.rfc6455.frames import TEXT, frame
 from tests.waiting import wait_until
 
 COUNT = 200

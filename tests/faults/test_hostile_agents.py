@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from rwt import Server, Settings
-from tests.rwt.gateways.mcp.agents import OPEN, agent_at, done, refused, served, url_of
-from tests.rwt.gateways.mcp.robots import small_robot
-from tests.rwt.gateways.mcp.test_gateway import GUARDED, GUEST, INITIALIZE, PILOT, post
+from tests.extensions.mcp.agents import OPEN, agent_at, done, refused, served, url_of
+from tests.extensions.mcp.robots import small_robot
+from tests.extensions.mcp.test_gateway import GUARDED, GUEST, INITIALIZE, PILOT, post
 from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]

@@ -16,7 +16,7 @@ from functools import partial
 import pytest
 
 from rwt import Settings
-from rwt.gateways.rosbridge import Bridge
+from rwt.rosbridge import Bridge
 from rwt.settings.models import LimitSettings
 from rwt_graph import MemoryGraph
 from rwt_protocol.frames import Frame
@@ -29,12 +29,12 @@ from rwt_transports.http.connection import HttpConnection
 from rwt_transports.limits import Deflate
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
+from tests.core.rosbridge.recording_client import Client
+from tests.core.transports.rfc6455.compression import RSV1, deflated
+from tests.core.transports.rfc6455.frames import BINARY, FIN, KEY, frame, text
+from tests.core.transports.rfc6455.handshake import REQUEST
 from tests.faults.conftest import MIB, Robot
 from tests.memory_pipe import MemoryPipe
-from tests.rwt.gateways.rosbridge.recording_client import Client
-from tests.transports.rfc6455.compression import RSV1, deflated
-from tests.transports.rfc6455.frames import BINARY, FIN, KEY, frame, text
-from tests.transports.rfc6455.handshake import REQUEST
 
 
 @contextmanager

@@ -15,15 +15,15 @@ import httpx
 import pytest
 
 from rwt import Server
-from rwt.hub.hub import Hub, open_hub
+from rwt.extensions.hub.hub import Hub, open_hub
+from rwt.extensions.hub.relay.dial import dial
 from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
 from rwt_transports.http.routes import Proxies
-from rwt_transports.relay.dial import dial
+from tests.extensions.hub.test_relay import AT_ONCE, SHORT, Mailbox, Program, client, robot, upgraded
 from tests.faults.server_log import Failures
-from tests.transports.test_hub import AT_ONCE, SHORT, Mailbox, Program, client, robot, upgraded
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio

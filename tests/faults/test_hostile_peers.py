@@ -14,8 +14,8 @@ import pytest
 from rwt import Server
 from rwt.settings.models import WebRtcSettings
 from rwt_client import connect
-from rwt_transports.webrtc.signalling import PeerBounds
-from tests.rwt.media.webrtc.peers import OtherSide, other_side
+from rwt_webrtc.transport.signalling import PeerBounds
+from tests.extensions.webrtc.peers import OtherSide, other_side
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio

@@ -16,8 +16,8 @@ import pytest
 from websockets.sync.server import ServerConnection, serve
 from websockets.utils import accept_key
 
+from tests.core.transports.rfc6455.frames import TEXT, frame
 from tests.faults.limited import run_command
-from tests.transports.rfc6455.frames import TEXT, frame
 
 MOST_GROWN = 128 * 2**20
 SIDE = 20_000

@@ -14,8 +14,8 @@ from websockets.typing import Subprotocol
 
 from rwt import Server, Settings
 from rwt.blocking import BlockingNode
-from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.gateways.foxglove.wire.client_messages import MAX_BYTES
+from rwt.extensions.foxglove.gateway import FoxgloveGateway
+from rwt.extensions.foxglove.wire.client_messages import MAX_BYTES
 from tests.faults.conftest import MIB
 from tests.faults.test_hostile_bytes import memory_below
 

@@ -8,9 +8,9 @@ import pytest
 
 from rwt import Settings
 from rwt.access.settings import AuthSettings
+from tests.core.rosbridge.test_auth import SECRET, signed
 from tests.faults.blocking_client import Refused
 from tests.faults.conftest import BRIEF, Robot, Start
-from tests.rwt.gateways.rosbridge.test_auth import SECRET, signed
 
 
 @pytest.mark.parametrize("origin", [b"http://evil.example", b"http://localhost.evil.example", b"x"])

@@ -14,9 +14,9 @@ from anyio.abc import ByteStream
 from rwt import Server, Settings
 from rwt.settings.models import LimitSettings
 from rwt_client.connection import connect
+from tests.core.transports.rfc6455.frames import TEXT, frame
+from tests.core.transports.rfc6455.handshake import REQUEST
 from tests.faults.conftest import MIB
-from tests.transports.rfc6455.frames import TEXT, frame
-from tests.transports.rfc6455.handshake import REQUEST
 
 PATIENCE = 60.0
 

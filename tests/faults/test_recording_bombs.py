@@ -19,11 +19,11 @@ import zstandard
 from mcap.opcode import Opcode
 from rosbags.rosbag2 import StoragePlugin
 
-from rwt.nodes.recording import open_recording
-from rwt.nodes.recording.mcap_index import CHUNK_MESSAGES, HEAD, MAGIC
+from rwt.extensions.recording import open_recording
+from rwt.extensions.recording.mcap_index import CHUNK_MESSAGES, HEAD, MAGIC
+from tests.extensions.recording.robots import record_robot
+from tests.extensions.recording.test_bags import ros1_bag, ros2_bag
 from tests.faults.limited import Ended, run_command, run_limited
-from tests.rwt.nodes.recording.robots import record_robot
-from tests.rwt.nodes.recording.test_bags import ros1_bag, ros2_bag
 
 GROWN_BYTES: Final = 400 * 2**20
 """Limit of the growth of a command: the libraries, the largest chunk, and two copies of its message."""
@@ -92,7 +92,7 @@ def _indexed_file(path: Path, *chunks: bytes, repeated: int = 1) -> Path:
 
 
 _PLAY: Final = "print(sum(1 for _ in open_recording([Path({path!r})]).messages())) or 0"
-_IMPORTS: Final = "from pathlib import Path; from rwt.nodes.recording import open_recording"
+_IMPORTS: Final = "from pathlib import Path; from rwt.extensions.recording import open_recording"
 
 
 def _read(path: Path) -> Ended:

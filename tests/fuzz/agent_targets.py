@@ -5,11 +5,11 @@ from __future__ import annotations
 from pydantic import ValidationError
 from pydantic_core import from_json
 
-from rwt.gateways.mcp.content.answer import as_text, bounded
-from rwt.gateways.mcp.content.plain import field, plain
-from rwt.gateways.mcp.errors import ToolError
-from rwt.gateways.mcp.guides import PROMPTS
-from rwt.gateways.mcp.tools import TOOLS
+from rwt.extensions.mcp.content.answer import as_text, bounded
+from rwt.extensions.mcp.content.plain import field, plain
+from rwt.extensions.mcp.errors import ToolError
+from rwt.extensions.mcp.guides import PROMPTS
+from rwt.extensions.mcp.tools import TOOLS
 from tests.conftest import REGISTRIES
 
 _ODOMETRY = REGISTRIES["jazzy"].message("nav_msgs/Odometry").struct()

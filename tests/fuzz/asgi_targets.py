@@ -6,7 +6,7 @@ import asyncio
 import ipaddress
 from typing import Any
 
-from rwt_transports.asgi.application import asgi_listener
+from rwt.extensions.asgi.application import asgi_listener
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Proxies, Routes
 
 _PROXY, _STRANGER = "10.0.0.1", "192.0.2.1"

@@ -20,11 +20,11 @@ from typing import Any, Final
 import bson
 import cbor2
 
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph
 from rwt_interfaces.registry import Registry
-from tests.rwt.gateways.rosbridge.recording_client import Client
+from tests.core.rosbridge.recording_client import Client
 
 SIZE: Final = 60_000
 """Bytes of one message, about."""

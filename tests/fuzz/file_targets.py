@@ -13,9 +13,9 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from rwt.nodes.recording import RecordingError, open_recording
-from rwt.nodes.recording.mcap_files import recover
-from rwt.nodes.recording.mcap_index import HEAD, MAGIC
+from rwt.extensions.recording import RecordingError, open_recording
+from rwt.extensions.recording.mcap_files import recover
+from rwt.extensions.recording.mcap_index import HEAD, MAGIC
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 

@@ -6,13 +6,13 @@ import json
 import logging
 
 from rwt.access.access import Access
-from rwt.gateways.foxglove.gateway import FoxgloveGateway
+from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
+from tests.extensions.foxglove.viewer import Viewer
 from tests.fuzz.protocol_targets import no_internal_errors
-from tests.rwt.gateways.foxglove.viewer import Viewer
 
 _registry = Registry()
 

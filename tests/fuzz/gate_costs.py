@@ -20,14 +20,14 @@ from typing import Final
 
 from rwt.access.access import Access
 from rwt.access.gate.approvals import MAX_OF_CREDENTIAL, MAX_PENDING
-from rwt.gateways.rosbridge import Bridge
-from rwt.nodes.rosapi import DISCLOSURES, Rosapi
+from rwt.rosapi import DISCLOSURES, Rosapi
+from rwt.rosbridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_graph.api import ServerGoal
 from rwt_interfaces.registry import Registry
 from rwt_participant.timers import Timer
-from tests.rwt.gateways.rosbridge.recording_client import Client
+from tests.core.rosbridge.recording_client import Client
 
 MOST_SECONDS: Final = 0.05
 """CPU time that one input, or one turn after it, may take from other clients."""

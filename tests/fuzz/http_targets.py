@@ -7,9 +7,8 @@ import json
 
 from rwt.access.access import Access
 from rwt.composition.pages import guarded
-from rwt.gateways.http import HttpGateway, HttpSettings
-from rwt.nodes import Rosapi
-from rwt.nodes.rosapi import DISCLOSURES
+from rwt.extensions.http import HttpGateway, HttpSettings
+from rwt.rosapi import DISCLOSURES, Rosapi
 from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock

@@ -12,7 +12,7 @@ from tests.fuzz.targets import CORPUS, TARGETS, Target
 
 Line = tuple[str, int]
 
-FOLLOWED = ("/rwt_", "/rwt/media/", "/rwt/nodes/recording/", "/aiortc/", "/aioice/", "/mcap/")
+FOLLOWED = ("/rwt_", "/rwt/media/", "/rwt/extensions/recording/", "/aiortc/", "/aioice/", "/mcap/")
 """Folders whose lines count."""
 
 

@@ -7,8 +7,8 @@ import sys
 import atheris
 
 INSTRUMENTED = [
-    "rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_graph", "rwt.gateways.rosbridge", "rwt.media",
-    "rwt.nodes.recording", "aiortc", "aioice", "mcap",
+    "rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_graph", "rwt.rosbridge", "rwt.media",
+    "rwt.extensions.recording", "aiortc", "aioice", "mcap",
 ]  # fmt: skip
 with atheris.instrument_imports(include=INSTRUMENTED):
     from tests.fuzz.targets import TARGETS

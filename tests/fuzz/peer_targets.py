@@ -26,19 +26,19 @@ from aiortc.sdp import SessionDescription
 from google_crc32c import value as crc32c
 
 from rwt.media.stream_request import MOST_AREA
-from rwt.media.webrtc.decoding import BadFrame, check_frame
 from rwt_protocol.frames import Frame
 from rwt_transports.limits import Limits
-from rwt_transports.webrtc.aiortc_internals import INCOMPLETE, Association
-from rwt_transports.webrtc.channels import ChannelLink
-from rwt_transports.webrtc.congestion.feedback import MAX_STATUSES, read_feedback
-from rwt_transports.webrtc.ice_agent import TURN_MESSAGES, GuardedTurnTcp
-from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtp, split_rtcp
-from rwt_transports.webrtc.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
-from rwt_transports.webrtc.sdp import CANDIDATES, BadDescription, read_description
-from rwt_transports.webrtc.stun_messages import BadStun, check_stun
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import WHOLE_MESSAGES
+from rwt_webrtc.media.decoding import BadFrame, check_frame
+from rwt_webrtc.transport.aiortc_internals import INCOMPLETE, Association
+from rwt_webrtc.transport.channels import ChannelLink
+from rwt_webrtc.transport.congestion.feedback import MAX_STATUSES, read_feedback
+from rwt_webrtc.transport.ice_agent import TURN_MESSAGES, GuardedTurnTcp
+from rwt_webrtc.transport.rtp_packets import BadMedia, check_rtp, split_rtcp
+from rwt_webrtc.transport.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
+from rwt_webrtc.transport.sdp import CANDIDATES, BadDescription, read_description
+from rwt_webrtc.transport.stun_messages import BadStun, check_stun
 
 PORT, TAG = 5000, 0x01020304
 

@@ -14,7 +14,7 @@ import msgspec
 import pytest
 from bson.errors import BSONError
 
-from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
@@ -31,7 +31,7 @@ from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Refusal, Session
-from tests.rwt.gateways.rosbridge.recording_client import Client
+from tests.core.rosbridge.recording_client import Client
 
 _PROFILES = list(PROFILES.values())
 _DIRECTIONS = [Direction.TO_SERVER, Direction.TO_CLIENT]

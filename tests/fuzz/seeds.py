@@ -26,11 +26,21 @@ from aiortc.rtp import RtpPacket
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
-from rwt.gateways.mcp.tools import TOOLS
+from rwt.extensions.mcp.tools import TOOLS
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_protocol.frames import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
+from tests.core.protocol.wire_examples import EXAMPLES
+from tests.core.transports.rfc6455 import compression
+from tests.core.transports.rfc6455.chapters import CHAPTERS
+from tests.core.transports.rfc6455.frames import text
+from tests.core.transports.rfc6455.handshake import HANDSHAKES
+from tests.extensions.webrtc.test_frame_size import encoded, sequence_parameters, vp8_header
+from tests.extensions.webrtc.test_rtp_packets import VALID as RTCP_VALID
+from tests.extensions.webrtc.test_sctp_packets import INVALID as SCTP_INVALID
+from tests.extensions.webrtc.test_sctp_packets import VALID as SCTP_VALID
+from tests.extensions.webrtc.test_sdp import CANDIDATE, CHROMIUM
 from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.asgi_targets import requests
 from tests.fuzz.file_targets import record
@@ -38,16 +48,6 @@ from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
 from tests.fuzz.peer_targets import FIRST_TSN
 from tests.fuzz.ros1_targets import calls, connections
-from tests.protocol.wire_examples import EXAMPLES
-from tests.rwt.media.webrtc.test_frame_size import encoded, sequence_parameters, vp8_header
-from tests.rwt.media.webrtc.test_rtp_packets import VALID as RTCP_VALID
-from tests.rwt.media.webrtc.test_sctp_packets import INVALID as SCTP_INVALID
-from tests.rwt.media.webrtc.test_sctp_packets import VALID as SCTP_VALID
-from tests.rwt.media.webrtc.test_sdp import CANDIDATE, CHROMIUM
-from tests.transports.rfc6455 import compression
-from tests.transports.rfc6455.chapters import CHAPTERS
-from tests.transports.rfc6455.frames import text
-from tests.transports.rfc6455.handshake import HANDSHAKES
 
 _LARGEST = 300
 """Small inputs change fast."""

@@ -13,17 +13,17 @@ from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse
-from rwt_transports.webrtc.reassembly import Reassembly
-from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 from rwt_transports.websocket.deflate import DeflateWire
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import MessageWire
+from rwt_webrtc.transport.reassembly import Reassembly
+from rwt_webrtc.transport.sdp import BadDescription, read_description, read_fragment
+from tests.core.transports.rfc6455.frames import BINARY, frame
+from tests.extensions.webrtc.chunks import Chunk
 from tests.memory_pipe import MemoryPipe
-from tests.rwt.media.webrtc.chunks import Chunk
-from tests.transports.rfc6455.frames import BINARY, frame
 
 LARGEST = 2_000
 """Largest message, so that small inputs reach what happens beyond it."""

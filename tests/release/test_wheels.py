@@ -117,7 +117,7 @@ def test_licences_of_the_scripts_of_others_come_along(built: Path) -> None:
     (wheel,) = built.glob("robot_web_tools-*.whl")
     with zipfile.ZipFile(wheel) as opened:
         names = opened.namelist()
-        of_bundles = opened.read("rwt/web/static/web/licenses.txt").decode()
+        of_bundles = opened.read("rwt/extensions/dashboard/static/web/licenses.txt").decode()
     copied = {re.sub(r"-[\d.]+txt$", "", Path(name).name) for name in names if "/lib/licenses/" in name}
     assert copied >= {"roslib", "ros2d", "ros3d", "three", "easeljs", "eventemitter2"}
     parts = of_bundles.split(f"\n{'-' * 80}\n")

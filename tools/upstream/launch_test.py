@@ -24,7 +24,7 @@ from typing import Any
 from anyio.from_thread import start_blocking_portal
 
 import rwt_rclpy
-from rwt_graph.zenoh import ZenohGraph
+from rwt.extensions.zenoh import ZenohGraph
 from rwt_rclpy.launch import Action, LaunchContext, LaunchService
 from rwt_rclpy.messages.loaded import classes
 from rwt_rclpy.middleware.joining import VARIABLE

@@ -64,7 +64,7 @@ def over_zenoh() -> Iterator[None]:
         port = probe.getsockname()[1]
     from anyio.from_thread import start_blocking_portal
 
-    from rwt_graph.zenoh import ZenohGraph
+    from rwt.extensions.zenoh import ZenohGraph
 
     other = ZenohGraph(listen=[f"tcp/127.0.0.1:{port}"])
     with (

@@ -51,7 +51,9 @@ class Command:
     def add_to(self, commands: Commands) -> None:
         """Import the command and add its parser; one that cannot be imported is added as unavailable."""
         if not self.distribution:
-            module = importlib.import_module(f"rwt.cli.commands.{self.module or self.name}")
+            module = importlib.import_module(
+                self.module if "rwt." in self.module else f"rwt.cli.commands.{self.module or self.name}"
+            )
             getattr(module, f"add_{self.name}_command")(commands)
         elif self.name not in extension_names(_GROUP):
             why = f"it needs {self.distribution}: pip install {self.distribution}"
@@ -72,8 +74,8 @@ _GROUP: Final = "rwt.commands"
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
     Command("web", "serve the dashboard without a robot, for any rosbridge server", "serve.web"),
-    Command("hub", "relay clients to robots behind a NAT"),
-    Command("master", "ROS 1 master without ROS", "serve.master"),
+    Command("hub", "relay clients to robots behind a NAT", "rwt.extensions.hub.command"),
+    Command("master", "ROS 1 master without ROS", "rwt.extensions.ros1.command"),
     Command("run", "run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
     Command("launch", "start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
     Command("lerobot", "LeRobot and MuJoCo arms: mujoco, serve, convert", distribution="rwt-lerobot"),
@@ -92,8 +94,10 @@ COMMANDS: Final = (
     Command("approve", "list or answer requests for approval", "gate"),
     Command("gate", "roles and gate rules of a server: explain, check", "gate.check"),
     Command("audit", "read and verify the audit log of a robot's gate: show, verify", "gate.audit"),
-    Command("bag", "recordings: record, play, info, recover"),
-    Command("mcp", "give an agent tools for a robot, over standard input and output"),
+    Command("bag", "recordings: record, play, info, recover", "rwt.extensions.recording.commands"),
+    Command(
+        "mcp", "give an agent tools for a robot, over standard input and output", "rwt.extensions.mcp.command"
+    ),
     Command("doctor", "diagnose a connection"),
     Command("ros2", "in place of rosbridge_suite: install, serve"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),

@@ -10,8 +10,8 @@ from rwt.access.access import Access
 from rwt.access.graph_view import GraphView
 from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
+from rwt.extensions.foxglove.assets import Pages
 from rwt.gateways.base import Gateway, MakeGateway
-from rwt.gateways.foxglove.assets import Pages
 from rwt.settings.models import Settings
 from rwt_graph.api import Graph
 from rwt_transports.http.routes import HttpExtension, HttpRequest, HttpResponse
@@ -23,7 +23,7 @@ _PACKAGES: Final = "/packages/"
 
 
 def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
-    from rwt.gateways.foxglove.gateway import FoxgloveGateway
+    from rwt.extensions.foxglove.gateway import FoxgloveGateway
 
     call_timeout = settings.default_call_service_timeout or None
     return FoxgloveGateway(
@@ -32,7 +32,7 @@ def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[H
 
 
 def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
-    from rwt.gateways.http import HttpGateway
+    from rwt.extensions.http import HttpGateway
 
     offered = {"gateways": ["rosbridge", *settings.gateways], "nodes": list(settings.nodes)}
     several = settings.workers > 1
@@ -42,12 +42,12 @@ def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpE
 
 def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
     try:
-        from rwt.gateways.mcp.gateway import McpGateway
+        from rwt.extensions.mcp.gateway import McpGateway
     except ModuleNotFoundError as error:
         raise SettingsError(
             f"`gateways`: mcp needs {error.name}, which is not installed: pip install 'robot-web-tools[mcp]'"
         ) from None
-    from rwt.composition.recordings import RecordingFolder
+    from rwt.extensions.mcp.recordings import RecordingFolder
 
     folder = settings.mcp.recordings
     recordings = None if folder is None else RecordingFolder(folder)

@@ -15,7 +15,7 @@ from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from rwt.workers.worker import WorkerContext
+    from rwt.extensions.workers.worker import WorkerContext
     from rwt_graph.api import Graph
     from rwt_graph.clock import Clock
 
@@ -73,7 +73,7 @@ def make_graph(
         )
         return joined
     if is_ros1:
-        from rwt_graph.ros1 import Ros1Graph  # Imported only if configured.
+        from rwt.extensions.ros1 import Ros1Graph  # Imported only if configured.
 
         return Ros1Graph(registry, clock, master=settings.graph if settings.graph != "ros1" else None)
     if settings.graph != "zenoh":
@@ -81,7 +81,7 @@ def make_graph(
         make = extension_for("graph", "rwt.graphs", settings.graph, GRAPHS)
         return make(registry, clock)
     try:
-        from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # Optional: imported only if configured.
+        from rwt.extensions.zenoh import ZenohGraph, ZenohOptions  # Optional: imported only if configured.
     except ImportError as error:
         raise SettingsError(
             "`graph`: the graph over Zenoh needs more packages: pip install 'robot-web-tools[zenoh]'"
@@ -90,7 +90,7 @@ def make_graph(
         zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain
     )
     if worker is not None:
-        from rwt_graph.zenoh.worker_mesh import mesh_options
+        from rwt.extensions.zenoh.worker_mesh import mesh_options
 
         options = mesh_options(options, worker.folder, worker.number, settings.workers)
     return ZenohGraph(
@@ -129,13 +129,13 @@ def relay_between(first: Graph, second: Graph) -> Callable[[], None]:
 
 def _ros2() -> ModuleType:
     try:
-        import rwt_graph.ros2  # Needs ROS 2, imported only if configured.
+        import rwt.extensions.ros2  # Needs ROS 2, imported only if configured.
     except ImportError as error:
         raise SettingsError(
             f"`graph`: ROS 2 is not available ({error}): source its setup.bash, for example that in"
             " /opt/ros/jazzy, and use its Python"
         ) from error
-    return rwt_graph.ros2
+    return rwt.extensions.ros2
 
 
 def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from ssl import SSLContext
 
     from rwt.access.graph_view import GraphView
+    from rwt.extensions.asgi import AsgiListener, AsgiMount
+    from rwt.extensions.hub.relay.dial import RelayStatus
+    from rwt.extensions.workers.worker import WorkerContext
     from rwt.gateways.base import AcceptPeer
-    from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.metrics import ServerMetrics
+    from rwt.rosbridge.bridge import Bridge
     from rwt.settings.models import Settings
-    from rwt.workers.worker import WorkerContext
-    from rwt_transports.asgi import AsgiListener, AsgiMount
     from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
-    from rwt_transports.relay.dial import RelayStatus
-    from rwt_transports.webrtc.signalling import Peers
+    from rwt_webrtc.transport.signalling import Peers
 
 
 class Listeners:
@@ -95,7 +95,7 @@ class Listeners:
 
     def asgi(self, *, loopback: bool) -> AbstractAsyncContextManager[AsgiListener]:
         """Accept clients of an ASGI server; `loopback` if it is only reached from this machine."""
-        from rwt_transports.asgi import (
+        from rwt.extensions.asgi import (
             asgi_listener,  # Imported here, because few servers are mounted in an app.
         )
 
@@ -115,8 +115,8 @@ class Listeners:
 
     def dial(self, url: str) -> AbstractAsyncContextManager[RelayStatus]:
         """Accept the clients of the hub at `url` within the block; raises what
-        :func:`~rwt_transports.relay.dial.dial` does."""
-        from rwt_transports.relay.dial import dial  # Few servers are behind a NAT.
+        :func:`~rwt.extensions.hub.relay.dial.dial` does."""
+        from rwt.extensions.hub.relay.dial import dial  # Few servers are behind a NAT.
 
         token = self._settings.dial.token
         return dial(
@@ -158,14 +158,14 @@ class Listeners:
     def _webrtc(self, url: str) -> Iterator[HttpExtension[GraphView]]:
         """Return the WebRTC signalling routes; their clients join like the listener's."""
         if self.peers is not None:
-            from rwt_transports.webrtc.signalling import data_routes  # An extra that few need.
+            from rwt_webrtc.transport.signalling import data_routes  # An extra that few need.
 
             yield HttpExtension((*data_routes(self.peers, self._accept(url)), *self.media))
 
 
 def check_dial_urls(urls: Iterable[str]) -> None:
     """Raise BadUrl if one of the URLs is not that of a hub."""
-    from rwt_transports.relay.dial import check_dial_url
+    from rwt.extensions.hub.relay.dial import check_dial_url
 
     for url in urls:
         check_dial_url(url)
@@ -182,7 +182,7 @@ def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:
 
 
 def _add_mount(routes: Routes, mount: AsgiMount, *, secure: bool) -> None:
-    from rwt_transports.asgi.mount import METHODS
+    from rwt.extensions.asgi.mount import METHODS
 
     taken = [path for path in routes.paths if mount.serves(path)]
     if taken:

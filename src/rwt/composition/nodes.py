@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
 from rwt.errors import ServerError
-from rwt.gateways.rosbridge.bridge import GATEWAY_NODE
-from rwt.nodes.rosapi import Rosapi
-from rwt.nodes.tf import Tf2WebRepublisher
+from rwt.extensions.tf_stream import Tf2WebRepublisher
+from rwt.rosapi import Rosapi
+from rwt.rosbridge.bridge import GATEWAY_NODE
 from rwt_graph.nodes.node import Node
 from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, Route
 
@@ -22,9 +22,9 @@ from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, Ro
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rwt.nodes.mesh_files import MeshFiles
-    from rwt.nodes.recording import Recorder, RecorderNode, RecordingOptions
-    from rwt.nodes.video import WebVideoServer
+    from rwt.extensions.meshes.mesh_files import MeshFiles
+    from rwt.extensions.recording import Recorder, RecorderNode, RecordingOptions
+    from rwt.extensions.video import WebVideoServer
     from rwt.settings.models import Settings
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import Accept
@@ -43,7 +43,7 @@ def http_of(*nodes: object) -> list[HttpExtension]:
 
 
 def _video(graph: Graph, settings: Settings) -> WebVideoServer:
-    from rwt.nodes.video import WebVideoServer
+    from rwt.extensions.video import WebVideoServer
 
     return WebVideoServer(
         graph, settings.limits.video_viewers, settings.limits.video_encoders, settings.limits.video_pixels
@@ -91,7 +91,7 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
     if settings.packages:
         nodes.append(_mesh_files(settings))
     if settings.demo:
-        from rwt.nodes.demo import DemoRobot
+        from rwt.extensions.demo import DemoRobot
 
         nodes.append(stack.enter_context(closing(DemoRobot(graph))))
     if settings.recorder.folder is not None:
@@ -104,7 +104,7 @@ def _web_page(settings: Settings) -> Iterator[HttpExtension]:
     """Return the dashboard or, if it is not built, a note for the index."""
     if not settings.web.enabled:
         return
-    from rwt.web import MISSING, WebPage, WebPageError, find_static_files
+    from rwt.extensions.dashboard import MISSING, WebPage, WebPageError, find_static_files
 
     files = find_static_files()
     if files is None:
@@ -121,7 +121,7 @@ def _web_page(settings: Settings) -> Iterator[HttpExtension]:
 
 
 def _commanded_recorder(graph: Graph, settings: Settings) -> RecorderNode:
-    from rwt.nodes.recording import ExtraMissing, RecorderFolderError, RecorderLimits, RecorderNode
+    from rwt.extensions.recording import ExtraMissing, RecorderFolderError, RecorderLimits, RecorderNode
 
     given = settings.recorder
     assert given.folder is not None  # It is started if a folder is configured.
@@ -133,7 +133,7 @@ def _commanded_recorder(graph: Graph, settings: Settings) -> RecorderNode:
 
 
 def _mesh_files(settings: Settings) -> MeshFiles:
-    from rwt.nodes.mesh_files import MeshFiles, MeshFilesError
+    from rwt.extensions.meshes.mesh_files import MeshFiles, MeshFilesError
 
     try:
         return MeshFiles(settings.packages, follow_links=settings.package_links)
@@ -166,9 +166,15 @@ def start_recording(
         SettingsError: introspection on ROS 1, or the file is there already.
         ServerError: the file cannot be written, now or when `stack` is closed.
     """
-    from rwt.nodes.introspection import Introspection
-    from rwt.nodes.recording import EVERYTHING, RecordingError, RecordingExists, TopicSelection, record_graph
-    from rwt.nodes.recording.writer import DEFAULT_OPTIONS
+    from rwt.extensions.recording import (
+        EVERYTHING,
+        RecordingError,
+        RecordingExists,
+        TopicSelection,
+        record_graph,
+    )
+    from rwt.extensions.recording.introspection import Introspection
+    from rwt.extensions.recording.writer import DEFAULT_OPTIONS
 
     if introspection and not graph.distro.introspects_calls:
         raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")
@@ -188,7 +194,7 @@ def start_recording(
 
 
 def _finish(recorder: Recorder) -> None:
-    from rwt.nodes.recording import RecordingError
+    from rwt.extensions.recording import RecordingError
 
     try:
         recorder.close()
@@ -207,15 +213,15 @@ def start_script(
     Raises:
         SettingsError: the script is invalid, or the graph does not record messages.
     """
-    from rwt.testing.errors import ScriptError
-    from rwt.testing.journal import ObservedGraph
-    from rwt.testing.script.control import ScriptControl
-    from rwt.testing.wire.observed import ObservedWire
+    from rwt.extensions.testing.errors import ScriptError
+    from rwt.extensions.testing.journal import ObservedGraph
+    from rwt.extensions.testing.script.control import ScriptControl
+    from rwt.extensions.testing.wire.observed import ObservedWire
 
     if not isinstance(graph, ObservedGraph):
         raise SettingsError(
             "script: needs a graph in memory that notes its messages: leave out the setting `graph`, or give"
-            " `graph=rwt.testing.ObservedGraph`"
+            " `graph=rwt.extensions.testing.ObservedGraph`"
         )
     wire = ObservedWire(graph, bson=settings.bson_only_mode)
     try:

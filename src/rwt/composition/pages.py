@@ -16,10 +16,10 @@ import anyio
 from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
 from rwt.access.graph_view import GraphView
-from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import CONTENT_TYPE
+from rwt.rosbridge.bridge import Bridge
 from rwt_interfaces.steps import Steps
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import (

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.access.quotas import WorkTotals
     from rwt.delivery.counters import EncodingCounts, TopicCounts
+    from rwt.extensions.hub.relay.dial import RelayStatus
     from rwt.gateways.base import ConnectedClient, Gateway
-    from rwt.gateways.rosbridge.bridge import Bridge
+    from rwt.rosbridge.bridge import Bridge
     from rwt_graph.clock import Clock
     from rwt_transports.endpoint import Traffic
     from rwt_transports.http.routes import HttpExtension, MetricFamily
-    from rwt_transports.relay.dial import RelayStatus
 
 
 class ServerMetrics:

@@ -21,10 +21,10 @@ from rwt.access.settings import (
     Table,
     TlsSettings,
 )
-from rwt.gateways.foxglove.settings import FoxgloveSettings
-from rwt.gateways.http.settings import HttpSettings
-from rwt.gateways.mcp.settings import McpSettings
-from rwt.gateways.rosbridge.settings import BridgeSettings
+from rwt.extensions.foxglove.settings import FoxgloveSettings
+from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.mcp.settings import McpSettings
+from rwt.rosbridge.settings import BridgeSettings
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
 from rwt_transports.limits import Limits

@@ -1,4 +1,4 @@
-// roslib 2.1.0 on a ROS 1 robot: `ros1_echo.mjs URL`, see tests/ros1/echo_roslibpy.py.
+// roslib 2.1.0 on a ROS 1 robot: `ros1_echo.mjs URL`, see tests/extensions/ros1/live/echo_roslibpy.py.
 
 import { createInterface } from 'node:readline';
 

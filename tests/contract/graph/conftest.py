@@ -8,11 +8,11 @@ from collections.abc import AsyncIterator, Callable
 import anyio
 import pytest
 
+from rwt.extensions.ros1 import Ros1Graph
+from rwt.extensions.zenoh import ZenohGraph
+from rwt.extensions.zenoh import topics as zenoh_topics
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_graph.api import GoalEvents, Graph
-from rwt_graph.ros1 import Ros1Graph
-from rwt_graph.zenoh import ZenohGraph
-from rwt_graph.zenoh import topics as zenoh_topics
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry

@@ -15,8 +15,8 @@ from tests.waiting import PATIENCE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rwt.extensions.ros2 import Ros2Graph
     from rwt_graph.clock import SimulatedClock
-    from rwt_graph.ros2 import Ros2Graph
 
 HAS_ROS = importlib.util.find_spec("rclpy") is not None and "AMENT_PREFIX_PATH" in os.environ
 
@@ -49,7 +49,7 @@ class Ros2Pair(PairedGraph):
     """Two graphs on ROS 2, each a participant of its own."""
 
     def __init__(self, clock: SimulatedClock) -> None:
-        from rwt_graph.ros2 import Ros2Graph, add_installed
+        from rwt.extensions.ros2 import Ros2Graph, add_installed
 
         registry = Registry()
         add_installed(registry)

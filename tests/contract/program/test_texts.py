@@ -15,8 +15,8 @@ import pytest
 from rwt import Server, Settings
 from rwt.access.access import Access
 from rwt.delivery.shared_graph import SharedGraph
-from rwt.gateways.mcp.client_robot import ClientRobot
-from rwt.nodes import Rosapi
+from rwt.extensions.mcp.client_robot import ClientRobot
+from rwt.rosapi import Rosapi
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
@@ -24,8 +24,8 @@ from rwt_graph.nodes.blocking import BlockingGraphNode
 from rwt_participant.api import RobotApi
 from rwt_participant.errors import ParameterRejected, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
-from tests.client.worlds import world
 from tests.contract.program import texts
+from tests.core.client.worlds import world
 
 PROGRAMS = sorted({*texts.GIVES, *texts.RAISES})
 

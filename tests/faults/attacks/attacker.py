@@ -28,9 +28,9 @@ from functools import partial
 from itertools import islice, repeat
 from typing import Final, NoReturn
 
+from tests.core.transports.rfc6455.frames import BINARY, TEXT, frame
 from tests.faults.attacks import by_http
 from tests.faults.blocking_client import PATIENCE, BlockingClient, Refused
-from tests.transports.rfc6455.frames import BINARY, TEXT, frame
 
 SCHEMES: Final = ("ws", "wss", "tcp")
 """Over which the server listens, each on a port of its own."""

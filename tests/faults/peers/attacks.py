@@ -15,11 +15,11 @@ from aiortc.rtcsctptransport import Chunk, RTCSctpTransport, serialize_packet
 from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
-from rwt_transports.webrtc.ice_guard import Reach
-from rwt_transports.webrtc.peer import Peer, PeerTerms
-from rwt_transports.webrtc.sdp import read_description
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from tests.rwt.media.webrtc.peers import OtherSide, Side, other_side
+from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.transport.peer import Peer, PeerTerms
+from rwt_webrtc.transport.sdp import read_description
+from tests.extensions.webrtc.peers import OtherSide, Side, other_side
 from tests.waiting import until
 
 MIB = 1 << 20

@@ -8,12 +8,12 @@ from struct import pack
 import httpx
 
 from rwt import Server
-from rwt.hub.hub import open_hub
+from rwt.extensions.hub.hub import open_hub
 from rwt.settings.models import DialSettings, Settings, WebRtcSettings
 from rwt_client import connect
+from tests.extensions.webrtc.peers import Side, other_side
 from tests.faults.peers.attacks import Damage, attack, chunk, send
 from tests.faults.peers.datagram_attacks import flood, ports_of
-from tests.rwt.media.webrtc.peers import Side, other_side
 from tests.waiting import until
 
 

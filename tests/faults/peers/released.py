@@ -17,13 +17,13 @@ from functools import partial
 
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
-from rwt_transports.webrtc.ice_guard import Reach
-from rwt_transports.webrtc.peer import RELEASE_SECONDS, Peer, PeerTerms
-from rwt_transports.webrtc.sdp import read_description
-from rwt_transports.webrtc.signalling import PeerBounds
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.transport.peer import RELEASE_SECONDS, Peer, PeerTerms
+from rwt_webrtc.transport.sdp import read_description
+from rwt_webrtc.transport.signalling import PeerBounds
+from tests.extensions.webrtc.peers import Side, answering, text_of
 from tests.faults.peers.attacks import memory, refuse
-from tests.rwt.media.webrtc.peers import Side, answering, text_of
 from tests.waiting import until
 
 WARM = 20

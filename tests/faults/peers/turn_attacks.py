@@ -12,12 +12,12 @@ from threading import Thread
 
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
-from rwt_transports.webrtc.ice_guard import Reach
-from rwt_transports.webrtc.ice_servers import IceServer
-from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.transport.ice_servers import IceServer
+from rwt_webrtc.transport.peer import Peer, PeerTerms
+from tests.extensions.webrtc.peers import Side
 from tests.faults.peers.attacks import Damage, attack, refuse
-from tests.rwt.media.webrtc.peers import Side
 
 REQUESTS, REQUESTS_PER_SECOND = 100, 20
 """Requests that a TURN server may cause."""

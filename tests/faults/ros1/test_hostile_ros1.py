@@ -17,11 +17,11 @@ from typing import Final
 
 import pytest
 
+from tests.core.transports.rfc6455.frames import PING, PONG, frame
 from tests.faults.attacks.attacked import Damage, attacked_server, measured
 from tests.faults.blocking_client import BlockingClient
 from tests.faults.ros1.hostile import ATTACKS, MASTERS
 from tests.processes import ROOT, free_port
-from tests.transports.rfc6455.frames import PING, PONG, frame
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="memory and open files are read from /proc"),

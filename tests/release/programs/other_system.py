@@ -107,7 +107,7 @@ def modules(root: Path) -> Iterator[str]:
     for package in sorted(each.parent for each in root.glob("*/__init__.py")):
         yield package.name
         for found in pkgutil.walk_packages([str(package)], f"{package.name}."):
-            if not found.name.endswith(("__main__", "rwt_graph.ros2")) and ".adapters" not in found.name:
+            if not found.name.endswith(("__main__", "rwt.extensions.ros2")) and ".adapters" not in found.name:
                 yield found.name
 
 

@@ -13,8 +13,8 @@ import sys
 from typing import Any, Final
 
 from rwt import MemoryGraph, Node, Server
-from rwt.nodes.demo.robot import DemoRobot
-from rwt.nodes.demo.world.map import Box, World, walled
+from rwt.extensions.demo.robot import DemoRobot
+from rwt.extensions.demo.world.map import Box, World, walled
 from rwt_graph import Graph
 from rwt_interfaces.registry import Registry
 

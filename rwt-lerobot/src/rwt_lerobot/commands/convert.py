@@ -43,7 +43,7 @@ def add_convert_verb(verbs: Commands) -> None:
 
 
 def _run(arguments: Arguments) -> int:
-    from rwt.nodes.recording import RecordingError
+    from rwt.extensions.recording import RecordingError
     from rwt_lerobot.joints.limits import DescriptionError, urdf_limits
 
     source, target = arguments.source, arguments.target

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.nodes.recording import Recording, RecordingWriter, channel_form, open_recording
+from rwt.extensions.recording import Recording, RecordingWriter, channel_form, open_recording
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry

@@ -65,7 +65,7 @@ def _graph(place: str) -> Graph:
     kind, _, rest = place.partition(":")
     if kind == "zenoh":
         try:
-            from rwt_graph.zenoh import ZenohGraph
+            from rwt.extensions.zenoh import ZenohGraph
         except ImportError as error:
             raise CannotJoin(
                 f"{place} needs more packages: pip install 'robot-web-tools[zenoh]' ({error})"

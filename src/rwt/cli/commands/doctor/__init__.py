@@ -31,7 +31,7 @@ from rwt_interfaces.times import NANOSECONDS
 if TYPE_CHECKING:
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
     from rwt_transports.errors import ConnectCause
-    from rwt_transports.webrtc.ice_servers import Probe
+    from rwt_webrtc.transport.ice_servers import Probe
 
 Verdict = Literal["ok", "note", "warning", "problem"]
 
@@ -202,8 +202,8 @@ async def examine_ice_servers(
 
     from rwt_transports.connect import explained
     from rwt_transports.schemes import parse_connect_url
-    from rwt_transports.webrtc.connector import find_servers, require_asyncio  # aiortc, which is an extra
-    from rwt_transports.webrtc.ice_servers import probe
+    from rwt_webrtc.transport.connector import find_servers, require_asyncio  # aiortc, which is an extra
+    from rwt_webrtc.transport.ice_servers import probe
 
     require_asyncio()
     target = parse_connect_url(url)
@@ -232,9 +232,9 @@ def _ice_finding(seen: Probe) -> Finding:
 
 
 async def _examine_ros1(url: str, report: Callable[[Finding], None]) -> None:
+    from rwt.extensions.ros1.addresses import master_uri, own_address
+    from rwt.extensions.ros1.diagnosis import examine_nodes
     from rwt_graph.errors import Ros1Error
-    from rwt_graph.ros1.addresses import master_uri, own_address
-    from rwt_graph.ros1.diagnosis import examine_nodes
 
     try:
         master = master_uri(url)

@@ -17,7 +17,7 @@ from rwt.access.settings import AuditSettings, SettingsError
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.composition.graphs import make_registry
 from rwt.delivery.shared_graph import SharedGraph
-from rwt.nodes.rosapi import DISCLOSURES
+from rwt.rosapi import DISCLOSURES
 from rwt.settings import Settings
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_graph.api import GoalEvents, Sample, ServerGoal, ServiceCall
@@ -76,7 +76,7 @@ class Trial:
         try:
             self._graph = MemoryGraph(make_registry(settings), SimulatedClock(0))
             if settings.demo:
-                from rwt.nodes.demo import DemoRobot
+                from rwt.extensions.demo import DemoRobot
 
                 DemoRobot(self._graph)
             self._access = Access(self._graph, settings, DISCLOSURES)

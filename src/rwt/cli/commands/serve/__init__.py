@@ -22,7 +22,7 @@ from rwt_interfaces.distro import DISTROS
 from rwt_transports.schemes import url_forms
 
 if TYPE_CHECKING:
-    from rwt.nodes.recording import RecordingOptions, Split
+    from rwt.extensions.recording import RecordingOptions, Split
     from rwt.server import Server
     from rwt.settings import Settings
     from rwt.settings.sources import LoadedSettings
@@ -140,7 +140,7 @@ def _add_recording_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _split(text: str) -> Split:
-    from rwt.cli.commands.bag.record import parse_split  # `--help` does not need it
+    from rwt.extensions.recording.commands.record import parse_split  # `--help` does not need it
 
     return parse_split(text)
 
@@ -154,7 +154,7 @@ def _record_options(arguments: argparse.Namespace) -> RecordingOptions | None:
         return None
     if keep and split is None:
         raise CommandError("--record-keep requires --record-split", CALLED_WRONGLY)
-    from rwt.nodes.recording import RecordingOptions
+    from rwt.extensions.recording import RecordingOptions
 
     return RecordingOptions(
         split=split and replace(split, keep=keep or 0),

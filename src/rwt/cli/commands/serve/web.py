@@ -48,7 +48,7 @@ def _run(arguments: Arguments) -> int:
 
 
 async def _serve(url: str, robot: str | None, layouts: Path | None) -> None:
-    from rwt.composition.web import serve_page  # `--help` and completion need none of it.
+    from rwt.extensions.dashboard.page_server import serve_page  # `--help` and completion need none of it.
     from rwt.signals import STOP_SIGNALS, on_signals
 
     stop = anyio.Event()

@@ -1,0 +1,367 @@
+"""Signalling: an HTTP offer and an answer, as in WHIP and WHEP (RFC 9725).
+
+- ``GET`` tells the STUN and TURN servers, as JSON that is an ``RTCConfiguration`` of the W3C's;
+- ``POST`` of ``application/sdp`` opens a peer: ``201``, the answer, and ``Location``, where it is reached;
+- ``PATCH`` there of ``application/trickle-ice-sdpfrag`` (RFC 8840) adds candidates: ``204``;
+- ``DELETE`` there ends it: ``200``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final, Never
+
+import anyio
+
+from rwt_transports.background import background_tasks
+from rwt_transports.connection import TICK_SECONDS
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.errors import Refused, TransportError
+from rwt_transports.http.addresses import network_of
+from rwt_transports.http.routes import (
+    Audience,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Reader,
+    Route,
+    is_local,
+)
+from rwt_webrtc.transport.ice_servers import IceServer
+from rwt_webrtc.transport.peer import Peer, PeerTerms
+from rwt_webrtc.transport.sdp import BadDescription, read_description, read_fragment
+
+SDP: Final = "application/sdp"
+FRAGMENT: Final = "application/trickle-ice-sdpfrag"
+
+FindIceServers = Callable[[], Awaitable[tuple["IceServer", ...]]]
+"""Asks for the STUN and TURN servers of a new peer, whose credentials may hold for a while only."""
+
+
+class NoIceServers(TransportError):
+    """The STUN and TURN servers are not available."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeerBounds:
+    """Limits of all peers of a server together.
+
+    Attributes:
+        peers: that are open at a time.
+        handshakes: of them, those that have not found their path yet.
+        queue_seconds: seconds for which an offer waits until fewer peers are connecting.
+        queue_bytes: bytes of the offers that wait.
+    """
+
+    peers: int = 32
+    handshakes: int = 8
+    queue_seconds: float = 5.0
+    queue_bytes: int = 1024 * 1024
+
+
+class Peers:
+    """Peer connections that a server has accepted.
+
+    Args:
+        terms: what each may take.
+        bounds: what all of them may take.
+        find_servers: asks for the servers that help to find a path.
+    """
+
+    def __init__(self, terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers) -> None:
+        self.terms = terms
+        self._bounds = bounds
+        self.find_servers = find_servers
+        self._peers: dict[str, Peer] = {}
+        self._reserved = 0
+        self._of_network: Counter[str] = Counter()
+        self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
+        self._refused = 0
+        self._closing = False
+        self._queued_bytes = 0
+        self._changed = anyio.Event()
+
+    def __len__(self) -> int:
+        return len(self._peers)
+
+    def find(self, identifier: str) -> Peer | None:
+        return self._peers.get(identifier)
+
+    async def open(
+        self,
+        accept: Accept,
+        address: str,
+        answer: Callable[[Peer], Awaitable[str]],
+        size: int = 0,
+    ) -> tuple[str, str, tuple[IceServer, ...]]:
+        """Open a peer, once fewer than the maximum are connecting.
+
+        Args:
+            accept: makes the endpoint of each of its data channels.
+            answer: brings the peer so far that it has an answer, which it returns.
+            size: bytes of the offer, which are kept while it waits.
+
+        Returns:
+            Its identifier, the answer, and the servers that help to find a path.
+
+        Raises:
+            Refused: there are as many as there may be, or the servers cannot be had.
+            BadDescription: what the client has sent cannot be used.
+        """
+        network = "" if is_local(address) else network_of(address)
+        await self._wait_for_room(network, size)
+        self._reserved += 1
+        if network:
+            self._of_network[network] += 1
+        try:
+            try:
+                servers = await self.find_servers()
+            except NoIceServers as error:
+                raise Refused(503, str(error)) from error
+            identifier = secrets.token_urlsafe(18)
+            peer = Peer(
+                self.terms,
+                servers,
+                accept,
+                address,
+                reach=self.terms.reach(address),
+                on_closed=lambda peer: self._closed(identifier, peer),
+            )
+            self._peers[identifier] = peer
+        except BaseException:
+            self._leave(network)
+            raise
+        finally:
+            self._reserved -= 1
+        peer.when_ended(partial(self._leave, network))
+        try:
+            return identifier, await answer(peer), servers
+        except BaseException:
+            peer.fail("its description could not be used")
+            raise
+
+    def _leave(self, network: str) -> None:
+        if network:
+            self._of_network[network] -= 1
+            if not self._of_network[network]:
+                del self._of_network[network]
+
+    def _shortage(self, network: str) -> tuple[str, str]:
+        """Return why there is no room for a peer, and the setting; empty texts if there is."""
+        bounds = self._bounds
+        connecting = [peer.network for peer in self._peers.values() if not peer.connected]
+        if network:
+            for count, most, setting in (
+                (self._of_network[network], bounds.peers, "peers"),
+                (connecting.count(network), bounds.handshakes, "handshakes"),
+            ):
+                if count >= max(1, 3 * most // 4):  # The rest is for other networks.
+                    return (
+                        f"{network} has {count} of at most {most}; the rest is for other networks",
+                        setting,
+                    )
+        if len(self._peers) + self._reserved >= bounds.peers or self._closing:
+            return f"{bounds.peers} peers are open", "peers"
+        if len(connecting) + self._reserved >= bounds.handshakes:
+            return f"{bounds.handshakes} peers are connecting", "handshakes"
+        return "", ""
+
+    async def _wait_for_room(self, network: str, size: int) -> None:
+        """Wait until fewer peers are connecting, for some seconds.
+
+        Raises:
+            Refused: there is no room, or too many bytes wait already.
+        """
+        bounds = self._bounds
+        text, setting = self._shortage(network)
+        if setting == "handshakes" and self._queued_bytes + size <= bounds.queue_bytes:
+            self._queued_bytes += size
+            try:
+                with anyio.move_on_after(bounds.queue_seconds):
+                    while setting == "handshakes":
+                        await self._changed.wait()
+                        text, setting = self._shortage(network)
+            finally:
+                self._queued_bytes -= size
+        if text:
+            self._refused += 1
+            seconds = "2" if setting == "handshakes" else "5"
+            raise Refused(503, f"{text} (webrtc.{setting})", {"Retry-After": seconds})
+
+    def _closed(self, identifier: str, peer: Peer) -> None:
+        self._peers.pop(identifier, None)
+        self._ended["connected" if peer.connected else "unconnected"] += 1
+        self._notify()
+
+    def _notify(self) -> None:
+        changed, self._changed = self._changed, anyio.Event()
+        changed.set()
+
+    async def watch(self) -> None:
+        """Check the time-outs of every connection, until cancelled."""
+        while True:
+            for peer in tuple(self._peers.values()):
+                peer.tick()
+            self._notify()
+            await anyio.sleep(TICK_SECONDS)
+
+    async def close(self) -> None:
+        self._closing = True
+        await asyncio.gather(*(peer.close() for peer in tuple(self._peers.values())))
+
+    def metrics(self) -> Iterable[MetricFamily]:
+        peers = tuple(self._peers.values())
+        connected = sum(peer.connected for peer in peers)
+        states = [({"state": "connected"}, connected), ({"state": "connecting"}, len(peers) - connected)]
+        ended = [({"was": was}, number) for was, number in self._ended.items()]
+        channels = sum(peer.channels for peer in peers)
+        yield MetricFamily("rwt_webrtc_peers", "gauge", "Peer connections that are open.", states)
+        yield MetricFamily("rwt_webrtc_channels", "gauge", "Data channels that are open.", [({}, channels)])
+        yield MetricFamily("rwt_webrtc_ended_total", "counter", "Peer connections that have ended.", ended)
+        yield MetricFamily(
+            "rwt_webrtc_refused_total", "counter", "Offers refused for want of room.", [({}, self._refused)]
+        )
+
+
+@asynccontextmanager
+async def open_peers(
+    terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers
+) -> AsyncIterator[Peers]:
+    """Accept peers within the block, and close them at its end."""
+    peers = Peers(terms, bounds, find_servers)
+    async with background_tasks() as tasks:
+        tasks.start_soon(peers.watch)
+        try:
+            yield peers
+        finally:
+            with anyio.CancelScope(shield=True):
+                await peers.close()
+
+
+def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
+    """Return the routes of ``/webrtc``, whose data channels go to `accept` as connections of one listener."""
+
+    async def offered(reader: Reader, request: HttpRequest) -> HttpResponse:
+        offer = read_description(request.body, peers.terms.candidates)
+        if offer.media != ("application",):
+            raise BadDescription(
+                f"sections {', '.join(offer.media) or 'none'} are offered, where /webrtc takes one of data "
+                "channels: create a channel before the offer; for video POST to /whep"
+            )
+
+        async def answer(peer: Peer) -> str:
+            peer.when_ended(reader.while_allowed((), peer.fail))
+            await peer.take_description(offer, "offer")
+            return await peer.describe()
+
+        return opened(
+            "/webrtc",
+            request,
+            *await peers.open(_on_behalf(request, accept), request.address, answer, len(request.body)),
+        )
+
+    def posted(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
+        return answering(request, SDP, partial(offered, reader))
+
+    async def configured(request: HttpRequest, reader: Reader) -> HttpResponse:
+        try:
+            servers = await peers.find_servers()
+        except NoIceServers as error:
+            return HttpResponse(f"{error}\n".encode(), 503)
+        body = {"iceServers": [server.dictionary for server in servers]}
+        headers = {"Cache-Control": "no-store"}
+        return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
+
+    return (
+        Route("/webrtc", configured, Audience.ADMITTED),
+        Route("/webrtc", posted, Audience.ADMITTED, "POST"),
+        *resource_routes(peers, "/webrtc"),
+    )
+
+
+def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
+    """Accept channels with the credentials of the offer: same token, same origin."""
+
+    def accept_channel(sink: Sink, info: PeerInfo) -> Endpoint:
+        target = f"{request.path}?{request.query}" if request.query else request.path
+        return accept(sink, replace(info, path=target, headers=request.headers))
+
+    return accept_channel
+
+
+def refuse_channels(sink: Sink, info: PeerInfo) -> Never:
+    """Reject the data channels of a peer that was opened for media."""
+    raise Refused(403, "data channels are offered at /webrtc")
+
+
+def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
+    """Return the routes of the peers that were opened at `path`."""
+
+    def patch(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
+        return answering(request, FRAGMENT, lambda request: _add_candidates(peers, request))
+
+    async def delete(request: HttpRequest, reader: Reader) -> HttpResponse:
+        peer = peers.find(_identifier(request))
+        if peer is None:
+            return _gone()
+        await peer.close(1000, "the client has ended it")
+        return HttpResponse(b"ended\n")
+
+    return (
+        Route(f"{path}/*", patch, Audience.ADMITTED, "PATCH"),
+        Route(f"{path}/*", delete, Audience.ADMITTED, "DELETE"),
+    )
+
+
+async def _add_candidates(peers: Peers, request: HttpRequest) -> HttpResponse:
+    peer = peers.find(_identifier(request))
+    if peer is None:
+        return _gone()
+    fragment = read_fragment(request.body)
+    if fragment.ufrag and fragment.ufrag != peer.ufrag:
+        # RFC 9725 section 4.3.2: what cannot be restarted answers 422.
+        text = "an ICE restart is not possible here: DELETE this, and POST an offer\n"
+        return HttpResponse(text.encode(), 422)
+    await peer.add_candidates(fragment.candidates, len(request.body))
+    return HttpResponse(status=204)
+
+
+def _identifier(request: HttpRequest) -> str:
+    return request.path.rpartition("/")[2]
+
+
+def _gone() -> HttpResponse:
+    return HttpResponse(b"there is no such peer, or it has ended: POST an offer\n", 404)
+
+
+def opened(
+    path: str, request: HttpRequest, identifier: str, answer: str, servers: tuple[IceServer, ...]
+) -> HttpResponse:
+    """Return the answer to an offer that created a peer."""
+    headers = {"Location": f"{request.prefix}{path}/{identifier}", "Cache-Control": "no-store"}
+    if servers:
+        headers["Link"] = ", ".join(server.link for server in servers)
+    return HttpResponse(answer.encode(), 201, SDP, headers)
+
+
+async def answering(
+    request: HttpRequest, wanted: str, handler: Callable[[HttpRequest], Awaitable[HttpResponse]]
+) -> HttpResponse:
+    """Return the response of `handler`, or why it failed."""
+    given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if given != wanted:
+        text = f"the body is {given or 'of no type'}, where {wanted} is wanted\n"
+        return HttpResponse(text.encode(), 415, headers={"Accept-Post": wanted})
+    try:
+        return await handler(request)
+    except Refused as refused:
+        return HttpResponse.refusing(refused)
+    except BadDescription as error:
+        return HttpResponse(f"{error}\n".encode(), 400)

@@ -1,0 +1,1 @@
+"""Extensions: one folder each, which can be understood, replaced or removed alone."""

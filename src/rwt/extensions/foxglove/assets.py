@@ -1,0 +1,119 @@
+"""Files for clients: ``package://`` URLs of a URDF, read through the server's pages for packages."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from typing import Final
+from urllib.parse import quote
+
+from rwt.access.client_graph import ClientGraph
+from rwt.access.graph_view import GraphView
+from rwt.extensions.foxglove.errors import NotPossible
+from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.settings import FoxgloveSettings
+from rwt.extensions.foxglove.wire.client_messages import FetchAsset
+from rwt.extensions.foxglove.wire.server_messages import asset, asset_failure
+from rwt_transports.http.routes import HttpRequest, HttpResponse
+
+SCHEME: Final = "package://"
+PATH: Final = "/packages/"
+
+_UNREAD: Final = 1024 * 1024
+"""Bytes that may wait for the client before the next file is read for it."""
+
+_LOOK_SECONDS: Final = 0.02
+"""Interval at which the backlog is checked, in seconds."""
+
+Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpResponse]"]
+"""Page that answers requests below :data:`PATH`."""
+
+
+class Assets:
+    """Files that one client has requested, sent one at a time."""
+
+    def __init__(
+        self, graph: ClientGraph, replies: StatusLane, pages: Pages, settings: FoxgloveSettings, address: str
+    ) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._pages = pages
+        self._settings = settings
+        self._address = address
+        self._asked: deque[FetchAsset] = deque()
+        self._runs = False
+        self._closed = False
+
+    def fetch(self, asked: FetchAsset, spawn: Callable[[Callable[[], Awaitable[None]], str], None]) -> None:
+        """Send a file, or the reason why it is not available."""
+        uri, id = asked.uri, asked.request_id
+        if not uri.startswith(SCHEME):
+            self._fail(id, f"{uri[:200]!r}: only files of packages are served, {SCHEME}NAME/PATH")
+            return
+        if len(self._asked) >= self._settings.waiting_assets:
+            self._fail(id, f"{len(self._asked)} files are waited for already (foxglove.waiting_assets)")
+            return
+        self._asked.append(asked)
+        if not self._runs:
+            self._runs = True
+            spawn(self._run, "a client's assets")
+
+    async def _run(self) -> None:
+        try:
+            while self._asked and not self._closed:
+                asked = self._asked.popleft()
+                try:
+                    chunks = await self._read(asked.uri.removeprefix(SCHEME))
+                except (NotPossible, OSError) as error:
+                    self._fail(asked.request_id, str(error))
+                    continue
+                if not self._closed:
+                    self._replies.send(asset(asked.request_id, chunks))
+                while self._replies.sink.backlog > _UNREAD and not self._closed:
+                    await self._graph.clock.sleep(_LOOK_SECONDS)
+        finally:
+            self._runs = False
+
+    async def _read(self, path: str) -> list[bytes]:
+        request = HttpRequest("GET", PATH + quote(path, safe="/%"), address=self._address)
+        clock = self._graph.clock
+        began = clock.monotonic()
+        answer = self._pages(request, self._graph)
+        self._graph.work.add(clock.monotonic() - began, "pages")
+        response = answer if isinstance(answer, HttpResponse) else await answer
+        body = response.body
+        if response.status != 200:
+            raise NotPossible((body if isinstance(body, bytes) else b"").decode("utf-8", "replace").strip())
+        if isinstance(body, bytes):
+            self._check(len(body))
+            return [body]
+        chunks: list[bytes] = []
+        size = 0
+        try:
+            async for chunk in body:
+                size += len(chunk)
+                self._check(size)
+                if self._closed:
+                    break
+                chunks.append(chunk)
+        finally:
+            if isinstance(body, AsyncGenerator):
+                await body.aclose()
+        return chunks
+
+    def _check(self, size: int) -> None:
+        most = self._settings.asset_bytes
+        if size > most:
+            raise NotPossible(f"the file is larger than {most} bytes (foxglove.asset_bytes)")
+        if reason := self._replies.too_large(size):
+            raise NotPossible(reason)
+
+    def _fail(self, request_id: int, reason: str) -> None:
+        self._graph.counters.refuse("fetchAsset")
+        if not self._closed:
+            self._replies.send(asset_failure(request_id, reason))
+
+    def close(self) -> None:
+        """Discard all requests."""
+        self._closed = True
+        self._asked.clear()

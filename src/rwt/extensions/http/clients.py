@@ -1,0 +1,221 @@
+"""HTTP clients: requests of one session, or program, share one view of the graph, and their quotas."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Awaitable, Callable, Hashable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, Final
+from urllib.parse import unquote
+
+from rwt.access.client_graph import ClientGraph
+from rwt.access.errors import QuotaExceeded
+from rwt.access.graph_view import STOP, GraphView, canonical
+from rwt.access.roles import Role
+from rwt.extensions.http import problems
+from rwt.extensions.http.events import EventQueue
+from rwt.extensions.http.representations import EVENTS
+from rwt.gateways.base import Gateway
+from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
+from rwt_transports.endpoint import DropReason, PeerInfo
+from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import network_of
+from rwt_transports.http.routes import HttpRequest, HttpResponse
+
+Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
+
+
+SESSION: Final = "RWT-Session"
+"""Header with the name that a program chooses, to distinguish it from others with its token and address."""
+
+MAX_SESSIONS: Final = 32
+"""Maximum number of clients of one role, credential and address at a time; further programs without a session
+count as one.
+"""
+
+_is_session: Final = re.compile(r"[\w-]{1,64}", re.ASCII).fullmatch
+
+
+def presses_stop(request: HttpRequest) -> bool:
+    """Return True for a request that presses the emergency stop: a call of its service, or a message."""
+    if request.method != "POST":
+        return False
+    _, _, path = request.path.removeprefix("/api/").partition("/")
+    return canonical(f"/{unquote(path).strip('/')}") == STOP
+
+
+class ReaderStream(ABC):
+    """Event stream of one reader, which ends when it is no longer `allowed`."""
+
+    def __init__(
+        self, client: HttpClient, depth: int, max_bytes: int, allowed: Callable[[ClientGraph], bool]
+    ) -> None:
+        self._client = client
+        self._dropped = 0
+        self.allowed = allowed
+        self.queue = EventQueue(depth, max_bytes, self._drop, self._close)
+
+    def response(self, request: HttpRequest) -> HttpResponse:
+        """Return the response with the stream, which holds the client."""
+        self._client.add_stream(self, request)
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return HttpResponse(self.queue, 200, EVENTS, headers)
+
+    @abstractmethod
+    def _drop(self, reason: DropReason) -> None:
+        """Count and report a dropped event."""
+
+    def _close(self) -> None:
+        self._client.discard_stream(self)
+
+
+class HttpClient(Visitor):
+    """Client over HTTP, with the life cycle of a :class:`Visitor`.
+
+    Requests of one credential, role and address are of one client if they have the same session
+    (:data:`SESSION`), or none and the same `User-Agent`.
+
+    When the client leaves, its publishers and leases are released.
+
+    Attributes:
+        streams: open streams, each with the request that began it.
+    """
+
+    __slots__ = ("graph", "streams")
+
+    def __init__(self, clients: Visitors[Any], key: Hashable, graph: ClientGraph) -> None:
+        super().__init__(clients, key)
+        self.graph = graph
+        self.streams: dict[ReaderStream, PeerInfo] = {}
+
+    def leave(self) -> None:
+        """Release everything."""
+        super().leave()
+        self.graph.close()
+
+    def add_stream(self, stream: ReaderStream, request: HttpRequest) -> None:
+        """Add a stream, which holds the client."""
+        self.hold()
+        self.streams[stream] = peer_of(request)
+
+    def discard_stream(self, stream: ReaderStream) -> None:
+        """Remove a stream that has ended; a second call is a no-op."""
+        if self.streams.pop(stream, None) is not None:
+            self.release()
+
+
+class Clients(Visitors[HttpClient]):
+    """All clients of the gateway."""
+
+    def __init__(self, gateway: Gateway, linger: float) -> None:
+        super().__init__(gateway.shared.counters, gateway.shared.graph.clock, linger)
+        self._gateway = gateway
+        self._count = 0
+
+    @property
+    def streams(self) -> int:
+        """Number of open streams."""
+        return sum(len(client.streams) for client in self.present)
+
+    @contextmanager
+    def client_of(self, request: HttpRequest, reader: GraphView) -> Iterator[HttpClient]:
+        """Return the client that sent a request, held for the block."""
+        role, address = reader.role, request.address
+
+        def make(clients: Visitors[HttpClient], key: Hashable) -> HttpClient:
+            self._count += 1
+            gateway = self._gateway
+            name, agent = f"{gateway.name}:{self._count}", request.headers.get("user-agent", "")
+            graph = gateway.access.client(gateway.shared, role, address, name, agent)
+            return HttpClient(clients, key, graph)
+
+        client = self.find(self._key_of(request, (role.name, role.credential, network_of(address))), make)
+        client.hold()
+        try:
+            yield client
+        finally:
+            client.release()
+
+    def _key_of(self, request: HttpRequest, owner: tuple[str, str, str]) -> Hashable:
+        """Return the identity of a client among those of its owner: its session, or else its program.
+
+        Raises:
+            HttpProblem: the session has another form.
+            QuotaExceeded: there are too many sessions.
+        """
+        session = request.headers.get(SESSION.lower())
+        shared = (owner, None, "")
+        if presses_stop(request):
+            return shared  # A stop is never rejected, and it needs no client of its own.
+        if session is not None and not _is_session(session):
+            raise problems.HttpProblem(
+                "invalid-request", f"{SESSION}: expected 1 to 64 letters, digits, `-` and `_`", where=SESSION
+            )
+        program = request.headers.get("user-agent", "")[:200] if session is None else ""
+        key = (owner, session, program)
+        if key in self or sum(known[0] == owner for known in self.keys) < MAX_SESSIONS:
+            return key
+        if session is not None:
+            raise QuotaExceeded(f"{MAX_SESSIONS} clients of this credential and address, which is the limit")
+        return shared
+
+    def reload_roles(self) -> None:
+        """Apply the current roles of the settings, and end what they do not allow."""
+        admission = self._gateway.access.admission
+        for client in self.present:
+            client.hold()  # Hold the client: ending its last stream must not remove it meanwhile.
+            name = client.graph.role.name
+            role = admission.roles.get(name)
+            if role is not None:
+                client.graph.take_role(role.given_by(client.graph.role.credential))
+                client.graph.withdraw_refused()
+            for stream, info in tuple(client.streams.items()):
+                if (
+                    role is None
+                    or not self._still_has(info, client.graph.role)
+                    or not stream.allowed(client.graph)
+                ):
+                    stream.queue.close()
+            client.release()
+
+    def _still_has(self, info: PeerInfo, role: Role) -> bool:
+        try:
+            now = self._gateway.access.admission.role_now(info, None)
+            return (now.name, now.credential) == (role.name, role.credential)
+        except Refused:
+            return False
+
+    def close(self) -> None:
+        """End every stream, and let every client leave."""
+        for client in self.present:
+            for stream in tuple(client.streams):
+                stream.queue.close()
+        super().close()
+
+
+def page(handler: Handler) -> Handler:
+    """Return a handler as the page of a route; only here do errors become problem documents."""
+
+    def answer(request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        try:
+            answered = handler(request, reader)
+        except problems.REFUSALS as error:
+            return problems.answer(request, problems.problem_of(error, reader))
+        if isinstance(answered, HttpResponse):
+            return answered
+        return _answered(request, reader, answered)
+
+    return answer
+
+
+async def _answered(
+    request: HttpRequest, reader: GraphView, awaitable: Awaitable[HttpResponse]
+) -> HttpResponse:
+    try:
+        return await Metered(awaitable, partial(reader.work.add, kind="pages"), reader.clock.monotonic)
+    except problems.CallWaits as waits:
+        return waits.response
+    except problems.REFUSALS as error:
+        return problems.answer(request, problems.problem_of(error, reader))

@@ -1,0 +1,1 @@
+"""Meshes and textures of ROS packages over HTTP, as URDF viewers request them."""

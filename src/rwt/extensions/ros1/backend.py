@@ -1,0 +1,178 @@
+"""Graph of a ROS 1 robot: the one in memory, joined to that of a ROS 1 master."""
+
+from __future__ import annotations
+
+import logging
+import os
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import anyio.to_thread
+
+from rwt.extensions.ros1.actions import Ros1Actions
+from rwt.extensions.ros1.addresses import master_uri, own_address
+from rwt.extensions.ros1.discovery import Discovery
+from rwt.extensions.ros1.master import Master
+from rwt.extensions.ros1.parameters import MasterParameters
+from rwt.extensions.ros1.services import Ros1Services
+from rwt.extensions.ros1.session import Session
+from rwt.extensions.ros1.topics import Ros1Topics
+from rwt.extensions.ros1.wire.rpc import address_of
+from rwt_graph.errors import Ros1Error
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.ros_time import RosTime
+from rwt_interfaces.distro import NOETIC
+from rwt_interfaces.registry import Registry
+from rwt_participant.qos import DEFAULT_QOS, QoS
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Publisher
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+
+#: Parameter that makes ROS time follow `/clock`, and seconds between two looks at it.
+_USE_SIM_TIME: Final = "/use_sim_time"
+_TIME_CHECK_SECONDS: Final = 1.0
+
+#: How to add a type, at the end of errors about unknown ones.
+_ADVICE: Final = (
+    "; the type of a topic is known once a ROS 1 node publishes it: start that node, give the definition with"
+    " --interfaces DIR, or use a standard type"
+)
+
+
+class Ros1Participant(MemoryParticipant):
+    """Node whose publishers use the definition that a topic has on ROS 1, not that of the registry."""
+
+    def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
+        info = self._graph.topic(topic)
+        if info is not None and info.type is not None and info.type.name == type.name:
+            type = info.type
+        return super().advertise(topic, type, qos)
+
+
+class Ros1Graph(MemoryGraph):
+    """Graph with nodes in this process and in ROS 1 programs.
+
+    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 1 when it is
+    entered, also if the master does not answer yet. `ROS_IP` and `ROS_HOSTNAME` apply.
+
+    Args:
+        registry: interfaces of a ROS 1 distribution; by default the standard ones.
+        clock: by default real time, and that of `/clock` while the parameter `/use_sim_time` is true.
+        master: `ros1://host:port`; by default `ROS_MASTER_URI`. With `ros1-master://host:port`, the graph is
+            the master itself and listens there: other programs need no ROS core.
+
+    Raises:
+        Ros1Error: the registry is of ROS 2, or `master` is not an address.
+    """
+
+    def __init__(
+        self, registry: Registry | None = None, clock: Clock | None = None, *, master: str | None = None
+    ) -> None:
+        super().__init__(registry or Registry(NOETIC), clock or RosTime(is_real=True))
+        if self.distro.serialisation != "ros1":
+            raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
+        self.master = master_uri(master)
+        self._is_master = master is not None and master.startswith("ros1-master")
+        self._own_master: Master | None = None
+        self.parameters = self._master_parameters = MasterParameters()
+        self.registry.advice = _ADVICE
+        self._ros_topics = Ros1Topics(self.topic_table)
+        self._ros_services = Ros1Services(self.service_table)
+        self._session: Session | None = None
+        self._time_source: MemoryParticipant | None = None
+        self._ros_actions = Ros1Actions(self, self._ros_topics)
+        self.topic_table.remote = self._ros_topics
+        self.service_table.remote = self._ros_services
+        self.action_table.remote = self._ros_actions
+
+    def make_participant(self, name: str) -> MemoryParticipant:
+        return Ros1Participant(self, name)
+
+    async def _join(self) -> None:
+        """Join ROS 1.
+
+        Raises:
+            Ros1Error: no socket can be opened, or the port of the own master is in use.
+        """
+        address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
+        try:
+            session = self._session = Session(self, self.master, address)
+            if self._is_master:
+                bind, port = address_of(self.master)
+                self._own_master = Master(session.sockets, address.host, bind, port)
+                self._collect_logs()
+        except OSError as error:
+            raise Ros1Error(f"cannot accept connections of ROS 1 at {self.master}: {error}") from error
+        parameters = self._master_parameters
+        session.on_parameter = parameters.on_update
+        parameters.warn_once = session.warn_once
+
+        def repeat() -> None:
+            session.registrar.repeat()
+            parameters.resynchronise()
+
+        session.on_forgotten = repeat
+        discovery = Discovery(self, session, self._ros_topics, self._ros_services)
+        try:
+            self._ros_topics.open(session, discovery)
+            self._ros_services.open(session)
+            self._ros_actions.session = session
+        except OSError as error:
+            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+        try:
+            await discovery.poll()
+            await parameters.join(session)
+        except Ros1Error as error:
+            session.on_master_error(error)
+        else:
+            logger.info("joined ROS 1 at %s, as %s", self.master, session.address.host)
+        self.spawn(session.registrar.run, "registrations at the ROS 1 master")
+        self.spawn(discovery.run, "discovery of ROS 1")
+        self.spawn(partial(parameters.run, session), "parameters of ROS 1")
+        self.spawn(session.keep_sweeping, "connections of ROS 1")
+        self._check_time()
+
+    def _check_time(self) -> None:
+        """Follow `/use_sim_time`, now and every second."""
+        clock, tree = self.clock, self.parameters
+        if isinstance(clock, RosTime):
+            is_real = not (tree.has(_USE_SIM_TIME) and tree.get(_USE_SIM_TIME) is True)
+            if is_real and self._time_source is not None:
+                clock.unfollow()
+                self._time_source.close()
+                self._time_source = None
+            elif not is_real and self._time_source is None:
+                # No node of this graph, which would be listed.
+                self._time_source = self.make_participant(f"/rwt_clock_{os.getpid()}")
+                clock.follow(self._time_source)
+            clock.call_later(_TIME_CHECK_SECONDS, self._check_time)
+
+    def _collect_logs(self) -> None:
+        """Repeat the messages of `/rosout` on `/rosout_agg`, as ROS 1's node of that name does."""
+        node = self.participant("/rosout")
+        type = self.registry.message(self.distro.rosout_type)
+        collected = node.advertise("/rosout_agg", type)
+        node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
+
+    async def __aexit__(self, *exc: object) -> None:
+        session = self._session
+        try:
+            self._close_participants()
+            if self._time_source is not None:
+                self._time_source.close()
+            if session is not None:
+                await session.registrar.leave()
+        finally:
+            self._session = self._ros_actions.session = None
+            self._ros_topics.close()
+            self._ros_services.close()
+            if session is not None:
+                session.close()
+            if self._own_master is not None:
+                self._own_master.close()
+            await super().__aexit__(*exc)

@@ -1,0 +1,270 @@
+"""ROS 1 master and parameter server, for a graph without ROS.
+
+Its tables are those of the master's API; nodes of this process register like those of other programs.
+"""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections import Counter
+from collections.abc import Callable
+from inspect import signature
+from typing import TYPE_CHECKING, Final
+
+from rwt.extensions.ros1.notifications import Notifications
+from rwt.extensions.ros1.parameters import is_below
+from rwt.extensions.ros1.wire import rpc
+from rwt_graph.errors import WireError
+from rwt_graph.parameters.tree import ParameterTree
+from rwt_interfaces.distro import NOETIC
+from rwt_participant.errors import NotFound, ParameterRejected
+
+if TYPE_CHECKING:
+    from rwt.extensions.ros1.wire.sockets import Sockets
+    from rwt.extensions.ros1.wire.xmlrpc import Value
+
+#: Maximum registrations and watched parameters, and characters of a name or address.
+_MOST_ENTRIES: Final = 5000
+_NAME_CHARS: Final = 1000
+
+#: Maximum bytes of all parameters, which contain robot descriptions.
+_PARAMETER_BYTES: Final = 32 * 1024 * 1024
+
+Table = dict[str, dict[str, str]]
+"""Addresses by node, by topic or service."""
+
+
+class Master:
+    """Master that listens for calls.
+
+    Args:
+        host: host in the address that nodes are given.
+        bind: address on which it listens.
+
+    Raises:
+        OSError: the port is in use.
+    """
+
+    def __init__(self, sockets: Sockets, host: str, bind: str, port: int) -> None:
+        self._sockets = sockets
+        self._publishers: Table = {}
+        self._subscribers: Table = {}
+        self._services: Table = {}
+        # Number of registrations by node.
+        self._entries: Counter[str] = Counter()
+        self._types: dict[str, str] = {}
+        self._nodes: dict[str, str] = {}
+        self._watches: dict[tuple[str, str], str] = {}
+        self._notifications = Notifications(sockets, self._on_deaf)
+        self._parameters = tree = ParameterTree(max_bytes=_PARAMETER_BYTES)
+        tree.set("/rosdistro", f"{NOETIC.name}\n")
+        tree.set("/rosversion", f"{NOETIC.master_version}\n")
+        tree.set("/run_id", str(uuid.uuid1()))
+        methods: dict[str, Callable[..., Value]] = {
+            "registerPublisher": self._register_publisher,
+            "unregisterPublisher": self._unregister_publisher,
+            "registerSubscriber": self._register_subscriber,
+            "unregisterSubscriber": self._unregister_subscriber,
+            "registerService": self._register_service,
+            "unregisterService": self._unregister_service,
+            "lookupNode": self._lookup_node,
+            "lookupService": self._lookup_service,
+            "getPublishedTopics": self._published_topics,
+            "getTopicTypes": lambda _: [1, "topic types", [[*each] for each in self._types.items()]],
+            "getSystemState": lambda _: [1, "system state", self._state()],
+            "getUri": lambda _: [1, "", self.uri],
+            "getPid": lambda _: [1, "", os.getpid()],
+            "setParam": self._set_param,
+            "getParam": self._get_param,
+            "deleteParam": self._delete_param,
+            "hasParam": lambda caller, key: [1, key, self._parameters.has(_absolute(caller, key))],
+            "searchParam": self._search_param,
+            "getParamNames": lambda _: [1, "parameter names", list(self._parameters.names())],
+            "subscribeParam": self._subscribe_param,
+            "unsubscribeParam": self._unsubscribe_param,
+        }
+        self._methods = {name: (handle, signature(handle)) for name, handle in methods.items()}
+        self._server = rpc.RpcServer(sockets, bind, self._dispatch, port)
+        self.port = self._server.port
+        self.uri = f"http://{host}:{self.port}/"
+
+    def _dispatch(self, method: str, params: tuple[Value, ...]) -> Value:
+        if method not in self._methods:
+            raise WireError(f"method {method[:80]} is not supported")
+        handle, parameters = self._methods[method]
+        names = params if method != "setParam" else params[:2]
+        if not all(isinstance(each, str) and len(each) <= _NAME_CHARS for each in names):
+            return [-1, f"the parameters of {method} are strings of at most {_NAME_CHARS} characters", 0]
+        try:
+            parameters.bind(*params)
+        except TypeError:
+            return [-1, f"{method} does not have {len(params)} parameters", 0]
+        return handle(*params)
+
+    # Registrations
+
+    def _register(self, table: Table, name: str, node: str, uri: str, node_uri: str) -> None:
+        if self._entries.total() >= _MOST_ENTRIES:
+            raise WireError(f"the master has {_MOST_ENTRIES} registrations, which is the limit")
+        earlier = self._nodes.get(node)
+        if earlier is not None and earlier != node_uri:
+            self._notifications.add(
+                earlier, "shutdown", f"[{node}] Reason: new node registered with same name"
+            )
+            for each in (self._publishers, self._subscribers, self._services):
+                for other in tuple(each):
+                    self._remove(each, other, node)
+        self._nodes[node] = node_uri
+        if node not in table.setdefault(name, {}):
+            self._entries[node] += 1
+        table[name][node] = uri
+
+    def _remove(self, table: Table, name: str, node: str) -> None:
+        entries = table.get(name, {})
+        uri = entries.pop(node, None)
+        if uri is None:
+            return
+        self._entries[node] -= 1
+        if not self._entries[node]:
+            del self._entries[node], self._nodes[node]
+        if table is self._publishers:
+            self._update(name)
+        elif table is self._subscribers:
+            self._notifications.discard(uri, "publisherUpdate", name)
+        if not entries:
+            del table[name]
+            if name not in self._publishers and name not in self._subscribers:
+                self._types.pop(name, None)
+
+    def _unregister(self, table: Table, name: str, node: str, uri: str) -> Value:
+        if table.get(name, {}).get(node) != uri:
+            return [1, f"{node} is not registered for {name}", 0]
+        self._remove(table, name, node)
+        return [1, "unregistered", 1]
+
+    def _update(self, topic: str) -> None:
+        """Report the publishers of a topic to its subscribers."""
+        publishers = list(dict.fromkeys(self._publishers.get(topic, {}).values()))
+        for uri in self._subscribers.get(topic, {}).values():
+            self._notifications.add(uri, "publisherUpdate", topic, publishers)
+
+    def _register_publisher(self, caller: str, topic: str, type: str, uri: str) -> Value:
+        self._register(self._publishers, topic, caller, uri, uri)
+        if type != "*" or topic not in self._types:
+            self._types[topic] = type
+        self._update(topic)
+        return [1, "registered", list(self._subscribers.get(topic, {}).values())]
+
+    def _unregister_publisher(self, caller: str, topic: str, uri: str) -> Value:
+        return self._unregister(self._publishers, topic, caller, uri)
+
+    def _register_subscriber(self, caller: str, topic: str, type: str, uri: str) -> Value:
+        self._register(self._subscribers, topic, caller, uri, uri)
+        if type != "*":
+            self._types.setdefault(topic, type)
+        return [1, "registered", list(dict.fromkeys(self._publishers.get(topic, {}).values()))]
+
+    def _unregister_subscriber(self, caller: str, topic: str, uri: str) -> Value:
+        return self._unregister(self._subscribers, topic, caller, uri)
+
+    def _register_service(self, caller: str, service: str, service_uri: str, uri: str) -> Value:
+        for other in tuple(self._services.get(service, ())):
+            self._remove(self._services, service, other)
+        self._register(self._services, service, caller, service_uri, uri)
+        return [1, "registered", 1]
+
+    def _unregister_service(self, caller: str, service: str, service_uri: str) -> Value:
+        return self._unregister(self._services, service, caller, service_uri)
+
+    def _lookup_node(self, _caller: str, node: str) -> Value:
+        uri = self._nodes.get(node)
+        return [-1, f"unknown node [{node}]", ""] if uri is None else [1, "node api", uri]
+
+    def _lookup_service(self, _caller: str, service: str) -> Value:
+        for uri in self._services.get(service, {}).values():
+            return [1, "rosrpc URI", uri]
+        return [-1, "no provider", ""]
+
+    def _published_topics(self, _caller: str, below: str) -> Value:
+        prefix = below.rstrip("/") + "/"
+        return [1, "current topics", [[t, self._types[t]] for t in self._publishers if t.startswith(prefix)]]
+
+    def _state(self) -> Value:
+        tables = (self._publishers, self._subscribers, self._services)
+        return [[[name, list(entries)] for name, entries in table.items()] for table in tables]
+
+    # Parameters
+
+    def _set_param(self, caller: str, key: str, value: Value) -> Value:
+        name = _absolute(caller, key)
+        try:
+            self._parameters.set(name, value)
+        except ParameterRejected as error:
+            return [-1, str(error), 0]
+        self._report(caller, name, value)
+        return [1, f"parameter {name} set", 0]
+
+    def _get_param(self, caller: str, key: str) -> Value:
+        try:
+            return [1, key, self._parameters.get(_absolute(caller, key))]
+        except NotFound:
+            return [-1, f"Parameter [{key}] is not set", 0]
+
+    def _delete_param(self, caller: str, key: str) -> Value:
+        name = _absolute(caller, key)
+        try:
+            self._parameters.delete(name)
+        except (NotFound, ParameterRejected) as error:
+            return [-1, str(error), 0]
+        self._report(caller, name, {})
+        return [1, f"parameter {name} deleted", 0]
+
+    def _search_param(self, caller: str, key: str) -> Value:
+        first, _, rest = key.partition("/")
+        within = caller
+        while first:
+            if self._parameters.has(f"{within}/{first}"):
+                return [1, "found", f"{within}/{first}" + (f"/{rest}" if rest else "")]
+            if not within:
+                break
+            within = within.rpartition("/")[0]
+        return [-1, f"cannot find parameter [{key}]", 0]
+
+    def _subscribe_param(self, caller: str, uri: str, key: str) -> Value:
+        name = _absolute(caller, key)
+        if len(self._watches) >= _MOST_ENTRIES:
+            return [-1, f"{_MOST_ENTRIES} parameters are watched, which is the limit", 0]
+        self._watches[uri, name] = caller
+        return [1, f"subscribed to {name}", self._parameters.get(name) if self._parameters.has(name) else {}]
+
+    def _unsubscribe_param(self, caller: str, uri: str, key: str) -> Value:
+        return [1, "unsubscribed", int(self._watches.pop((uri, _absolute(caller, key)), None) is not None)]
+
+    def _report(self, setter: str, name: str, value: Value) -> None:
+        """Report a change to the nodes that watch the name, or one above or below it."""
+        for (uri, watched), caller in self._watches.items():
+            if caller == setter:
+                continue
+            if is_below(name, watched):
+                self._notifications.add(uri, "paramUpdate", name.rstrip("/") + "/", value)
+            elif is_below(watched, name):
+                inner = self._parameters.get(watched) if self._parameters.has(watched) else {}
+                self._notifications.add(uri, "paramUpdate", watched + "/", inner)
+
+    def _on_deaf(self, uri: str) -> None:
+        for watch in [each for each in self._watches if each[0] == uri]:
+            del self._watches[watch]
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.close()
+
+
+def _absolute(caller: str, key: str) -> str:
+    """Return the absolute name of a parameter of a caller, without superfluous slashes."""
+    if key.startswith("~"):
+        key = f"{caller}/{key[1:]}"
+    elif not key.startswith("/"):
+        key = f"{caller.rpartition('/')[0]}/{key}"
+    return "/" + "/".join(part for part in key.split("/") if part)

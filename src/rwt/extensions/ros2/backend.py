@@ -1,0 +1,161 @@
+"""Graph of a ROS 2 robot: the one in memory, connected to ROS 2's."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterable
+
+from rwt.extensions.ros2.ament import add_installed
+from rwt.extensions.ros2.connection import Connection
+from rwt.extensions.ros2.discovery import Discovery
+from rwt.extensions.ros2.remapping import RemappedParticipant, Remapping
+from rwt.extensions.ros2.services import Ros2Services
+from rwt.extensions.ros2.topics import Ros2Topics
+from rwt_graph.actions.remote_goals import Ros2Actions
+from rwt_graph.actions.server import Ros2ActionServer
+from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
+from rwt_graph.clock import Clock
+from rwt_graph.errors import InvalidGraphName, Ros2Error
+from rwt_graph.memory.actions import MemoryActionServer
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.names import validate
+from rwt_graph.ros_time import RosTime
+from rwt_interfaces.registry import Registry
+
+logger = logging.getLogger(__name__)
+
+#: Seconds for which feedback of an action is received after a goal has ended.
+_FEEDBACK_LINGERS_SECONDS = 10.0
+
+
+class Ros2Graph(MemoryGraph):
+    """Graph with nodes in this process and in ROS 2 programs.
+
+    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 2 when it is
+    entered. `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `RMW_IMPLEMENTATION` and the other variables of
+    ROS 2 apply. The global tree of parameters stays in the process.
+
+    Topics, services and actions are exchanged with ROS 2. Its services have no errors: a caller in another
+    process receives no answer from a service of this one that fails.
+
+    Args:
+        registry: interfaces of a ROS 2 distribution; by default the standard ones, and those that are
+            installed with ROS 2.
+        clock: the wall clock by default.
+        use_sim_time: take ROS time from the topic `/clock`; replaces `clock`.
+        domain: ROS_DOMAIN_ID; that of the environment by default.
+        use_callbacks: False to wait for samples in a thread, as with middlewares without callbacks.
+        remap: rules as after `--ros-args -r`, such as `/cmd_vel:=/input/cmd_vel`: nodes of this process and
+            lookups of one name use the new name; listings show it.
+
+    Raises:
+        Ros2Error: the registry is of ROS 1, or a remapping rule is invalid.
+    """
+
+    def __init__(
+        self,
+        registry: Registry | None = None,
+        clock: Clock | None = None,
+        *,
+        use_sim_time: bool = False,
+        domain: int | None = None,
+        use_callbacks: bool = True,
+        remap: Iterable[str] = (),
+    ) -> None:
+        self._remapping = Remapping(remap)
+        if registry is None:
+            registry = Registry()
+            add_installed(registry)
+        super().__init__(registry, RosTime(is_real=False) if use_sim_time else clock)
+        if self.distro.ros_version != 2:
+            raise Ros2Error(
+                f"a graph of {self.distro.name} cannot join ROS 2: use the graph in memory, "
+                "or a ROS 2 distribution"
+            )
+        self._domain = domain
+        self._use_callbacks = use_callbacks
+        self._connection: Connection | None = None
+        self._time_source: MemoryParticipant | None = None
+        self._ros_topics = Ros2Topics(self.topic_table, self.clock)
+        self._ros_services = Ros2Services(self.service_table, self.registry, self.clock)
+        self._discovery = Discovery(self, self._ros_topics, self._ros_services)
+        self.topic_table.remote = self._ros_topics
+        self.service_table.remote = self._ros_services
+        self.action_table.remote = Ros2Actions(
+            self.topic_table,
+            self.service_table,
+            self._ros_services,
+            self.registry,
+            linger=_FEEDBACK_LINGERS_SECONDS,
+        )
+
+    def participant(self, name: str) -> MemoryParticipant:
+        participant = super().participant(self._remapping.node(validate(name)))
+        if self._connection is not None:
+            try:
+                self._connection.node_of(participant.owner)
+            except ValueError as error:
+                participant.close()
+                raise InvalidGraphName(f"{name} is not a node name in ROS 2: {error}") from None
+        return participant
+
+    def make_participant(self, name: str) -> MemoryParticipant:
+        return RemappedParticipant(self, name, self._remapping)
+
+    def topic(self, name: str) -> TopicInfo | None:
+        return super().topic(self._remapping.name(name))
+
+    def service(self, name: str) -> ServiceInfo | None:
+        return super().service(self._remapping.name(name))
+
+    def action(self, name: str) -> ActionInfo | None:
+        return super().action(self._remapping.name(name))
+
+    def left(self, participant: MemoryParticipant) -> None:
+        super().left(participant)
+        if self._connection is not None:
+            self._connection.forget_node(participant.owner)
+
+    def offer_action_services(
+        self, participant: MemoryParticipant, server: MemoryActionServer
+    ) -> Callable[[], None]:
+        return Ros2ActionServer(participant, server, self.action_table, self.clock).close
+
+    async def _join(self) -> None:
+        """Join ROS 2.
+
+        Raises:
+            Ros2Error: ROS 2 rejects the settings, such as the domain.
+        """
+        connection = Connection(
+            self, self._domain, self._discovery.on_change, use_callbacks=self._use_callbacks
+        )
+        self._connection = connection
+        for participant in self._participants:
+            connection.node_of(participant.owner)
+        self._discovery.open(connection)
+        self._ros_topics.open(connection)
+        self._ros_services.open(connection)
+        connection.wakeups.start()
+        if isinstance(self.clock, RosTime):
+            # No node of the graph, which would be listed.
+            self._time_source = self.make_participant(f"/_rwt_clock_{os.getpid()}")
+            self.clock.follow(self._time_source)
+        logger.info("joined ROS 2 in domain %d", connection.domain)
+
+    async def __aexit__(self, *exc: object) -> None:
+        try:
+            self._close_participants()
+            if self._time_source is not None:
+                self._time_source.close()
+        finally:
+            connection, self._connection = self._connection, None
+            self._discovery.close()
+            self._ros_topics.close()
+            self._ros_services.close()
+            try:
+                if connection is not None:
+                    connection.close()
+            finally:
+                await super().__aexit__(*exc)

@@ -1,0 +1,224 @@
+"""Discovery: nodes and endpoints of other processes, read from ROS 2's view of the graph."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
+from rwt.extensions.ros2 import qos as profiles
+from rwt.extensions.ros2.connection import Connection, now
+from rwt.extensions.ros2.rcl import GID_BYTES
+from rwt_graph.memory.endpoint_types import EndpointTypes
+from rwt_graph.memory.topics import RemoteEndpoint
+from rwt_graph.names import namespace_of
+
+if TYPE_CHECKING:
+    from rwt.extensions.ros2.services import Ros2Services
+    from rwt.extensions.ros2.topics import Ros2Topics
+    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_participant.qos import QoS
+
+#: Name that ROS 2 reports until it knows the node of an endpoint.
+_UNKNOWN_NODE: Final = "_NODE_NAME_UNKNOWN_"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEndpoint:
+    """Publisher or subscription, as ROS 2 reports it.
+
+    Attributes:
+        node: absolute name; empty if it is not known yet, or if the program has no ROS node.
+        type_hash: `RIHS01_…`; empty if the other program does not announce one, as before Iron.
+    """
+
+    gid: bytes
+    topic: str
+    node: str
+    type_name: str
+    type_hash: str
+    qos: QoS
+    publishes: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The ROS graph at one time.
+
+    Attributes:
+        time: when the reading began.
+        nodes: number of nodes by name, without hidden ones.
+        services: node, name and type of each service.
+    """
+
+    time: float
+    nodes: Counter[str]
+    endpoints: dict[bytes, FoundEndpoint]
+    services: frozenset[tuple[str, str, str]]
+
+
+class Discovery:
+    """Discovery that keeps the tables of a graph in step with ROS 2."""
+
+    def __init__(self, graph: MemoryGraph, topics: Ros2Topics, services: Ros2Services) -> None:
+        self._graph = graph
+        self._services = services
+        self._topics = graph.topic_table
+        self._ros_topics = topics
+        self._connection: Connection | None = None
+        self._nodes: Counter[str] = Counter()
+        self._endpoints: dict[bytes, tuple[FoundEndpoint, RemoteEndpoint]] = {}
+        self._types = EndpointTypes(graph.registry)
+
+    def open(self, connection: Connection) -> None:
+        """Add what is known, and follow later changes."""
+        self._connection = connection
+        self._ros_topics.find_publishers = self._find_publishers
+        self.apply(read(connection))
+
+    def close(self) -> None:
+        """Ignore changes from now on."""
+        self._connection = None
+
+    def on_change(self) -> None:
+        """Read the graph, on the thread that waits for its changes."""
+        connection = self._connection
+        if connection is not None:
+            self._graph.run_on_graph(partial(self.apply, read(connection)))
+
+    def apply(self, snapshot: Snapshot) -> None:
+        """Adapt the tables, on the graph's thread."""
+        connection = self._connection
+        if connection is None:
+            return
+        self._apply_nodes(snapshot.nodes - connection.own_nodes())
+        connection.forget_closed(snapshot.time)
+        found = {each.gid: each for each in _of_others(connection, snapshot.endpoints.values())}
+        self._apply_endpoints(found)
+        own = connection.own_services
+        self._services.apply(each for each in snapshot.services if each[:2] not in own)
+
+    def _apply_nodes(self, nodes: Counter[str]) -> None:
+        for name in (nodes - self._nodes).elements():
+            self._graph.node_joined(name)
+        for name in (self._nodes - nodes).elements():
+            self._graph.node_left(name)
+        self._nodes = nodes
+
+    def _apply_endpoints(self, found: Mapping[bytes, FoundEndpoint]) -> None:
+        changed: dict[str, None] = {}
+        for gid, each in found.items():
+            if gid not in self._endpoints or self._endpoints[gid][0] != each:
+                self._add(each)
+                changed[each.topic] = None
+        for gid in self._endpoints.keys() - found.keys():
+            each, endpoint = self._endpoints.pop(gid)
+            self._ros_topics.publishers.pop(gid, None)
+            self._topics.remote_left(each.topic, endpoint)
+            changed[each.topic] = None
+        for topic in changed:
+            self._ros_topics.follow(topic)
+
+    def _add(self, found: FoundEndpoint) -> None:
+        earlier = self._endpoints.get(found.gid)
+        known = self._types.find(found.type_name, found.type_hash, found.topic, found.node)
+        endpoint = RemoteEndpoint(found.node, found.type_name, known, found.qos)
+        if earlier is not None:
+            endpoint.cache = earlier[1].cache
+        self._endpoints[found.gid] = (found, endpoint)
+        if found.publishes:
+            self._ros_topics.publishers[found.gid] = endpoint
+        # Joined before the earlier one leaves, so that the topic keeps its type.
+        self._topics.remote_joined(found.topic, endpoint, publishes=found.publishes)
+        if earlier is not None:
+            self._topics.remote_left(found.topic, earlier[1])
+
+    def _find_publishers(self, topic: str) -> None:
+        connection = self._connection
+        if connection is None:
+            return
+        for each in _of_others(connection, _publishers(connection, topic)):
+            if each.gid not in self._endpoints:
+                self._add(each)
+
+
+def read(connection: Connection) -> Snapshot:
+    """Read the ROS graph; safe from any thread."""
+    began = now()
+    names = [
+        _absolute(name, namespace) for name, namespace in connection.node.get_node_names_and_namespaces()
+    ]
+    endpoints: dict[bytes, FoundEndpoint] = {}
+    for topic, _ in _rclpy.rclpy_get_topic_names_and_types(connection.node, False):
+        for each in (*_publishers(connection, topic), *_subscriptions(connection, topic)):
+            endpoints[each.gid] = each
+    nodes = Counter(name for name in names if not _is_hidden(name))
+    services = frozenset(each for name in {*names} for each in _services(connection, name))
+    return Snapshot(began, nodes, endpoints, services)
+
+
+def _services(connection: Connection, node: str) -> Iterator[tuple[str, str, str]]:
+    try:
+        found = _rclpy.rclpy_get_service_names_and_types_by_node(
+            connection.node, node.rpartition("/")[2], namespace_of(node)
+        )
+    except _rclpy.NodeNameNonExistentError:
+        return  # Left while the graph is read.
+    for service, types in found:
+        for type_name in types:
+            yield node, service, type_name
+
+
+def _publishers(connection: Connection, topic: str) -> Iterator[FoundEndpoint]:
+    infos = _rclpy.rclpy_get_publishers_info_by_topic(connection.node, topic, False)
+    return _found(topic, infos, publishes=True)
+
+
+def _subscriptions(connection: Connection, topic: str) -> Iterator[FoundEndpoint]:
+    infos = _rclpy.rclpy_get_subscriptions_info_by_topic(connection.node, topic, False)
+    return _found(topic, infos, publishes=False)
+
+
+def _found(topic: str, infos: Iterable[Mapping[str, Any]], *, publishes: bool) -> Iterator[FoundEndpoint]:
+    for info in infos:
+        is_known = info["node_name"] != _UNKNOWN_NODE
+        yield FoundEndpoint(
+            bytes(info["endpoint_gid"])[:GID_BYTES],
+            topic,
+            _absolute(info["node_name"], info["node_namespace"]) if is_known else "",
+            info["topic_type"],
+            _hash_text(info["topic_type_hash"]),
+            profiles.from_ros(info["qos_profile"]),
+            publishes,
+        )
+
+
+def _hash_text(type_hash: Mapping[str, Any]) -> str:
+    version: int = type_hash["version"]
+    return f"RIHS{version:02}_{type_hash['value'].hex()}" if version == 1 else ""
+
+
+def _absolute(name: str, namespace: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def _is_hidden(node: str) -> bool:
+    return node.rpartition("/")[2].startswith("_")
+
+
+def _of_others(connection: Connection, found: Iterable[FoundEndpoint]) -> Iterator[FoundEndpoint]:
+    """Yield the endpoints of other processes."""
+    own = Counter(names for names, _ in connection.own_subscriptions.values())
+    for each in found:
+        names = (each.node, each.topic)
+        if each.publishes:
+            if each.gid in connection.own_gids:
+                continue
+        elif own[names]:
+            own[names] -= 1
+            continue
+        yield each

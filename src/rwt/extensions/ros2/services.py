@@ -1,0 +1,296 @@
+"""Services of this process on ROS 2, and calls of services in other processes."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Iterable
+from functools import partial
+from typing import TYPE_CHECKING
+
+from rwt.extensions.ros2.connection import Connection, now
+from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt_graph.api import OnReply, PendingCall, ServiceInfo
+from rwt_graph.errors import Ros2Error
+from rwt_graph.memory.remote_services import RemoteServiceTable
+from rwt_graph.memory.services import MemoryCall, MemoryProvider, Services
+from rwt_graph.memory.tables import NodeResources
+from rwt_interfaces.errors import InterfaceError, InvalidMessage
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.serialise.unpack import compile_decoder
+from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
+from rwt_participant.errors import CallFailed
+
+if TYPE_CHECKING:
+    from rwt.extensions.ros2.rcl import RequestId
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.registry import Registry
+    from rwt_participant.timers import Timer
+
+logger = logging.getLogger(__name__)
+
+#: Maximum requests or responses per turn, so that a flood on one service does not block the event loop.
+_BATCH = 64
+
+#: Maximum unanswered requests of other processes to one service.
+_MOST_OPEN = 1000
+
+#: Maximum unanswered requests to a service of another process: the depth of ROS 2's services by default. A
+#: service loses the requests above its depth, and their callers would wait for ever.
+_MOST_SENT = 10
+
+#: Seconds without an answer, after which a service is sent more requests in spite of that.
+_STALLED_SECONDS = 2.0
+
+#: Seconds between two looks at a service that is known, but not connected yet.
+_CONNECT_SECONDS = 0.02
+
+
+class Server:
+    """Service of one provider of this process."""
+
+    def __init__(self, connection: Connection, provider: MemoryProvider, services: Services) -> None:
+        self._connection = connection
+        self._provider = provider
+        self._services = services
+        self._raw = connection.service(provider.owner, provider.name, provider.type)
+        self._decode = compile_decoder(provider.type.request, FOLLOWED_CDR)
+        self._wakeup = connection.wakeups.add("service", self._raw.endpoint, self._take_batch)
+        self._names = (provider.owner.name, provider.name)
+        connection.own_services[self._names] = float("inf")
+        self._callers = NodeResources("/_remote", private=True)
+        self._closed = False
+
+    def _take_batch(self) -> bool:
+        for _ in range(_BATCH):
+            taken = self._raw.take()
+            if taken is None:
+                return False
+            self._serve(*taken)
+            if self._closed:
+                return False
+        return True
+
+    def _serve(self, request_id: RequestId, data: bytes) -> None:
+        provider = self._provider
+        if len(provider.open) >= _MOST_OPEN:
+            logger.warning("a request to %s is dropped: %d are unanswered", provider.name, _MOST_OPEN)
+            return
+        try:
+            request = Payload(provider.type.request, self._decode(data))
+        except InvalidMessage as error:
+            logger.warning("a request to %s from another process is dropped: %s", provider.name, error)
+            return
+        self._services.call(provider.name, request, partial(self._answer, request_id), None, self._callers)
+
+    def _answer(self, request_id: RequestId, answer: Payload | CallFailed) -> None:
+        if isinstance(answer, CallFailed):
+            # ROS 2's services have no errors: the caller's timeout is its answer.
+            logger.warning(
+                "a call of %s from another process is not answered: %s", self._provider.name, answer
+            )
+        elif not self._closed:
+            self._raw.answer(request_id, answer.cdr())
+
+    def close(self) -> None:
+        """Take no more requests."""
+        self._closed = True
+        self._connection.wakeups.remove(self._wakeup)
+        self._raw.endpoint.destroy_when_not_in_use()
+        self._connection.own_services[self._names] = now()
+
+
+class Client:
+    """Client of one node for one service of other processes.
+
+    Requests wait here until the service is connected and has answered earlier ones.
+    """
+
+    def __init__(self, connection: Connection, owner: NodeResources, info: ServiceInfo, clock: Clock) -> None:
+        self._connection = connection
+        self._clock = clock
+        self._response = info.type.response
+        self._raw = connection.client(owner, info.name, info.type)
+        self._decode = compile_decoder(self._response, FOLLOWED_CDR)
+        self._wakeup = connection.wakeups.add("client", self._raw.endpoint, self._take_batch)
+        self._waiting: deque[MemoryCall] = deque()
+        # Open calls by number; those that count as the service's load are in `_load`.
+        self._sent: dict[int, MemoryCall] = {}
+        self._load: set[int] = set()
+        self._answers = 0
+        self._timer: Timer | None = None
+        self._closed = False
+
+    def ask(self, call: MemoryCall) -> None:
+        """Send a request, now or later."""
+        self._waiting.append(call)
+        self.send_waiting()
+
+    def send_waiting(self) -> None:
+        """Send the requests that the service can take."""
+        delay = _STALLED_SECONDS
+        while self._waiting and len(self._load) < _MOST_SENT:
+            if not self._raw.endpoint.service_server_is_available():
+                delay = _CONNECT_SECONDS
+                break
+            call = self._waiting.popleft()
+            if not call.done:
+                self._send(call)
+        if self._waiting and self._timer is None:
+            self._answers = 0
+            self._timer = self._clock.call_later(delay, self._look_again)
+
+    def _look_again(self) -> None:
+        self._timer = None
+        if not self._answers:
+            self._load.clear()
+        self.send_waiting()
+
+    def _send(self, call: MemoryCall) -> None:
+        try:
+            number = self._raw.send(call.request.cdr())
+        except Ros2Error as error:
+            call.end_with(CallFailed(str(error)))
+            return
+        self._sent[number] = call
+        self._load.add(number)
+        call.on_end = partial(self._ended, number)
+
+    def _ended(self, number: int) -> None:
+        del self._sent[number]
+        self._load.discard(number)
+        self.send_waiting()
+
+    def _take_batch(self) -> bool:
+        for _ in range(_BATCH):
+            taken = self._raw.take()
+            if taken is None:
+                return False
+            number, data = taken
+            self._answers += 1
+            # A call that has ended is no longer there; so is one that another provider has answered.
+            call = self._sent.get(number)
+            if call is not None:
+                self._reply(call, data)
+            if self._closed:
+                return False
+        return True
+
+    def _reply(self, call: MemoryCall, data: bytes) -> None:
+        try:
+            response = Payload(self._response, self._decode(data))
+        except InvalidMessage as error:
+            call.fail(f"the answer of {call.service} is not a {self._response.name}: {error}")
+        else:
+            call.reply(response)
+
+    def close(self) -> None:
+        """Send and receive nothing more; the calls have ended, or end later without an answer."""
+        self._closed = True
+        if self._timer is not None:
+            self._timer.cancel()
+        self._waiting.clear()
+        self._connection.wakeups.remove(self._wakeup)
+        self._raw.endpoint.destroy_when_not_in_use()
+
+
+class Ros2Services:
+    """Offers the services of this process to ROS 2, and calls those of others."""
+
+    def __init__(self, services: Services, registry: Registry, clock: Clock) -> None:
+        self._services = services
+        self._registry = registry
+        self._clock = clock
+        self._connection: Connection | None = None
+        self._servers: dict[MemoryProvider, Server] = {}
+        self._clients: dict[tuple[NodeResources, str], Client] = {}
+        self._found: frozenset[tuple[str, str, str]] = frozenset()
+        self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
+        self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
+        self._unknown: set[str] = set()
+
+    def open(self, connection: Connection) -> None:
+        """Offer every service of this process."""
+        self._connection = connection
+        for provider in self._services:
+            self.offered(provider)
+
+    def close(self) -> None:
+        """Close every endpoint; open calls end."""
+        self._remote.close()
+        for identity in tuple(self._clients):
+            self._forget_client(identity)
+        for server in self._servers.values():
+            server.close()
+        self._servers.clear()
+        self._connection = None
+
+    # Services of this process
+
+    def offered(self, provider: MemoryProvider) -> None:
+        connection = self._connection
+        if connection is None or provider.owner.private:
+            return
+        try:
+            self._servers[provider] = Server(connection, provider, self._services)
+        except NotInstalled as error:
+            connection.note_missing(provider.name, error)
+
+    def withdrawn(self, provider: MemoryProvider) -> None:
+        server = self._servers.pop(provider, None)
+        if server is not None:
+            server.close()
+
+    # Services of other processes
+
+    def apply(self, found: Iterable[tuple[str, str, str]]) -> None:
+        """Adapt the services of other processes to a reading of the graph: node, name and type of each."""
+        found = frozenset(found)
+        for key in sorted(found - self._found):
+            node, name, type_name = key
+            try:
+                type = self._registry.service(type_name)
+            except InterfaceError as error:
+                if type_name not in self._unknown:
+                    self._unknown.add(type_name)
+                    logger.info("service %s of node %s is left out: %s", name, node, error)
+            else:
+                self._remote.found(key, ServiceInfo(name, type, node), None)
+        for key in self._found - found:
+            self._remote.lost(key, key[1])
+        self._found = found
+        for identity, client in tuple(self._clients.items()):
+            if self._remote.get(identity[1]) is None:
+                self._forget_client(identity)
+            else:
+                client.send_waiting()
+
+    def call(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
+    ) -> PendingCall | None:
+        service, connection = self._remote.get(name), self._connection
+        if service is None or connection is None:
+            return None
+        call = MemoryCall(name, request, on_reply)
+        try:
+            client = self._client(connection, caller, service.first[0])
+        except Ros2Error as error:
+            call.end_with(CallFailed(f"Service {name} cannot be called: {error}"))
+            return call
+        deadlines = self._services.deadlines
+        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
+        client.ask(call)
+        return call
+
+    def _client(self, connection: Connection, caller: NodeResources, info: ServiceInfo) -> Client:
+        identity = (caller, info.name)
+        client = self._clients.get(identity)
+        if client is None:
+            client = self._clients[identity] = Client(connection, caller, info, self._clock)
+            caller.add(client, partial(self._forget_client, identity))
+        return client
+
+    def _forget_client(self, identity: tuple[NodeResources, str]) -> None:
+        client = self._clients.pop(identity)
+        identity[0].drop(client)
+        client.close()

@@ -1,0 +1,408 @@
+"""Topics of this process on ROS 2.
+
+Each publisher has a raw publisher of its node. The subscriptions of a topic share up to two raw
+subscriptions: one for those with history, if a publisher is transient-local, and one for all else. Both
+follow the publishers, as `ros2 topic echo` does: best effort as soon as one of them is.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from functools import partial
+
+from rwt.extensions.ros2.connection import Connection, now
+from rwt.extensions.ros2.history import ALL_RETAINED, Probe, RemoteHistory
+from rwt.extensions.ros2.rcl import NO_NUMBER, RawSample
+from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt_graph.api import Sample
+from rwt_graph.clock import Clock
+from rwt_graph.errors import Ros2Error
+from rwt_graph.memory.tables import NodeResources
+from rwt_graph.memory.topics import (
+    MemoryPublisher,
+    MemorySubscription,
+    RemoteEndpoint,
+    Topic,
+    Topics,
+)
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType
+from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.qos import Durability, History, QoS, Reliability
+from rwt_participant.timers import Timer
+
+logger = logging.getLogger(__name__)
+
+#: Maximum samples per turn, so that a flood on one topic does not block the event loop.
+_BATCH = 64
+
+#: Maximum queued samples of a subscription.
+_MOST_QUEUED = 1000
+
+#: Maximum publishers of one topic whose last sequence numbers are remembered.
+_MOST_REMEMBERED = 1000
+
+#: Seconds for which a probe waits for samples that a publisher sent while it began.
+_PROBE_SECONDS = 0.1
+
+#: Seconds between two probes if publishers send while they run: at first, and at most.
+_SHORTEST_PROBE_DELAY, _LONGEST_PROBE_DELAY = 0.05, 10.0
+
+OnRaw = Callable[["RawSample"], None]
+
+
+class Reader:
+    """Raw subscription of one topic.
+
+    Args:
+        owner: node that it belongs to.
+        on_raw: called on the graph's thread with each sample.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        topic: str,
+        type: MessageType,
+        owner: NodeResources,
+        qos: QoS,
+        on_raw: OnRaw,
+    ) -> None:
+        self.profile = (type, owner, qos)
+        self._connection = connection
+        self._on_raw = on_raw
+        self._endpoint = connection.subscription(owner, topic, type, qos)
+        self._names = (owner.name, topic)
+        connection.own_subscriptions[self] = (self._names, float("inf"))
+        self._wakeup = connection.wakeups.add("subscription", self._endpoint, self._take_batch)
+        self._closed = False
+
+    def _take_batch(self) -> bool:
+        return self.take(_BATCH)
+
+    def take(self, most: int) -> bool:
+        """Deliver waiting samples; returns True if it has stopped at the limit."""
+        take = self._connection.take
+        for _ in range(most):
+            taken = take(self._endpoint)
+            if taken is None:
+                return False
+            self._on_raw(taken)
+            if self._closed:
+                return False
+        return True
+
+    def close(self) -> None:
+        """Receive nothing more."""
+        if not self._closed:
+            self._closed = True
+            self._connection.wakeups.remove(self._wakeup)
+            self._endpoint.destroy_when_not_in_use()
+            self._connection.own_subscriptions[self] = (self._names, now())
+
+
+class Writer:
+    """Raw publisher of one publisher of this process."""
+
+    def __init__(self, connection: Connection, publisher: MemoryPublisher, channel: Channel) -> None:
+        self._connection = connection
+        self._publisher = publisher
+        self._channel = channel
+        self._endpoint, self._gid = connection.publisher(
+            publisher.owner, publisher.topic, publisher.type, publisher.qos
+        )
+        connection.own_gids[self._gid] = float("inf")
+        if publisher.cache is None:
+            publisher.on_publish_remote = self._send_if_matched
+            return
+        # The middleware retains samples for late subscribers, so it needs every one.
+        for sample in publisher.cache.samples():
+            self._send(sample)
+        publisher.on_publish_remote = self._send
+
+    def _send_if_matched(self, sample: Sample) -> None:
+        # Encode only for remote subscribers; readers of this process match, too.
+        if self._endpoint.get_subscription_count() > len(self._channel.readers):
+            self._send(sample)
+
+    def _send(self, sample: Sample) -> None:
+        self._endpoint.publish_raw(sample.payload.cdr())
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._publisher.on_publish_remote = None
+        self._endpoint.destroy_when_not_in_use()
+        self._connection.own_gids[self._gid] = now()
+
+
+class Channel:
+    """Endpoints of one topic on ROS 2.
+
+    Attributes:
+        writers: raw publishers by publisher.
+        readers: raw subscription with history, and the one without.
+        last: last sequence number by GID, of the subscription with history and the one without.
+        probe: running probe of retained samples; `probe_timer` ends it, or starts the next one after
+            `probe_delay` seconds if a publisher disturbed it.
+    """
+
+    def __init__(self) -> None:
+        self.writers: dict[MemoryPublisher, Writer] = {}
+        self.readers: dict[bool, Reader] = {}
+        self.last: dict[bool, dict[bytes, int]] = {True: {}, False: {}}
+        self.probe: Reader | None = None
+        self.probe_timer: Timer | None = None
+        self.probe_delay = _SHORTEST_PROBE_DELAY
+
+    def end_probe(self) -> None:
+        """Stop probing."""
+        if self.probe is not None:
+            self.probe.close()
+            self.probe = None
+        if self.probe_timer is not None:
+            self.probe_timer.cancel()
+            self.probe_timer = None
+
+    @property
+    def empty(self) -> bool:
+        """True if no endpoint exists."""
+        return not (self.writers or self.readers)
+
+
+class Ros2Topics:
+    """Topics of this process, offered to ROS 2, and received samples.
+
+    Attributes:
+        publishers: publishers of other processes, by GID.
+        find_publishers: reads the publishers of a topic at once, for a sample that overtook their discovery.
+    """
+
+    def __init__(self, topics: Topics, clock: Clock) -> None:
+        self.publishers: dict[bytes, RemoteEndpoint] = {}
+        self.find_publishers: Callable[[str], None] = lambda _: None
+        self._topics = topics
+        self._clock = clock
+        self._is_simulated = not clock.is_real
+        self._connection: Connection | None = None
+        self._channels: dict[str, Channel] = {}
+        self._warned: set[str] = set()
+
+    def open(self, connection: Connection) -> None:
+        """Offer every topic of this process."""
+        self._connection = connection
+        for topic in self._topics.all():
+            self.changed(topic)
+
+    def close(self) -> None:
+        """Close every endpoint."""
+        for channel in self._channels.values():
+            for writer in channel.writers.values():
+                writer.close()
+            self._close_readers(channel)
+        self._channels.clear()
+        self._connection = None
+
+    @staticmethod
+    def _close_readers(channel: Channel) -> None:
+        for reader in channel.readers.values():
+            reader.close()
+        channel.readers.clear()
+        channel.end_probe()
+
+    def follow(self, name: str) -> None:
+        """Adapt the endpoints of a topic to its publishers in other processes."""
+        topic = self._topics.find(name)
+        if topic is not None:
+            self.changed(topic)
+
+    def changed(self, topic: Topic) -> None:
+        connection = self._connection
+        if connection is None:
+            return
+        channel = self._channels.setdefault(topic.name, Channel())
+        try:
+            self._follow_publishers(connection, topic, channel)
+            self._follow_subscribers(connection, topic, channel)
+        except Ros2Error as error:
+            is_used = topic.remote_publishers or topic.remote_subscribers
+            if isinstance(error, NotInstalled) and not is_used:
+                # Only this process uses the topic, such as the server's own nodes.
+                connection.note_missing(topic.name, error)
+            elif topic.name not in self._warned:
+                self._warned.add(topic.name)
+                logger.warning("%s is not exchanged with ROS 2: %s", topic.name, error)
+        if channel.empty:
+            self._channels.pop(topic.name, None)
+
+    def _follow_publishers(self, connection: Connection, topic: Topic, channel: Channel) -> None:
+        for publisher in channel.writers.keys() - set(topic.publishers):
+            channel.writers.pop(publisher).close()
+        for publisher in topic.publishers:
+            if publisher not in channel.writers and not publisher.owner.private:
+                channel.writers[publisher] = Writer(connection, publisher, channel)
+
+    def _follow_subscribers(self, connection: Connection, topic: Topic, channel: Channel) -> None:
+        wanted = _profiles(topic)
+        for history in (True, False):
+            reader = channel.readers.get(history)
+            profile = wanted.get(history)
+            if reader is not None and reader.profile == profile:
+                continue
+            if profile is not None:
+                type, owner, qos = profile
+
+                on_raw = partial(self._receive, topic, channel, type, history=history)
+                if history:
+                    # Subscriptions with history have received these from the other reader.
+                    channel.last[True].update(channel.last[False])
+                # Before the old one is closed, so that no sample is lost; duplicates are recognised.
+                channel.readers[history] = Reader(connection, topic.name, type, owner, qos, on_raw)
+            if reader is not None:
+                reader.take(_MOST_QUEUED)
+                reader.close()
+            if profile is None:
+                channel.readers.pop(history, None)
+                if history:
+                    # These no longer follow the publishers.
+                    for publisher in topic.remote_publishers:
+                        publisher.cache = None
+                    channel.last[True].clear()
+                    channel.end_probe()
+
+    def _receive(
+        self,
+        topic: Topic,
+        channel: Channel,
+        type: MessageType,
+        raw: RawSample,
+        *,
+        history: bool,
+    ) -> None:
+        connection = self._connection
+        gid, number = raw.gid, raw.number
+        if connection is None or gid in connection.own_gids:
+            return
+        publisher = self.publishers.get(gid)
+        if publisher is None:
+            self.find_publishers(topic.name)
+            publisher = self.publishers.get(gid)
+        sample = self._sample(topic, type, raw, publisher)
+        if history and publisher is not None:
+            if not isinstance(publisher.cache, RemoteHistory):
+                publisher.cache = RemoteHistory(publisher.qos, self._clock)
+            publisher.cache.put(sample, number)
+            if publisher.cache.wants_probe:
+                self._probe(connection, topic, channel)
+        last = channel.last[history]
+        if number != NO_NUMBER:
+            if number <= last.get(gid, 0):
+                return
+            last[gid] = number
+            if len(last) > _MOST_REMEMBERED:
+                del last[next(iter(last))]
+        has_other = (
+            not history and True in channel.readers and publisher is not None and is_latched(publisher)
+        )
+        for subscription in topic.subscribers:
+            if _takes(subscription, history=history, has_other=has_other):
+                subscription.deliver(sample)
+
+    def _sample(
+        self,
+        topic: Topic,
+        type: MessageType,
+        raw: RawSample,
+        publisher: RemoteEndpoint | None,
+    ) -> Sample:
+        stamp = self._clock.time_ns() if self._is_simulated else raw.stamp_ns
+        payload = Payload.relayed_cdr(type, raw.data)
+        if publisher is None:
+            return Sample(topic.name, payload, stamp, "")
+        lifespan = publisher.qos.lifespan
+        expires = stamp + round(lifespan * NANOSECONDS) if lifespan else 0
+        return Sample(topic.name, payload, stamp, publisher.node, expires)
+
+    def _retry_probe(self, connection: Connection, topic: Topic, channel: Channel) -> None:
+        channel.probe_timer = None
+        self._probe(connection, topic, channel)
+
+    def _probe(self, connection: Connection, topic: Topic, channel: Channel) -> None:
+        """Find out how many samples the publishers retain, if a sample has made that possible."""
+        if channel.probe is not None or channel.probe_timer is not None:
+            return
+        unknown = [
+            (gid, publisher.cache)
+            for gid, publisher in self.publishers.items()
+            if publisher in topic.remote_publishers
+            and isinstance(publisher.cache, RemoteHistory)
+            and publisher.cache.wants_probe
+        ]
+        if not unknown:
+            return
+        probe = Probe(unknown)
+        type, owner, _ = channel.readers[True].profile
+
+        def receive(raw: RawSample) -> None:
+            is_complete = probe.receive(raw.gid, raw.number)
+            if is_complete and channel.probe_timer is None:
+                # Later, to see whether a publisher was sending.
+                channel.probe_timer = self._clock.call_later(_PROBE_SECONDS, finish)
+
+        def finish() -> None:
+            for each in (reader, channel.readers[True]):
+                each.take(_MOST_QUEUED)
+            channel.end_probe()
+            if probe.finish():
+                channel.probe_delay = _SHORTEST_PROBE_DELAY
+                return
+            retry = partial(self._retry_probe, connection, topic, channel)
+            channel.probe_timer = self._clock.call_later(channel.probe_delay, retry)
+            channel.probe_delay = min(2 * channel.probe_delay, _LONGEST_PROBE_DELAY)
+
+        reader = channel.probe = Reader(connection, topic.name, type, owner, ALL_RETAINED, receive)
+
+
+def _takes(subscription: MemorySubscription, *, history: bool, has_other: bool) -> bool:
+    """Return True if a subscription takes a sample from the reader with or without history."""
+    return subscription.wants_history if history else not (has_other and subscription.wants_history)
+
+
+def is_latched(publisher: RemoteEndpoint) -> bool:
+    """Return True if a publisher retains samples."""
+    return publisher.qos.durability is Durability.TRANSIENT_LOCAL
+
+
+def _profiles(topic: Topic) -> dict[bool, tuple[MessageType, NodeResources, QoS]]:
+    """Return type, owner and QoS of each needed reader: with history, and without."""
+    subscriptions = [s for s in topic.subscribers if not s.owner.private]
+    if topic.type is None or not subscriptions:
+        return {}
+    latched = [p for p in topic.remote_publishers if is_latched(p)]
+    others = [p for p in topic.remote_publishers if not is_latched(p)]
+    with_history = [s for s in subscriptions if s.wants_history]
+    profiles = {}
+    if latched and with_history:
+        qos = QoS(
+            depth=ALL_RETAINED.depth,
+            reliability=_reliability(latched, with_history),
+            durability=Durability.TRANSIENT_LOCAL,
+        )
+        profiles[True] = (topic.type, with_history[0].owner, qos)
+    if others or not latched or len(with_history) < len(subscriptions):
+        keep_all = any(s.qos.history is History.KEEP_ALL for s in subscriptions)
+        depth = _MOST_QUEUED if keep_all else min(_MOST_QUEUED, max(s.qos.depth for s in subscriptions))
+        qos = QoS(depth=depth, reliability=_reliability(topic.remote_publishers, subscriptions))
+        profiles[False] = (topic.type, subscriptions[0].owner, qos)
+    return profiles
+
+
+def _reliability(
+    publishers: list[RemoteEndpoint] | tuple[RemoteEndpoint, ...], subscriptions: list[MemorySubscription]
+) -> Reliability:
+    best_effort = Reliability.BEST_EFFORT
+    if any(p.qos.reliability is best_effort for p in publishers):
+        return best_effort
+    return (
+        best_effort if all(s.qos.reliability is best_effort for s in subscriptions) else Reliability.RELIABLE
+    )

@@ -1,0 +1,14 @@
+"""Graph over Eclipse Zenoh, compatible with ROS 2's rmw_zenoh: many processes and hosts, one graph.
+
+Needs the extra `zenoh`. A :class:`ZenohGraph` is used like a
+:class:`~rwt_graph.memory.graph.MemoryGraph`; its nodes and endpoints are visible to all connected processes::
+
+    async with ZenohGraph(connect=["tcp/10.0.0.7:7447"]) as graph:
+        node = graph.node("talker")
+"""
+
+from rwt.extensions.zenoh.backend import ZenohGraph
+from rwt.extensions.zenoh.session import ZenohOptions
+from rwt_graph.errors import ZenohError
+
+__all__ = ["ZenohError", "ZenohGraph", "ZenohOptions"]

@@ -1,5 +1,0 @@
-"""A simulated robot, written on the public graph API as a user would write one."""
-
-from rwt.nodes.demo.robot import DemoRobot
-
-__all__ = ["DemoRobot"]

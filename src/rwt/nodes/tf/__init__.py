@@ -1,5 +1,0 @@
-"""tf2_web_republisher: transforms that a page requests, at its rate and only if they have moved."""
-
-from rwt.nodes.tf.republisher import Tf2WebRepublisher
-
-__all__ = ["Tf2WebRepublisher"]

@@ -1,0 +1,134 @@
+"""One client's subscriptions of one topic: several requests, one delivery (SUB-04)."""
+
+from __future__ import annotations
+
+import logging
+
+from rwt.access.client_graph import ClientGraph
+from rwt.delivery.drop_notices import DeadlineWatch, DropNotices, NoticeFlow
+from rwt.delivery.fanout import EncodedStream, Fanout
+from rwt.delivery.throttle import Room, Throttle
+from rwt.rosbridge.ops.qos import history_depth, qos_request
+from rwt.rosbridge.reply import Replies
+from rwt_protocol import ops
+from rwt_protocol.codecs import Encoding
+from rwt_protocol.ops import Status
+
+#: Maximum throttle rate in milliseconds (three hundred centuries); larger ones count as this.
+_LONGEST_THROTTLE = 10**15
+
+
+class ClientSubscription:
+    """Subscriptions of one client under one spelling of a topic's name, by id.
+
+    The smallest `throttle_rate` (SUB-05), `queue_length` (X06) and `fragment_size` (SUB-07) apply, and the
+    strongest requested encoding (SUB-08).
+    """
+
+    def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout, room: Room) -> None:
+        self._name = name
+        self.fanout = fanout
+        self._graph = graph
+        self._requests: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
+        clock = graph.clock
+        self._clock = clock
+        notices = self._notices = NoticeFlow(replies.sink, name)
+
+        def notify(text: str) -> None:  # Not a method: that would be a reference cycle.
+            frame = replies.session.answer(Status(level="warning", msg=text))
+            if frame is not None:
+                notices.send(frame)
+
+        self._drops = DropNotices(
+            name,
+            fanout.counts,
+            graph.counters,
+            clock,
+            notify,
+            lambda text: replies.log(logging.INFO, text),
+        )
+        self._flow = replies.sink.flow(name, on_drop=self._drops.dropped, time_ns=clock.time_ns)
+        self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, room)
+        self._encoding: Encoding | None = None
+        self._stream: EncodedStream | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """True if no subscription is left."""
+        return not self._requests
+
+    def has(self, id_: str | int | None) -> bool:
+        """Return True if there is a subscription with this id."""
+        return id_ in self._requests
+
+    def put(self, op: ops.Subscribe, encoding: Encoding) -> None:
+        """Add a subscription, or replace the one of the same id (SUB-09).
+
+        A new one receives the latched samples (SUB-13), the first also those of the publisher's first second
+        (ADV-08).
+        """
+        is_first, is_new = not self._requests, op.id not in self._requests
+        self._requests[op.id] = (op, encoding)
+        stream = self._apply()
+        if is_new:
+            self._replay(stream, history_depth(op), startup=is_first)
+
+    def _replay(self, stream: EncodedStream, most: int | None, *, startup: bool) -> None:
+        """Send latched samples, at most that many of the newest; None means all."""
+        if most == 0:
+            return
+        kept = self.fanout.subscription.history()
+        if startup:
+            kept += self._graph.startup_samples(self.fanout)
+        for sample in kept if most is None else kept[-most:]:
+            stream.replay(sample, self._throttle)
+
+    def drop(self, id_: str | int | None) -> bool:
+        """End the subscription of that id, or all. Returns False if there was none."""
+        if id_ is not None and id_ not in self._requests:
+            return False
+        if id_ is None or len(self._requests) == 1:
+            self.close()
+        else:
+            del self._requests[id_]
+            self._apply()
+            self._graph.unsubscribe(self.fanout)
+        return True
+
+    def close(self) -> None:
+        """Stop the flow and drop the samples in the throttle (DIS-01, THR-07)."""
+        count = len(self._requests)
+        self._requests.clear()
+        self._throttle.close()
+        self._flow.close()
+        self._drops.close()
+        self._notices.close()
+        self._leave()
+        self._graph.unsubscribe(self.fanout, count)
+
+    def _apply(self) -> EncodedStream:
+        requests = self._requests.values()
+        encoding = max((encoding for _, encoding in requests), key=lambda encoding: encoding.precedence)
+        self._throttle.cut_to(min((op.fragment_size for op, _ in requests if op.fragment_size), default=0))
+        rate = min(*(max(0, op.throttle_rate) for op, _ in requests), _LONGEST_THROTTLE) / 1000
+        self._throttle.configure(rate, min(op.queue_length for op, _ in requests))
+        self._apply_qos([op for op, _ in requests])
+        if encoding is self._encoding and self._stream is not None:
+            self._stream.sort()
+            return self._stream
+        self._leave()
+        self._encoding = encoding
+        self._stream = self.fanout.join(self._throttle, self._name, encoding)
+        return self._stream
+
+    def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:
+        info = self._graph.topic(self.fanout.topic)
+        rules, lifespan_ns, deadline = qos_request(subscriptions, info.publishers if info else ())
+        self._flow.configure(rules)
+        watch = DeadlineWatch(self._clock, deadline, self._drops.deadline_missed) if deadline else None
+        self._throttle.watch(lifespan_ns, watch)
+
+    def _leave(self) -> None:
+        if self._encoding is not None:
+            self.fanout.leave(self._throttle, self._name, self._encoding)
+            self._encoding = None

@@ -1,0 +1,217 @@
+"""advertise, unadvertise, publish, subscribe, unsubscribe: the topics of one client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final, Never
+
+from rwt.access.client_graph import ClientGraph, ClientPublisher, UnknownTopicType
+from rwt.delivery.fanout import Fanout
+from rwt.delivery.shared_publishers import Lacks
+from rwt.delivery.throttle import Room
+from rwt.rosbridge.ops.payloads import IN_STEPS, payload_in_steps, payload_of
+from rwt.rosbridge.ops.qos import incompatible_policies, publisher_qos
+from rwt.rosbridge.ops.subscriptions import ClientSubscription
+from rwt.rosbridge.reply import Replies
+from rwt_graph.names import resolve
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.serialise.json import REJECTIONS
+from rwt_interfaces.structs import MessageType
+from rwt_interfaces.validation.missing_fields import missing_fields
+from rwt_protocol.codecs import Encoding
+from rwt_protocol.dispatcher import Steps
+from rwt_protocol.errors import Refused
+from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
+from rwt_protocol.payloads import Decoded, Encodable, RawJson
+
+#: Maximum number of spellings under which one client subscribes to one topic, such as `/a`, `a` and `//a`.
+_MAX_SPELLINGS: Final = 4
+
+#: Maximum number of names, in any spelling, in a client's cache of publishers.
+_MAX_NAMES: Final = 4096
+
+
+class PeerTopics:
+    """Topics that one client publishes and subscribes to; `queued` bytes may wait in its throttles."""
+
+    __slots__ = (
+        "_encoding_of", "_exact", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions",
+    )  # fmt: skip
+
+    def __init__(
+        self, graph: ClientGraph, replies: Replies, encoding_of: Callable[[str], Encoding], queued: int
+    ) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._encoding_of = encoding_of
+        self._now = graph.clock.time_ns
+        self._room = Room(queued)
+        self._publishers: dict[str, ClientPublisher] = {}
+        # Publishers whose last message was passed through unchanged, by topic in UTF-8.
+        self._exact: dict[bytes, ClientPublisher] = {}
+        self._subscriptions: dict[str, ClientSubscription] = {}
+
+    def advertise(self, op: Advertise) -> None:
+        """Make the client a publisher (ADV-01 … ADV-07)."""
+        name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
+        self._forget_publisher(name)
+
+    def unadvertise(self, op: Unadvertise) -> None:
+        """Withdraw one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
+        name = resolve(op.topic)
+        if not self._graph.unadvertise(name, op.id):
+            raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
+        self._forget_publisher(name)
+
+    def publish(self, op: Publish) -> Steps | None:
+        """Check the message once and publish it (PUB-01 … PUB-09); a large one in steps."""
+        publisher = self._publishers.get(op.topic)
+        if publisher is None or op.qos is not None:
+            publisher = self._new_publisher(op)
+        raw = op.msg
+        if raw.size >= IN_STEPS:
+            return self._publish_in_steps(op, raw, publisher.type)
+        payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        if payload.is_passthrough:
+            # Checked before publishing: a subscriber in the process decodes the payload, after which it no
+            # longer counts as passed through.
+            self._exact[op.topic.encode()] = publisher
+        self._publish(op, publisher, payload)
+        return None
+
+    def publish_exact(self, topic: bytes, raw: bytes) -> bool:
+        """Publish a small message unchanged, on a topic whose last message could be passed through.
+
+        Returns False, and does nothing, if the message needs a full check.
+        """
+        publisher = self._exact.get(topic)
+        if publisher is None:
+            return False
+        type = publisher.type
+        codec = type.json
+        try:
+            checked = codec.check(raw)
+        except REJECTIONS:
+            del self._exact[topic]
+            return False
+        counts = publisher.counts
+        counts.received += 1
+        counts.received_bytes += len(raw)
+        publisher.publish(Payload(type, raw, checked=checked) if codec.has_arrays else Payload(type, raw))
+        return True
+
+    def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
+        if isinstance(raw, RawJson | Decoded):
+            payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
+        else:
+            yield  # Reading it was a step.
+            payload = payload_of(type, raw, "publish.msg", self._now)
+            yield
+            # The client's role or the topic may have changed meanwhile.
+        publisher = self._publishers.get(op.topic) or self._new_publisher(op)
+        if publisher.type is not type:
+            payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        self._publish(op, publisher, payload)
+        yield from self._graph.late_sends(publisher.topic)
+
+    def _publish(self, op: Publish, publisher: ClientPublisher, payload: Payload) -> None:
+        counts = publisher.counts
+        counts.received += 1
+        counts.received_bytes += op.msg.size
+        publisher.publish(payload)
+        if self._replies.session.wants_status("warning"):
+            self._warn_of_defaults(op, publisher.type)
+
+    def _new_publisher(self, op: Publish) -> ClientPublisher:
+        """Return the shared publisher for a new spelling of a topic, or for new policies."""
+        try:
+            publisher = self._graph.publisher(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
+        except UnknownTopicType as unknown:
+            raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
+        if op.qos is not None:
+            self._forget_publisher(publisher.topic)  # It may have replaced another publisher.
+        if len(self._publishers) >= _MAX_NAMES:
+            self.forget_publishers()
+        self._publishers[op.topic] = publisher
+        return publisher
+
+    def _warn_of_defaults(self, op: Publish, type: MessageType) -> None:
+        """Warn a client of fields left to their defaults, if it wants warnings (PUB-04)."""
+        if isinstance(op.msg, RawJson) and op.msg.dense:
+            return  # A message with missing fields that matter would have been rejected.
+        missing = missing_fields(type, op.msg.plain())
+        if missing:
+            text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
+            self._replies.send(Status(level="warning", msg=text, id=op.id))
+
+    def _forget_publisher(self, topic: str) -> None:
+        self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
+        self._exact = {name: held for name, held in self._exact.items() if held.topic != topic}
+
+    def forget_publishers(self) -> None:
+        """Check the right to publish again after a change of role."""
+        self._publishers.clear()
+        self._exact.clear()
+
+    def end_refused(self) -> None:
+        """End the subscriptions that the client's role does not allow."""
+        for name, subscription in tuple(self._subscriptions.items()):
+            if not self._graph.may_subscribe(name):
+                subscription.close()
+                del self._subscriptions[name]
+
+    def subscribe(self, op: Subscribe) -> Steps | None:
+        """Subscribe the client to a topic (SUB-01 … SUB-14); large latched samples are encoded in steps."""
+        encoding = self._encoding_of(op.compression)
+        subscription = self._subscriptions.get(op.topic)
+        is_new = subscription is None or not subscription.has(op.id)
+        try:
+            fanout = self._graph.subscribe(op.topic, op.type, is_new=is_new)
+        except UnknownTopicType as unknown:
+            raise Refused(f"subscribe: {unknown}: send `type` to wait for it") from None
+        if subscription is None:
+            self._check_spellings(fanout, op.topic)
+            subscription = self._subscriptions[op.topic] = ClientSubscription(
+                self._graph, self._replies, op.topic, fanout, self._room
+            )
+        subscription.put(op, encoding)
+        return fanout.late.steps() if fanout.late.waiting else None
+
+    def _check_spellings(self, fanout: Fanout, name: str) -> None:
+        """Reject excessive spellings of a topic: each is a stream of its own (PUB-09)."""
+        spellings = [held for held, known in self._subscriptions.items() if known.fanout is fanout]
+        if len(spellings) >= _MAX_SPELLINGS:
+            self._graph.unsubscribe(fanout)
+            raise Refused(
+                f"subscribe: {name}: this client hears of the topic under {len(spellings)} names already: "
+                f"{', '.join(sorted(spellings))}; use one of them"
+            )
+
+    def unsubscribe(self, op: Unsubscribe) -> None:
+        """End one subscription, or all of this client's for the topic (UNS-01 … UNS-04)."""
+        subscription = self._subscriptions.get(op.topic)
+        if subscription is None or not subscription.drop(op.id):
+            raise Refused(f"unsubscribe: this client has no such subscription of {op.topic}", level="warning")
+        if subscription.is_empty:
+            del self._subscriptions[op.topic]
+
+    def close(self) -> Steps:
+        """End the subscriptions; publishers end with the client's graph (DIS-01)."""
+        while self._subscriptions:
+            self._subscriptions.popitem()[1].close()
+            yield
+
+
+def _lacks(op: Advertise | Publish) -> Lacks | None:
+    """Return a function that lists a publisher's missing policies; None if the client requests none."""
+    return partial(incompatible_policies, op.qos) if op.qos else None
+
+
+HANDLERS: Final[Mapping[type[Op], Callable[[PeerTopics, Never], Steps | None]]] = {
+    Advertise: PeerTopics.advertise,
+    Unadvertise: PeerTopics.unadvertise,
+    Publish: PeerTopics.publish,
+    Subscribe: PeerTopics.subscribe,
+    Unsubscribe: PeerTopics.unsubscribe,
+}

@@ -1,6 +1,0 @@
-"""Dashboard, widgets for other pages, and layouts, over HTTP."""
-
-from rwt.web.files import MISSING, StaticFiles, find_static_files
-from rwt.web.page import WebPage, WebPageError
-
-__all__ = ["WebPage", "WebPageError", "StaticFiles", "find_static_files", "MISSING"]

@@ -1,0 +1,116 @@
+"""A robot behind a gate, on a clock that the test moves, with clients whose wire is a list."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from rwt import Settings
+from rwt.access.access import Access
+from rwt.access.gate.gate import Gate
+from rwt.rosapi import DISCLOSURES
+from rwt.rosbridge import Bridge
+from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_graph.api import Sample
+from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.registry import Registry
+from tests.core.rosbridge.recording_client import Client
+
+ROLES = ("operator", "supervisor", "agent", "admin")
+RIGHTS = {
+    act: ["*"] for act in ("publish", "subscribe", "call", "provide", "goals", "get_param", "set_param")
+}
+DRIVE: Mapping[str, Any] = {"topics": ["/cmd_vel"], "lease": {"seconds": 0.5}, "stop": {}}
+TWIST = "geometry_msgs/Twist"
+
+
+def token(role: str) -> str:
+    """The token of a role."""
+    return f"{role}-token-of-the-test"
+
+
+def settings_of(gate: Mapping[str, Any], **others: object) -> Settings:
+    """Settings with a token for each role, all of which but `admin` may do what `RIGHTS` says."""
+    tokens = {role: {"token": token(role), "role": role} for role in ROLES}
+    tokens["operator2"] = {"token": token("operator2"), "role": "operator"}
+    roles = {role: RIGHTS for role in ROLES if role != "admin"}
+    return Settings.model_validate({"auth": {"tokens": tokens}, "roles": roles, "gate": gate, **others})
+
+
+@cache
+def _registry(distro: str) -> Registry:
+    """One for all robots: its types are compiled once."""
+    return Registry(DISTROS[distro])
+
+
+class GatedRobot:
+    """A robot that notes what it is told on `/cmd_vel`.
+
+    Attributes:
+        heard: the velocities forwards, each with the node that published it.
+        samples: all of them whole.
+    """
+
+    def __init__(
+        self,
+        rules: Mapping[str, Any],
+        distro: str = "jazzy",
+        clock: SimulatedClock | None = None,
+        **gate: Any,
+    ) -> None:
+        self.clock = clock or SimulatedClock(1_700_000_000 * 10**9)
+        self.graph = MemoryGraph(_registry(distro), self.clock)
+        self.node = Node(self.graph, "robot")
+        self.heard: list[tuple[float, str]] = []
+        self.samples: list[Sample] = []
+        self.graph.participant("/base").subscribe(
+            "/cmd_vel", self._on_sample, self.graph.registry.message(TWIST)
+        )
+        settings = settings_of({"rules": rules, **gate})
+        self.access = Access(self.graph, settings, DISCLOSURES)
+        self.bridge = Bridge(self.graph, settings, self.access)
+
+    def _on_sample(self, sample: Sample) -> None:
+        value: Any = sample.payload.value()
+        self.heard.append((value.linear.x, sample.node))
+        self.samples.append(sample)
+
+    @property
+    def gate(self) -> Gate:
+        """Of the server."""
+        assert self.access.gate is not None
+        return self.access.gate
+
+    def take(self) -> list[tuple[float, str]]:
+        """Return the messages received since the last call."""
+        heard, self.heard = self.heard, []
+        return heard
+
+    def client(self, role: str = "operator", user_agent: str = "") -> Client:
+        """One more client, which is told of warnings and errors."""
+        headers = {"authorization": f"Bearer {token(role)}", "user-agent": user_agent}
+        client = Client(self.bridge, headers=headers)
+        client.say("set_level", level="warning")
+        return client
+
+
+def drive(client: Client, speed: float, topic: str = "/cmd_vel", **fields: object) -> str:
+    """Publish a velocity; returns what the client is told, empty if nothing."""
+    client.say("publish", topic=topic, type=TWIST, msg={"linear": {"x": speed, **fields}, "angular": {}})
+    return " ".join(
+        str(each["msg"]) for each in client.heard() if each["op"] == "status" and each["level"] == "error"
+    )
+
+
+def call(client: Client, service: str, **args: object) -> dict[str, Any]:
+    """Call a service that answers at once; returns its answer."""
+    client.say("call_service", service=service, args=args)
+    (answer,) = (each for each in client.heard() if each["op"] == "service_response")
+    assert answer["result"], answer
+    values: dict[str, Any] = answer["values"]
+    return values
+
+
+CLIENT = "/rosbridge_websocket"
+GATE = "/gate"

@@ -1,0 +1,472 @@
+"""One gate for all gateways of a server: who drives over one protocol keeps those of the others from it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from typing import Any
+
+import anyio
+import httpx
+import pytest
+
+from rwt import Server, connect
+from rwt.extensions.foxglove.gateway import FoxgloveGateway
+from rwt.extensions.foxglove.settings import FoxgloveSettings
+from rwt.extensions.http.clients import MAX_SESSIONS
+from rwt_client import Robot
+from rwt_graph import Node
+from tests.core.access.gated_robot import DRIVE, GatedRobot, call, drive, settings_of, token
+from tests.core.rosbridge.recording_client import Client
+from tests.extensions.foxglove.viewer import Viewer
+from tests.extensions.mcp.agents import agent_at, url_of
+from tests.waiting import until
+
+RULE = {**DRIVE, "emergency": True}
+
+
+@pytest.fixture
+def robot() -> GatedRobot:
+    return GatedRobot({"drive": RULE})
+
+
+@pytest.fixture
+def viewer(robot: GatedRobot) -> Iterator[Viewer]:
+    """A client over Foxglove's protocol, which advertises velocities."""
+    gateway = FoxgloveGateway(robot.graph, robot.access, FoxgloveSettings())
+    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
+    viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
+    viewer.heard()
+    yield viewer
+    gateway.close()
+
+
+def _publish(viewer: Viewer, speed: float) -> str:
+    viewer.publish(json.dumps({"linear": {"x": speed}}).encode())
+    return " ".join(viewer.statuses())
+
+
+def test_two_protocols_never_both_drive(robot: GatedRobot, viewer: Viewer) -> None:
+    client = robot.client()
+    assert drive(client, 0.25) == ""
+    assert "/cmd_vel is held by rosbridge:1 (role operator)" in _publish(viewer, -1.0)
+    robot.clock.advance(0.5)
+    assert [speed for speed, _ in robot.take()] == [0.25, 0.0]
+    assert _publish(viewer, 0.125) == ""
+    assert "/cmd_vel is held by foxglove:1 (role operator)" in drive(client, -1.0)
+    assert [speed for speed, _ in robot.take()] == [0.125]
+
+
+def test_a_stop_over_one_protocol_holds_over_the_others(robot: GatedRobot, viewer: Viewer) -> None:
+    assert _publish(viewer, 0.125) == ""
+    call(robot.client(), "/gate/stop")
+    assert "the emergency stop is on" in _publish(viewer, 0.125)
+    assert [speed for speed, _ in robot.take()] == [0.125, 0.0]
+
+
+def test_a_viewer_that_goes_stops_the_robot(robot: GatedRobot, viewer: Viewer) -> None:
+    _publish(viewer, 0.125)
+    viewer.leave()
+    assert [speed for speed, _ in robot.take()] == [0.125, 0.0]
+
+
+@pytest.mark.anyio
+async def test_a_request_over_http_does_not_drive_what_another_holds() -> None:
+    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
+    async with Server("ws://127.0.0.1:0", gate=gate) as server:
+        heard: list[float] = []
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+        base = server.urls[0].replace("ws", "http", 1)
+        async with connect(server.urls[0]) as one, httpx.AsyncClient(base_url=base) as http:
+            taken = await one.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
+            assert taken.success
+            refused = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
+            assert (refused.status_code, "is held by rosbridge:1" in refused.text) == (403, True)
+            assert heard == []
+
+
+@pytest.mark.anyio
+async def test_an_agent_publishes_no_longer_than_the_lease_without_a_word() -> None:
+    gate = {"rules": {"drive": RULE}}
+    mcp = {"default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, gateways=["mcp"], mcp=mcp) as server:
+        server.node("base").subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        async with agent_at(url_of(server)) as agent:
+            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}, "rate": 50}
+            refused = await agent.call_tool("publish", {**asked, "seconds": 0.6})
+            assert refused.is_error
+            assert "(safety gate) lasts 0.5 s" in str(refused.content)
+            assert not (await agent.call_tool("publish", {**asked, "seconds": 0.1})).is_error
+
+
+@pytest.mark.anyio
+async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> None:
+    tokens = {name: {"token": f"{name}-token-of-the-test", "role": "driver"} for name in ("one", "two")}
+    roles = {"driver": {"publish": ["*"], "call": ["*"]}}
+    asked = {"services": ["/blink"], "approval": {"roles": ["admin"], "remember_seconds": 60}}
+    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}, "asked": asked}}
+    auth = {"tokens": tokens, "default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, auth=auth, roles=roles) as server:
+        heard: list[float] = []
+        done: list[object] = []
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+
+        def blink(request: object) -> dict[str, bool]:
+            done.append(request)
+            return {"success": True}
+
+        node.advertise_service("/blink", "std_srvs/SetBool", blink)
+        base = server.urls[0].replace("ws", "http", 1)
+        one, two = ({"Authorization": f"Bearer {name}-token-of-the-test"} for name in ("one", "two"))
+        async with httpx.AsyncClient(base_url=base) as http:
+            for _ in range(3):
+                driving = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}}, headers=one)
+                refused = await http.post("/api/topics/cmd_vel", json={"linear": {"x": -0.5}}, headers=two)
+                assert (driving.status_code, refused.status_code) == (204, 403)
+                assert "is held by http:1" in refused.text
+            assert heard == [0.5] * 3
+            # An approval of one is not valid for the other.
+            waiting: list[list[str]] = []
+            node.subscribe(
+                "/gate/approvals",
+                lambda message: waiting.append([each.id for each in message.approvals]),
+                "rwt_gate_msgs/Approvals",
+            )
+
+            async def ask(headers: dict[str, str]) -> None:
+                await http.post("/api/services/blink", json={"data": True}, headers=headers)
+
+            async with connect(server.urls[0]) as admin, anyio.create_task_group() as tasks:
+                tasks.start_soon(ask, one)
+                await until(lambda: ["1"] in waiting)
+                approval = {"id": "1", "approve": True, "seconds": 60.0}
+                assert (await admin.call("/gate/approve", approval, "rwt_gate_msgs/Approve")).success
+                await ask(one)
+                assert len(done) == 2
+                tasks.start_soon(ask, two)
+                await until(lambda: ["2"] in waiting)
+                assert len(done) == 2
+                refused_too = {"id": "2", "approve": False, "seconds": 0.0}
+                await admin.call("/gate/approve", refused_too, "rwt_gate_msgs/Approve")
+
+
+CLAMP = {"linear.x": {"max": 0.8, "beyond": "clamp"}}
+CLAMPED = "linear.x: 0.8 in place of 2 (gate.rules.drive)"
+
+
+def test_a_client_is_told_what_was_clamped_and_what_waits() -> None:
+    approval = {"services": ["/blink"], "approval": {"roles": ["supervisor"], "seconds": 45}}
+    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
+    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}, "asked": approval, "spawn": spawn})
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
+    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    client = robot.client()
+    twist = {"linear": {"x": 2.0}}
+    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
+    client.say("call_service", service="/blink", args={"data": True})
+    client.say("call_service", service="/spawn", args={"x": 5.0})
+    told = [each["msg"] for each in client.heard() if each["op"] == "status" and each["level"] == "warning"]
+    assert [each for each in told if each.startswith("gate:")] == [
+        f"gate: publish /cmd_vel: {CLAMPED}",
+        "gate: call /blink: waiting for approval by supervisor (45 s left, id 1)",
+        "gate: call /spawn: x: 1 in place of 5 (gate.rules.spawn)",
+    ]
+    client.say("set_level", level="error")
+    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
+    assert client.heard() == []
+
+
+TWIST, SPAWN, FIBONACCI = "geometry_msgs/Twist", "turtlesim/Spawn", "example_interfaces/Fibonacci"
+REQUESTS: dict[str, dict[str, Any]] = {
+    "topic": {"linear": {"x": 5.0}},
+    "service": {"x": 5.0},
+    "action": {"order": 5},
+    "parameter": {"name": "/base:asked", "value": "2.0"},
+}
+
+
+async def _over_rosbridge(server: Server, kind: str, name: str) -> str:
+    client = Client(server.bridge, headers={"authorization": f"Bearer {token('agent')}"})
+    client.say("set_level", level="warning")
+    request = REQUESTS[kind]
+    ops: dict[str, dict[str, Any]] = {
+        "topic": {"op": "publish", "topic": name, "type": TWIST, "msg": request},
+        "service": {"op": "call_service", "service": name, "args": request},
+        "action": {"op": "send_action_goal", "action": name, "action_type": FIBONACCI, "args": request},
+        "parameter": {"op": "call_service", "service": "/rosapi/set_param", "args": request},
+    }
+    client.say(**ops[kind])
+    told = " ".join(each["msg"] for each in client.heard() if each["op"] == "status")
+    client.leave()
+    return told
+
+
+async def _over_foxglove(server: Server, kind: str, name: str) -> str:
+    gateway = FoxgloveGateway(server.graph, server.bridge.access)
+    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('agent')}"})
+    request = json.dumps(REQUESTS[kind]).encode()
+    if kind == "topic":
+        viewer.advertise(name, "geometry_msgs/msg/Twist")
+        viewer.heard()
+        viewer.publish(request)
+    else:
+        viewer.call(name, request)
+    told = " ".join(viewer.statuses())
+    gateway.close()
+    return told
+
+
+async def _over_http(server: Server, kind: str, name: str) -> str:
+    headers = {"Authorization": f"Bearer {token('agent')}"}
+    async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1), headers=headers) as http:
+        if kind == "parameter":
+            answer = await http.put("/api/parameters/base:asked", json=2.0)
+        else:
+            end = "/goals" if kind == "action" else ""
+            answer = await http.post(f"/api/{kind}s{name}{end}", json=REQUESTS[kind])
+    return f"{answer.headers.get('gate-notice')} {answer.text}"
+
+
+async def _over_mcp(server: Server, kind: str, name: str) -> str:
+    tools: dict[str, tuple[str, dict[str, Any]]] = {
+        "topic": ("publish", {"topic": name, "message": REQUESTS[kind]}),
+        "service": ("call_service", {"service": name, "request": REQUESTS[kind], "timeout": 0.1}),
+        "action": ("send_goal", {"action": name, "goal": REQUESTS[kind]}),
+    }
+    async with agent_at(url_of(server), token=token("agent")) as agent:
+        return str((await agent.call_tool(*tools[kind])).content)
+
+
+@pytest.mark.parametrize(
+    ("over", "kind", "says_what_waits"),
+    [
+        (_over_rosbridge, "topic", "under id 1: send it again"),
+        (_over_rosbridge, "service", "waiting for approval by supervisor (45 s left"),
+        (_over_rosbridge, "action", "waiting for approval by supervisor (45 s left"),
+        (_over_rosbridge, "parameter", "waiting for approval by supervisor (45 s left"),
+        (_over_foxglove, "topic", "under id 1: send it again"),
+        (_over_foxglove, "service", "waiting for approval by supervisor (45 s left"),
+        (_over_http, "topic", "under id 1: send it again"),
+        (_over_http, "service", "waiting for approval by supervisor (4"),
+        (_over_http, "action", "waiting for approval by supervisor (4"),
+        (_over_http, "parameter", "waiting for approval by supervisor (4"),
+        (_over_mcp, "topic", "under id 1: send it again"),
+        (_over_mcp, "service", "waiting for approval by supervisor (45 s left"),
+        (_over_mcp, "action", ""),
+    ],
+)
+@pytest.mark.anyio
+async def test_every_gateway_tells_what_was_clamped_and_what_waits(
+    over: Callable[[Server, str, str], Awaitable[str]], kind: str, says_what_waits: str
+) -> None:
+    """Table: gateway by kind of request."""
+    beyond = {"max": 1, "beyond": "clamp"}
+    rules = {
+        "clamp": {"topics": ["/clamp"], "type": TWIST, "fields": {"linear.x": beyond}},
+        "clamp_service": {"services": ["/clamp"], "fields": {"x": beyond}},
+        "clamp_action": {"actions": ["/clamp"], "fields": {"order": beyond}},
+        "asked": {
+            "topics": ["/asked"],
+            "services": ["/asked"],
+            "actions": ["/asked"],
+            "parameters": ["*:asked"],
+            "type": TWIST,
+            "approval": {"roles": ["supervisor"], "seconds": 45},
+        },
+    }
+    settings = settings_of({"rules": rules}, gateways=("http", "mcp"))
+    async with Server("ws://127.0.0.1:0", settings=settings) as server:
+        node = server.node("base")
+        node.parameters.declare("asked", 1.0)
+        for name in ("/clamp", "/asked"):
+            node.advertise(name, TWIST)
+            node.advertise_service(name, SPAWN, lambda _: {})
+            node.advertise_action(name, FIBONACCI, _count)
+        if kind != "parameter":
+            assert "1 in place of 5 (gate.rules.clamp" in await over(server, kind, "/clamp")
+        if says_what_waits:
+            assert says_what_waits in await over(server, kind, "/asked")
+
+
+async def _count(goal: Any) -> dict[str, list[int]]:
+    return {"sequence": [1]}
+
+
+def test_a_foxglove_client_is_told_what_was_clamped() -> None:
+    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}})
+    gateway = FoxgloveGateway(robot.graph, robot.access, FoxgloveSettings())
+    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
+    viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
+    viewer.heard()
+    assert f"publish /cmd_vel: {CLAMPED}" in _publish(viewer, 2.0)
+    assert _publish(viewer, 2.0) == "", "not for each message"
+    gateway.close()
+
+
+@pytest.mark.anyio
+async def test_results_over_http_and_mcp_tell_what_was_clamped() -> None:
+    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
+    gate = {"rules": {"drive": {**RULE, "fields": CLAMP}, "spawn": spawn}}
+    mcp = {"default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, gateways=["http", "mcp"], mcp=mcp) as server:
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+            answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 2.0}})
+            assert (answer.status_code, answer.json()) == (200, {"gate": [f"publish /cmd_vel: {CLAMPED}"]})
+            answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
+            assert (answer.status_code, answer.content) == (204, b"")
+            answer = await http.post("/api/services/spawn", json={"x": 5.0})
+            assert answer.headers["gate-notice"] == "call /spawn: x: 1 in place of 5 (gate.rules.spawn)"
+            await http.post("/api/services/gate/release_lease", json={"topic": "/cmd_vel"})
+        async with agent_at(url_of(server)) as agent:
+            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "rate": 20, "seconds": 0.2}
+            answered = str((await agent.call_tool("publish", asked)).content)
+            assert answered.count(CLAMPED) == 1
+            answered = str(
+                (await agent.call_tool("call_service", {"service": "/spawn", "request": {"x": 5}})).content
+            )
+            assert "x: 1 in place of 5 (gate.rules.spawn)" in answered
+
+
+@pytest.mark.anyio
+async def test_programs_with_one_token_do_not_alternate_commands_over_http() -> None:
+    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
+    async with Server("ws://127.0.0.1:0", gate=gate) as server:
+        server.node("base").subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+
+            async def drive_as(**headers: str) -> int:
+                names = {name.replace("_", "-"): value for name, value in headers.items()}
+                return (await http.post("/api/topics/cmd_vel", json={}, headers=names)).status_code
+
+            assert await drive_as(RWT_Session="one", User_Agent="a") == 204
+            assert await drive_as(RWT_Session="one", User_Agent="b") == 204
+            assert await drive_as(RWT_Session="two", User_Agent="a") == 403
+            assert await drive_as(User_Agent="a") == 403
+            assert await drive_as(RWT_Session="no spaces") == 400
+            answers = [await drive_as(RWT_Session=f"s{number}") for number in range(MAX_SESSIONS)]
+            assert answers[-1] == 429
+            assert await drive_as(User_Agent="one more") == 403
+            for session in ("one more", "s-more"):
+                stop = await http.post("/api/services/gate/stop", json={}, headers={"RWT-Session": session})
+                assert stop.json()["success"], session
+            await http.post("/api/services/gate/release_stop", json={})
+            assert await drive_as(RWT_Session="one") == 204
+
+
+class Approvals:
+    """A robot whose commands over HTTP require approval, and an administrator.
+
+    Attributes:
+        http: client of the agent.
+        others: client of others.
+    """
+
+    def __init__(self, node: Node, admin: Robot, http: httpx.AsyncClient, others: httpx.AsyncClient) -> None:
+        self.node = node
+        self.http = http
+        self.others = others
+        self._admin = admin
+
+    async def answer(self, *, approve: bool = True) -> None:
+        """Answer the first request, once it waits."""
+        request = {"id": "1", "approve": approve}
+        with anyio.fail_after(10):
+            while True:
+                if (await self._admin.call("/gate/approve", request, "rwt_gate_msgs/Approve")).success:
+                    return
+                await anyio.sleep(0.01)
+
+
+@pytest.fixture
+async def approvals() -> AsyncIterator[Approvals]:
+    """A server whose rule requires approval of a service, an action and parameters."""
+    asked = {
+        "services": ["/blink", "/rosapi/set_param"],
+        "actions": ["/count"],
+        "approval": {"roles": ["admin"], "seconds": 45},
+    }
+    tokens = {"agent": {"token": "agent-token-of-the-test", "role": "agent"}}
+    rights = {act: ["*"] for act in ("call", "goals", "get_param", "set_param")}
+    auth = {"tokens": tokens, "default_role": "admin"}
+    async with Server(
+        "ws://127.0.0.1:0", gate={"rules": {"asked": asked}}, auth=auth, roles={"agent": rights}
+    ) as server:
+        node = server.node("base")
+        node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True, "message": "done"})
+        node.parameters.declare("speed", 1.0)
+
+        async def execute(goal: Any) -> dict[str, list[int]]:
+            return {"sequence": [1]}
+
+        node.advertise_action("/count", "example_interfaces/Fibonacci", execute)
+        base = server.urls[0].replace("ws", "http", 1)
+        agent = {"Authorization": "Bearer agent-token-of-the-test"}
+        async with (
+            connect(server.urls[0]) as admin,
+            httpx.AsyncClient(base_url=base, headers=agent) as http,
+            httpx.AsyncClient(base_url=base) as others,
+        ):
+            yield Approvals(node, admin, http, others)
+
+
+@pytest.mark.anyio
+async def test_a_call_that_waits_for_approval_over_http_is_answered_at_once(approvals: Approvals) -> None:
+    http = approvals.http
+    waiting = await http.post("/api/services/blink", json={"data": True})
+    state = waiting.json()
+    assert (waiting.status_code, state["state"], state["approval"]["roles"]) == (202, "waiting", ["admin"])
+    assert re.fullmatch(
+        r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)", state["reason"]
+    )
+    where = waiting.headers["location"]
+    assert (await http.get(where)).status_code == 202
+    assert (await approvals.others.get(where)).status_code == 404, "another client's call"
+    await approvals.answer()
+    for _ in range(2):
+        done = await http.get(where)
+        assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
+
+
+@pytest.mark.anyio
+async def test_a_client_may_wait_for_approval_over_http(approvals: Approvals) -> None:
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(approvals.answer)
+        patient = {"Prefer": "wait=20"}
+        done = await approvals.http.post("/api/services/blink", json={"data": True}, headers=patient)
+    assert (done.status_code, done.json()["message"]) == (200, "done")
+
+
+@pytest.mark.anyio
+async def test_a_call_over_http_that_is_denied(approvals: Approvals) -> None:
+    where = (await approvals.http.post("/api/services/blink", json={"data": True})).headers["location"]
+    await approvals.answer(approve=False)
+    denied = await approvals.http.get(where)
+    assert (denied.status_code, "a person said no" in denied.text) == (502, True)
+
+
+@pytest.mark.anyio
+async def test_a_parameter_is_set_over_http_once_it_is_approved(approvals: Approvals) -> None:
+    http, parameters = approvals.http, approvals.node.parameters
+    where = (await http.put("/api/parameters/base:speed", json=2.0)).headers["location"]
+    assert parameters.get("speed") == 1.0
+    await approvals.answer()
+    assert (await http.get(where)).status_code == 200
+    assert parameters.get("speed") == 2.0
+
+
+@pytest.mark.anyio
+async def test_a_goal_over_http_starts_once_it_is_approved(approvals: Approvals) -> None:
+    goal = await approvals.http.post("/api/actions/count/goals", json={"order": 1})
+    state = goal.json()
+    assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "1")
+    await approvals.answer()
+    with anyio.fail_after(10):
+        while state["state"] != "succeeded":
+            await anyio.sleep(0.01)
+            state = (await approvals.http.get(goal.headers["location"])).json()

@@ -1,0 +1,300 @@
+"""The work that clients cause has a rate, for each and for all of an address."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import anyio
+import pytest
+
+from rwt.access.access import Access
+from rwt.access.quotas import Work
+from rwt.composition.pages import guarded
+from rwt.gateways.base import client_turns
+from rwt.rosbridge.bridge import Bridge
+from rwt.settings.models import Settings
+from rwt_graph.api import Sample
+from rwt_graph.clock import SimulatedClock
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_interfaces.distro import JAZZY
+from rwt_interfaces.registry import Registry
+from rwt_transports.endpoint import PeerInfo
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
+from rwt_transports.turns import CLIENT_SECONDS
+from tests.core.rosbridge.recording_client import Client
+
+ADDRESS = "192.0.2.1"
+#: One message makes the server work so long.
+LONG = 0.06
+TEXT = "x" * 1100
+
+
+class BusyClock(SimulatedClock):
+    """A clock on which work takes time."""
+
+    def __init__(self) -> None:
+        super().__init__(1_700_000_000_000_000_000)
+        self.worked = 0.0
+
+    def monotonic(self) -> float:
+        return super().monotonic() + self.worked
+
+
+class Server:
+    """A bridge in which a message on `/t` makes a listener work.
+
+    Attributes:
+        heard: the texts of the messages, in the order in which they were worked on.
+    """
+
+    def __init__(self, **limits: object) -> None:
+        self.clock = BusyClock()
+        self.graph = MemoryGraph(Registry(JAZZY), self.clock)
+        settings = Settings.model_validate({"limits": {"work_burst": 0.1, "work_per_second": 0.5, **limits}})
+        self.access = Access(self.graph, settings)
+        self.bridge = Bridge(self.graph, settings, self.access)
+        self.heard: list[str] = []
+        self.graph.participant("/listener").subscribe("/t", self._work)
+
+    def _work(self, sample: Sample) -> None:
+        string: Any = sample.payload.value()
+        text: str = string.data
+        self.clock.worked += 0.4 * CLIENT_SECONDS if text.startswith("short") else LONG
+        self.heard.append(text)
+
+    def client(self, address: str = ADDRESS) -> Client:
+        return Client(self.bridge, address)
+
+    def work_of(self, address: str) -> Work:
+        return self.access.reader(PeerInfo("http", address)).work
+
+
+def _read(client: Client, *texts: str) -> None:
+    """Messages in one read of the connection."""
+    client.received += 1
+    for text in texts:
+        op = {"op": "publish", "topic": "/t", "type": "std_msgs/String", "msg": {"data": text}}
+        client.endpoint.receive(json.dumps(op).encode(), False)
+
+
+@contextmanager
+def _turn(server: Server) -> Iterator[None]:
+    """Run the block in one turn of the event loop, and then the next turn."""
+    yield
+    server.clock.advance(0.0)
+
+
+def _exhaust(server: Server, client: Client) -> None:
+    """Cause more work than the rate allows."""
+    for number in range(3):
+        with _turn(server):
+            _read(client, f"exhausting {number}")
+    server.heard.clear()
+
+
+def test_all_work_is_counted_for_the_client_its_address_and_the_server() -> None:
+    server = Server()
+    client, other = server.client(), server.client()
+    _read(client, "a")
+    _read(other, "b", "c")
+    server.clock.advance(1.0)
+    assert client.peer.graph.work.seconds == pytest.approx(LONG)
+    assert other.peer.graph.work.seconds == pytest.approx(2 * LONG)
+    assert server.work_of(ADDRESS).seconds == pytest.approx(3 * LONG)
+    assert server.access.work.seconds["messages"] == pytest.approx(3 * LONG)
+
+
+def test_small_work_is_counted_with_the_next_and_at_the_end() -> None:
+    server = Server()
+    client = server.client()
+    _read(client, "short")
+    assert client.peer.graph.work.seconds == 0.0
+    _read(client, "short", "short")
+    assert client.peer.graph.work.seconds == pytest.approx(1.2 * CLIENT_SECONDS)
+    _read(client, "short")
+    client.leave()
+    assert server.work_of(ADDRESS).seconds == pytest.approx(1.6 * CLIENT_SECONDS)
+
+
+def test_beyond_its_rate_one_client_of_them_all_has_a_turn() -> None:
+    server = Server()
+    clients = [server.client() for _ in range(4)]
+    _exhaust(server, clients[0])
+    honest = server.client("192.0.2.2")
+    with _turn(server):
+        for number, client in enumerate(clients):
+            _read(client, f"of {number}")
+        _read(honest, "honest")
+    # That the address is beyond its rate is seen by each of them when its own work is counted.
+    assert server.heard.index("honest") <= 4
+    server.heard.clear()
+    waits = server.access.work.waits
+    with _turn(server):
+        for number, client in enumerate(clients):
+            _read(client, f"again of {number}")
+        _read(honest, "honest")
+        assert server.heard == ["again of 0", "honest"], "one turn for all of them"
+    assert server.heard[2:] == ["again of 1", "again of 2", "again of 3"], "each in a turn of its own"
+    assert server.access.work.waits - waits == 3
+
+
+def test_a_client_alone_beyond_its_rate_loses_nothing() -> None:
+    server = Server()
+    client = server.client()
+    _exhaust(server, client)
+    for number in range(5):
+        with _turn(server):
+            _read(client, f"short {number}", f"short {number}b")
+    assert len(server.heard) == 10
+    assert server.access.work.waits == 0
+
+
+def test_who_causes_no_more_work_is_within_its_rate_after_a_while() -> None:
+    server = Server()
+    one, two = server.client(), server.client()
+    _exhaust(server, one)
+    _exhaust(server, two)
+    server.clock.advance(10.0)
+    with _turn(server):
+        _read(one, "short one")
+        _read(two, "short two")
+        assert server.heard == ["short one", "short two"]
+
+
+def test_what_came_first_is_done_first_by_those_who_wait() -> None:
+    server = Server()
+    clients = [server.client() for _ in range(3)]
+    for client in clients:
+        _exhaust(server, client)
+    with _turn(server):
+        for name, client in zip("abc", clients, strict=True):
+            _read(client, *(f"short {name}{number}" for number in range(4)))
+    for _ in range(20):
+        server.clock.advance(0.0)
+    for name in "abc":
+        own = [text for text in server.heard if text[6] == name]
+        assert own == [f"short {name}{number}" for number in range(4)]
+
+
+def test_a_client_that_leaves_while_it_waits_does_nothing_more() -> None:
+    server = Server()
+    one, two = server.client(), server.client()
+    _exhaust(server, one)
+    _exhaust(server, two)
+    with _turn(server):
+        _read(one, "one")
+        _read(two, "two")
+        two.leave()
+    server.clock.advance(0.0)
+    assert server.heard == ["one"]
+
+
+def test_clients_of_this_machine_have_a_rate_each_and_none_together() -> None:
+    server = Server()
+    one, two = server.client("127.0.0.1"), server.client("127.0.0.1")
+    _exhaust(server, one)
+    assert one.peer.graph.work.excess > 0.0
+    assert two.peer.graph.work.excess == 0.0
+    assert server.work_of("127.0.0.1").excess == 0.0
+
+
+def test_a_network_of_ipv6_is_one_address() -> None:
+    server = Server()
+    _exhaust(server, server.client("2001:db8::1"))
+    assert server.work_of("2001:db8::2").excess > 0.0
+    assert server.work_of("2001:db8:0:1::1").excess == 0.0
+
+
+def test_without_a_rate_nothing_waits() -> None:
+    server = Server(work_per_second=0)
+    one, two = server.client(), server.client()
+    _exhaust(server, one)
+    _exhaust(server, two)
+    with _turn(server):
+        _read(one, "one")
+        _read(two, "two")
+        assert server.heard == ["one", "two"]
+    assert server.access.work.seconds["messages"] == pytest.approx(8 * LONG)
+
+
+def test_pages_are_counted_and_refused_beyond_the_rate() -> None:
+    server = Server()
+
+    def page(request: HttpRequest, reader: object) -> HttpResponse:
+        server.clock.worked += 0.2
+        return HttpResponse(b"page")
+
+    handler = guarded(server.access, page, Audience.ADMITTED)
+
+    def ask(address: str) -> HttpResponse:
+        response = handler(HttpRequest("GET", "/", address=address))
+        assert isinstance(response, HttpResponse)
+        return response
+
+    assert ask(ADDRESS).status == 200
+    refused = ask(ADDRESS)
+    assert refused.status == 429
+    assert isinstance(refused.body, bytes)
+    assert b"more than 0.5 seconds of work a second (limits.work_per_second)" in refused.body
+    assert refused.headers["Retry-After"] == "1"
+    assert ask("192.0.2.2").status == 200
+    assert [ask("127.0.0.1").status for _ in range(5)] == [200] * 5
+    server.clock.advance(1.0)
+    assert ask(ADDRESS).status == 200
+    assert server.access.work.refused == 1
+    assert server.access.work.seconds["pages"] == pytest.approx(8 * 0.2)
+
+
+@pytest.mark.anyio
+async def test_a_page_waits_for_a_turn_that_is_not_full() -> None:
+    server = Server()
+    turns = client_turns(server.clock)
+    handler = guarded(
+        server.access, lambda request, reader: HttpResponse(b"page"), Audience.ADMITTED, turns=turns
+    )
+    request = HttpRequest("GET", "/", address=ADDRESS)
+    assert isinstance(handler(request), HttpResponse)
+    turns.note(1.0)
+    waiting = handler(request)
+    assert not isinstance(waiting, HttpResponse)
+    answers: list[HttpResponse] = []
+
+    async def wait() -> None:
+        answers.append(await waiting)
+
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(wait)
+        await anyio.wait_all_tasks_blocked()
+        assert not answers
+        server.clock.advance(0.0)
+    assert answers[0].body == b"page"
+
+
+def test_messages_and_pages_are_one_account() -> None:
+    server = Server()
+    _exhaust(server, server.client())
+    handler = guarded(server.access, lambda request, reader: HttpResponse(), Audience.ADMITTED)
+    response = handler(HttpRequest("GET", "/", address=ADDRESS))
+    assert isinstance(response, HttpResponse) and response.status == 429
+
+
+def test_what_is_kept_stays_charged_while_clients_of_other_addresses_come() -> None:
+    server = Server(kept_bytes=4000)
+    client = server.client()
+    server.client("192.0.2.7")  # until now nothing was charged to the first address
+    for number in range(3):
+        client.say(
+            "publish", topic=f"/l{number}", type="std_msgs/String", msg={"data": "x" * 1100}, latch=True
+        )
+    client.leave()
+    server.client("192.0.2.8")
+    again = server.client()
+    again.say("set_level", level="error")
+    for number in range(3, 7):
+        again.say(
+            "publish", topic=f"/l{number}", type="std_msgs/String", msg={"data": "x" * 1100}, latch=True
+        )
+    assert "limits.kept_bytes" in str(again.heard())

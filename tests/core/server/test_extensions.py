@@ -1,0 +1,275 @@
+"""Extensions: entry points of an installed distribution, used by name in settings and on the command line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rwt import Server, SettingsError, connect
+from rwt.cli import main
+from rwt.composition.gateways import GATEWAYS
+from rwt.composition.nodes import NODES
+from rwt.settings import models
+from rwt_client import Robot
+from rwt_protocol import codecs
+from rwt_transports import BadUrl
+from rwt_transports.schemes import SCHEMES, parse_connect_url
+
+ENTRY_POINTS = """\
+[rwt.commands]
+dance = stage.commands:add_dance_command
+faint = stage.commands:missing
+serve = stage.commands:add_dance_command
+
+[rwt.gateways]
+shouting = tests.core.server.test_gateways:Shouting
+fainting = stage.missing:Gateway
+
+[rwt.nodes]
+lamp = stage.lamp:Lamp
+
+[rwt.graphs]
+stage = stage.graph:StageGraph
+
+[rwt.codecs]
+msgpack = stage.msgpack:ENCODING
+clash = stage.msgpack:CLASH
+
+[rwt.transports]
+netstring = stage.netstring:SCHEME
+broken = stage.lamp:Lamp
+"""
+
+MODULES = {
+    "__init__": "",
+    "commands": """
+def add_dance_command(commands):
+    parser = commands.add_parser("dance", description="Dance.")
+    parser.add_argument("--times", type=int, default=1)
+    verbs = parser.add_subparsers()
+    verbs.add_parser("waltz").set_defaults(run=lambda arguments: print("waltz", arguments.times) or 0)
+""",
+    "lamp": """
+class Lamp:
+    def __init__(self, graph):
+        self._node = graph.participant("/lamp")
+        self._node.advertise("/light", graph.registry.message("std_msgs/Bool"))
+    def close(self):
+        self._node.close()
+""",
+    "graph": """
+from rwt_graph import MemoryGraph
+
+class StageGraph(MemoryGraph):
+    pass
+""",
+    "msgpack": """
+from dataclasses import replace
+import msgspec
+from rwt_protocol.codecs import ENCODINGS, Encoding
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_within
+from rwt_protocol.frames import Frame
+
+class MessagePack(ObjectCodec):
+    def split(self, data, limits):
+        return (members_within(msgspec.msgpack.decode(data), len(data), limits.max_depth),)
+    def frame(self, message):
+        frames.append(message["msg"]["data"])
+        return Frame(msgspec.msgpack.encode(message), binary=True)
+
+frames = []
+CODEC = MessagePack()
+FIRST = bytes((*range(0x80, 0x90), 0xDE, 0xDF))
+ENCODING = Encoding("msgpack", 1, CODEC.publish_encoder, binary=True, codec=MessagePack, first_bytes=FIRST)
+CLASH = replace(ENCODINGS["cbor"], name="clash")
+""",
+    "netstring": """
+from rwt_transports.schemes import Scheme
+from tests.core.transports.test_new_scheme import NetstringWire
+
+SCHEME = Scheme("netstring://127.0.0.1:9099", NetstringWire, NetstringWire)
+""",
+}
+
+
+@pytest.fixture
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder on the path with an installed distribution, of which nothing is imported yet."""
+    information = tmp_path / "stage-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text(
+        "Metadata-Version: 2.4\nName: stage\nVersion: 1.0\nSummary: 100 % of a show\n"
+    )
+    (information / "entry_points.txt").write_text(ENTRY_POINTS)
+    (tmp_path / "stage").mkdir()
+    for name, text in MODULES.items():
+        (tmp_path / "stage" / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    for name in imported():
+        del sys.modules[name]
+    SCHEMES.pop("netstring", None)
+    codecs._REGISTERED.pop("msgpack", None)
+    for first in [first for first, codec in codecs._BINARY.items() if codec is not codecs.cbor_codec]:
+        del codecs._BINARY[first]
+
+
+def imported() -> set[str]:
+    """The modules of the distribution that are imported now."""
+    return {name for name in sys.modules if name.partition(".")[0] == "stage"}
+
+
+async def call(robot: Robot) -> str:
+    return str((await robot.call("/beep")).message)
+
+
+def server(*urls: str, **changes: Any) -> Server:
+    """A server with a service, and a latched topic for clients."""
+    made = Server(*(urls or ("ws://127.0.0.1:0",)), **changes)
+    node = made.node("robot")
+    node.advertise("/greeting", "std_msgs/String", latch=True).publish({"data": "hello"})
+    node.advertise_service("/beep", "std_srvs/Trigger", lambda request: {"success": True, "message": "ü"})
+    return made
+
+
+def test_the_names_of_settings_are_those_of_the_tables() -> None:
+    assert (tuple(NODES), tuple(GATEWAYS)) == (models.NODES, models.GATEWAYS)
+
+
+@pytest.mark.anyio
+async def test_nothing_is_imported_because_it_is_installed(stage: Path) -> None:
+    async with server() as running, connect(running.urls[0]) as robot:
+        assert await call(robot) == "ü"
+    assert imported() == set()
+
+
+@pytest.mark.anyio
+async def test_a_gateway(stage: Path) -> None:
+    from websockets import Subprotocol
+    from websockets.asyncio.client import connect as connect_websocket
+
+    async with (
+        server(gateways=["http", "shouting"]) as running,
+        connect_websocket(running.urls[0], subprotocols=[Subprotocol("shout.v1")]) as client,
+    ):
+        await client.send("ho")
+        assert await client.recv() == "HO"
+
+
+@pytest.mark.anyio
+async def test_a_node(stage: Path) -> None:
+    async with server(nodes=["rosapi", "lamp"]) as running, connect(running.urls[0]) as robot:
+        assert "/lamp" in await robot.api.nodes()
+    assert imported() == {"stage", "stage.lamp"}
+
+
+@pytest.mark.anyio
+async def test_a_graph(stage: Path) -> None:
+    async with server(graph="stage") as running, connect(running.urls[0]) as robot:
+        assert type(running.graph).__name__ == "StageGraph"
+        assert await call(robot) == "ü"
+    with pytest.raises(SettingsError, match="`graph`: 'stage' is of one process"):
+        Server(graph="stage", workers=2)
+
+
+@pytest.mark.anyio
+async def test_an_encoding(stage: Path) -> None:
+    async with server(encodings=["msgpack"]) as running, connect(running.urls[0]) as robot:
+        assert (await robot.once("/greeting", compression="msgpack")).data == "hello"
+    assert sys.modules["stage.msgpack"].frames == ["hello"]
+    with pytest.raises(SettingsError, match=r"`encodings`: the encoding 'clash' begins with a byte of"):
+        async with server(encodings=["clash"]):
+            pass
+
+
+@pytest.mark.anyio
+async def test_a_transport(stage: Path) -> None:
+    async with server("netstring://127.0.0.1:0") as running, connect(running.urls[0]) as robot:
+        assert running.urls[0].startswith("netstring://")
+        assert await call(robot) == "ü"
+    with pytest.raises(BadUrl, match=r"'broken' of rwt\.transports is not a Scheme"):
+        parse_connect_url("broken://robot")
+    with pytest.raises(BadUrl, match=r"use one of ws://.*, broken://"):
+        parse_connect_url("braken://robot")
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"gateways": ["soap"]}, r'`gateways`: expected a list of "foxglove" .* or "shouting", got \'soap\''),
+        ({"nodes": ["lump"]}, r'`nodes`: .* or "lamp", got \'lump\''),
+        (
+            {"graph": "state"},
+            r'`graph`: expected "memory" or "ros1" .* or "zenoh" or "stage", got \'state\'',
+        ),
+        ({"encodings": ["none"]}, r'`encodings`: .* "msgpack", got \'none\''),
+    ],
+)
+def test_an_unknown_name_lists_the_known_ones(stage: Path, changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(SettingsError, match=text):
+        Server(**changes)
+    assert imported() == set()
+
+
+@pytest.mark.anyio
+async def test_a_gateway_that_cannot_be_imported(stage: Path) -> None:
+    with pytest.raises(
+        SettingsError, match=r"`gateways`: the entry point 'fainting' .* cannot be imported: No"
+    ):
+        async with server(gateways=["fainting"]):
+            pass
+
+
+def test_a_command_with_options_and_verbs(stage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "dance 100 % of a show (stage)" in text
+    assert imported() == set()
+    assert main(["dance", "--times", "3", "waltz"]) == 0
+    assert capsys.readouterr().out == "waltz 3\n"
+    assert main(["faint"]) == 2
+    assert "`rwt faint` is not available: the entry point 'faint'" in capsys.readouterr().err
+
+
+def test_a_built_in_command_cannot_be_replaced(stage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["serve", "--help"])
+    assert "--workers" in capsys.readouterr().out
+    assert imported() == set()
+
+
+def test_commands_of_a_missing_distribution_name_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rwt.cli.extension_names", lambda group: [])
+    assert [main([name, "anything"]) for name in ("run", "launch")] == [2, 2]
+    assert capsys.readouterr().err.count("pip install rwt-rclpy\n") == 2
+
+
+def test_completion_of_a_command(stage: Path) -> None:
+    def candidates(line: str) -> set[str]:
+        asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
+        asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": "/dev/stdout", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}
+        path = os.pathsep.join((str(stage), os.environ.get("PYTHONPATH", "")))
+        done = subprocess.run(
+            [sys.executable, "-m", "rwt.cli"],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            env={**os.environ, **asked, "PYTHONPATH": path},
+        )
+        assert done.stderr == ""
+        return {word.strip() for word in done.stdout.split("\v")}
+
+    assert candidates("rwt dan") == {"dance"}
+    assert candidates("rwt dance wa") == {"waltz"}
+    assert candidates("rwt dance --ti") == {"--times"}
+    assert candidates("rwt laun") == {"launch"}
+    assert candidates("rwt launch --ser") == {"--serve"}

@@ -1,0 +1,62 @@
+"""Calls and goals that outlive their requests, against stand-ins of their clients."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rwt.access.errors import QuotaExceeded
+from rwt.extensions.http.calls import Kept, KeptTable
+from rwt.extensions.http.settings import HttpSettings
+from rwt_graph import SimulatedClock
+
+
+class Client:
+    def __init__(self) -> None:
+        self.holds = 0
+        self.graph = SimpleNamespace(clock=SimulatedClock())
+
+    def hold(self) -> None:
+        self.holds += 1
+
+    def release(self) -> None:
+        self.holds -= 1
+
+
+def kept(client: Any, id: str, *, ended: bool = False) -> Kept:
+    made = Kept(client)
+    made.id, made.ended = id, ended
+    return made
+
+
+def test_a_client_at_its_limit_loses_the_oldest_that_has_ended() -> None:
+    client: Any = Client()
+    table: KeptTable[Kept] = KeptTable(HttpSettings(goals=1), "calls wait")
+    table.add(kept(client, "a", ended=True))
+    table.make_room(client)
+    second = kept(client, "b")
+    table.add(second)
+    assert (table.get("a"), table.get("b")) == (None, second)
+    with pytest.raises(QuotaExceeded, match=r"1 calls wait, and 1 is the limit \(api.goals\)"):
+        table.make_room(client)
+    table.forget(second)
+    table.forget(second)
+    assert (len(table), client.holds) == (0, 0)
+
+
+def test_what_has_ended_is_forgotten_after_a_while() -> None:
+    client: Any = Client()
+    table: KeptTable[Kept] = KeptTable(HttpSettings(goal_seconds=5), "calls wait")
+    call = kept(client, "a")
+    table.end(call)  # It is not kept.
+    table.add(call)
+    client.graph.clock.advance(10)
+    assert table.get("a") is call
+    call.ended = True
+    table.end(call)
+    client.graph.clock.advance(4)
+    assert client.holds == 1
+    client.graph.clock.advance(2)
+    assert (table.get("a"), client.holds) == (None, 0)

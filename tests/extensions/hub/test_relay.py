@@ -1,0 +1,572 @@
+"""Dial-out and hub together over loopback: robots dial in, clients come and go, and either end is lost."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from urllib.request import urlopen
+
+import anyio
+import anyio.lowlevel
+import anyio.to_thread
+import pytest
+from anyio.abc import SocketAttribute, SocketStream
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwt.extensions.hub.hub import Hub, open_hub
+from rwt.extensions.hub.relay.dial import RelayStatus, check_dial_url, dial
+from rwt.extensions.hub.relay.protocol import (
+    BadAssignment,
+    decode_assignment,
+    decode_head,
+    encode_assignment,
+    split_client_path,
+)
+from rwt_protocol.frames import Frame
+from rwt_transports import BadUrl, Limits, Refused, listen
+from rwt_transports.backoff import Backoff
+from rwt_transports.connect import connect
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.errors import ConnectError
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
+from tests.waiting import until
+
+pytestmark = pytest.mark.anyio
+
+AT_ONCE = Backoff(first=0.01, longest=0.05)
+SHORT = Limits(close_seconds=0.5)
+#: What is said of a peer that ends without a close frame: whether its connection is reset or ends is up to
+#: the library that closes it.
+CUT_OFF = ("the connection was lost", "the peer went away without a word")
+
+
+class Mailbox:
+    """An endpoint that keeps what it hears."""
+
+    def __init__(self, sink: Sink, info: PeerInfo) -> None:
+        self.sink = sink
+        self.info = info
+        self.heard: list[bytes] = []
+        self.ending: tuple[int, str] | None = None
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        self.heard.append(data)
+
+    def closed(self, code: int, reason: str) -> None:
+        self.ending = (code, reason)
+
+    async def ended(self) -> tuple[int, str]:
+        await until(lambda: self.ending is not None)
+        assert self.ending is not None
+        return self.ending
+
+
+class Echo(Mailbox):
+    """One that answers."""
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        super().receive(data, binary)
+        self.sink.send(Frame(data, binary=binary))
+
+
+class Program:
+    """A robot's accept function, which keeps its endpoints."""
+
+    def __init__(self) -> None:
+        self.clients: list[Echo] = []
+        self.refuse = ""
+
+    def __call__(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        if self.refuse:
+            raise Refused(401, self.refuse)
+        self.clients.append(Echo(sink, info))
+        return self.clients[-1]
+
+
+@asynccontextmanager
+async def client(hub: Hub, path: str, **headers: str) -> AsyncIterator[Mailbox]:
+    boxes: list[Mailbox] = []
+
+    def accept(sink: Sink, info: PeerInfo) -> Endpoint:
+        boxes.append(Mailbox(sink, info))
+        return boxes[0]
+
+    async with connect(f"{hub.url}{path}", accept, headers=headers, limits=SHORT):
+        yield boxes[0]
+
+
+@asynccontextmanager
+async def upgraded(hub: Hub, path: str) -> AsyncIterator[SocketStream]:
+    """A WebSocket that is opened, says nothing, reads nothing, and is cut off at the end."""
+    host, _, port = hub.url.removeprefix("ws://").partition(":")
+    request = (
+        f"GET {path} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    )
+    stream = await anyio.connect_tcp(host, int(port))
+    raw = stream.extra(SocketAttribute.raw_socket)
+    raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    async with stream:
+        await stream.send(request.encode())
+        yield stream
+
+
+@asynccontextmanager
+async def robot(
+    hub: Hub, program: Program, name: str = "rosie", token: str | None = None
+) -> AsyncIterator[RelayStatus]:
+    url = f"{hub.url}/robots/{name}"
+    async with dial(url, program, token=token, limits=SHORT, backoff=AT_ONCE) as status:
+        await until(lambda: status.idle == 2)
+        yield status
+
+
+# -- messages ----------------------------------------------------------------------------------------------
+
+
+async def test_each_client_has_its_own_connection_to_the_robot() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as status:
+        async with client(hub, "/rosie") as one, client(hub, "/rosie") as two:
+            one.sink.send(Frame(b'{"from":1}'))
+            two.sink.send(Frame(b"\x80two", binary=True))
+            await until(lambda: one.heard and two.heard)
+            assert (one.heard, two.heard) == ([b'{"from":1}'], [b"\x80two"])
+            assert sorted(each.heard for each in program.clients) == [[b'{"from":1}'], [b"\x80two"]]
+            assert status.clients == 2
+            await until(lambda: status.idle == 2)
+        await until(lambda: status.clients == 0)
+        assert status.connected
+
+
+async def test_more_clients_at_once_than_connections_wait() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
+        answers: list[bytes] = []
+
+        async def one(at: int) -> None:
+            async with client(hub, "/rosie") as box:
+                # Sent before there is anyone to hear it.
+                box.sink.send(Frame(b"%d" % at))
+                await until(lambda: box.heard)
+                answers.extend(box.heard)
+
+        async with anyio.create_task_group() as tasks:
+            for at in range(20):
+                tasks.start_soon(one, at)
+        assert sorted(answers, key=int) == [b"%d" % at for at in range(20)]
+
+
+async def test_the_robot_learns_who_its_client_is() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
+        async with client(hub, "/rosie/video?token=t", Authorization="Bearer abc", Origin="http://x") as box:
+            box.sink.send(Frame(b"{}"))
+            await until(lambda: box.heard)
+        info = program.clients[0].info
+        assert (info.transport, info.address, info.path) == ("dial", "127.0.0.1", "/video?token=t")
+        assert (info.headers["authorization"], info.headers["origin"]) == ("Bearer abc", "http://x")
+
+
+async def test_a_stopped_client_holds_back_the_robot_and_not_the_hub() -> None:
+    program = Program()
+    limits = Limits(close_seconds=0, control_bytes=1_000_000)
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=limits) as hub,
+        robot(hub, program),
+        upgraded(hub, "/rosie"),
+    ):
+        await until(lambda: program.clients)
+        victim = program.clients[0]
+        async with client(hub, "/rosie") as healthy:
+            for _ in range(400):
+                victim.sink.send(Frame(b"x" * 50_000))
+                await anyio.lowlevel.checkpoint()
+            healthy.sink.send(Frame(b"fine?"))
+            await until(lambda: healthy.heard)
+            # Most of it is still the robot's, whose own bounds decide what becomes of it.
+            assert victim.sink.backlog > 1_000_000
+            assert victim.ending is None
+
+
+# -- endings -----------------------------------------------------------------------------------------------
+
+
+async def test_whoever_closes_the_other_side_hears_it() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
+        async with client(hub, "/rosie") as leaving:
+            leaving.sink.send(Frame(b"{}"))
+            await until(lambda: leaving.heard)
+            leaving.sink.close(4001, "home")
+            assert await program.clients[0].ended() == (4001, "home")
+        async with client(hub, "/rosie") as staying:
+            staying.sink.send(Frame(b"{}"))
+            await until(lambda: staying.heard)
+            program.clients[1].sink.close(1008, "enough")
+            assert await staying.ended() == (1008, "enough")
+
+
+async def test_a_client_that_is_cut_off_ends_its_connection_to_the_robot() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
+        async with upgraded(hub, "/rosie"):
+            await until(lambda: program.clients)
+        # No close frame came, and 1006 may not travel.
+        code, text = await program.clients[0].ended()
+        assert code == 1001 and text in CUT_OFF
+
+
+async def test_a_robot_that_goes_closes_its_clients() -> None:
+    gone = anyio.Event()
+
+    async def serve(hub: Hub) -> None:
+        async with robot(hub, Program()):
+            await gone.wait()
+
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, anyio.create_task_group() as tasks:
+        tasks.start_soon(serve, hub)
+        await until(lambda: hub.robots)
+        async with client(hub, "/rosie") as box:
+            box.sink.send(Frame(b"{}"))
+            await until(lambda: box.heard)
+            gone.set()
+            assert await box.ended() == (1001, "the server is going away")
+        await until(lambda: not hub.robots)
+        with pytest.raises(ConnectError, match="404: no robot called 'rosie' is here"):
+            async with client(hub, "/rosie"):
+                pass
+
+
+async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
+    endings: list[tuple[int, str]] = []
+
+    async def stay(hub: Hub, opened: anyio.Event) -> None:
+        async with client(hub, "/rosie") as box:
+            opened.set()
+            endings.append(await box.ended())
+
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT, grace=0) as hub, anyio.create_task_group() as tasks:
+        async with upgraded(hub, "/robots/rosie"):
+            await until(lambda: hub.robots)
+            # The first has the only connection that there is, the second waits for one.
+            for _ in range(2):
+                opened = anyio.Event()
+                tasks.start_soon(stay, hub, opened)
+                await opened.wait()
+        await until(lambda: len(endings) == 2)
+    assert {code for code, _ in endings} == {1012}
+    without, within = sorted(text for _, text in endings)
+    assert without == "the robot rosie is gone" and within.removeprefix(f"{without}: ") in CUT_OFF
+
+
+async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
+        url = hub.url
+    async with dial(f"{url}/robots/rosie", program, backoff=AT_ONCE, limits=SHORT) as status:
+        await until(lambda: status.failures >= 3)
+        assert "the connection was refused" in status.error
+        for _ in range(2):
+            async with open_hub(url, limits=SHORT) as hub:
+                await until(lambda: status.idle == 2)
+                assert status.error == ""
+                async with client(hub, "/rosie") as box:
+                    box.sink.send(Frame(b"{}"))
+                    await until(lambda: box.heard)
+            await until(lambda: not status.connected and status.failures)
+
+
+async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixture) -> None:
+    old, new = Program(), Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
+        slow = Backoff(first=60, longest=60)
+        async with dial(f"{hub.url}/robots/rosie", old, backoff=slow, limits=SHORT) as former:
+            await until(lambda: former.idle == 2)
+            async with robot(hub, new):
+                await until(lambda: former.failures)
+                assert "4009 another program dialled in as rosie" in former.error
+                async with client(hub, "/rosie") as box:
+                    box.sink.send(Frame(b"{}"))
+                    await until(lambda: box.heard)
+                assert not old.clients
+    assert "closing the one from" in caplog.text
+
+
+# -- who is let in -----------------------------------------------------------------------------------------
+
+
+async def test_the_robot_decides_which_clients_it_takes() -> None:
+    program = Program()
+    program.refuse = "a bearer token is needed"
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as status:
+        async with client(hub, "/rosie") as box:
+            assert await box.ended() == (1008, "a bearer token is needed")
+        await until(lambda: status.clients == 0 and status.idle == 2)
+
+
+async def test_a_robot_needs_the_hubs_token() -> None:
+    secret = "0123456789abcdef"
+    async with open_hub("ws://127.0.0.1:0", tokens=[secret, "another-long-token"], limits=SHORT) as hub:
+        for wrong in (None, "0123456789abcdeg", ""):
+            async with dial(f"{hub.url}/robots/rosie", Program(), token=wrong, backoff=AT_ONCE) as status:
+                await until(lambda: status.failures)
+                assert "401" in status.error
+        assert not hub.robots
+        async with robot(hub, Program(), token=secret):
+            assert [each.name for each in hub.robots] == ["rosie"]
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "says"),
+    [
+        ("/robots/rosie", {"Origin": "http://evil.example"}, "403: robots dial in here"),
+        ("/robots/robots", {}, "400: a robot cannot be called 'robots'"),
+        ("/robots/", {}, "400: a robot cannot be called ''"),
+        ("/robots/a/b", {}, "400: a robot cannot be called 'a/b'"),
+        ("/", {}, "404: no robot called '' is here"),
+        ("/rosie", {}, "404: no robot called 'rosie' is here; GET / lists"),
+    ],
+)
+async def test_who_is_turned_away(path: str, headers: dict[str, str], says: str) -> None:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
+        with pytest.raises(ConnectError, match=says):
+            async with client(hub, path, **headers):
+                pass
+
+
+async def test_what_speaks_like_no_hub_is_let_go() -> None:
+    def accept(sink: Sink, info: PeerInfo) -> Endpoint:
+        sink.send(Frame(b'{"op":"publish"}'))
+        return Mailbox(sink, info)
+
+    async with listen("ws://127.0.0.1:0", accept, limits=SHORT) as listener:
+        url = f"{listener.url}/robots/rosie"
+        async with dial(url, Program(), backoff=AT_ONCE, limits=SHORT) as status:
+            await until(lambda: "1002 expected the assignment of a client" in status.error)
+
+
+# -- what a browser sees -----------------------------------------------------------------------------------
+
+
+async def test_the_pages_of_a_hub() -> None:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT, hosts=["hub"]) as hub, robot(hub, Program()):
+        host, _, port = hub.url.removeprefix("ws://").partition(":")
+
+        async def get(path: str) -> tuple[bytes, bytes]:
+            async with await anyio.connect_tcp(host, int(port)) as stream:
+                await stream.send(f"GET {path} HTTP/1.1\r\nHost: hub\r\nConnection: close\r\n\r\n".encode())
+                answer = b""
+                with pytest.raises(anyio.EndOfStream):
+                    while True:
+                        answer += await stream.receive()
+            head, _, body = answer.partition(b"\r\n\r\n")
+            return head.split(b" ")[1], body
+
+        status, page = await get("/")
+        assert status == b"200" and b"ws://hub/rosie" in page
+        status, listed = await get("/robots")
+        assert json.loads(listed) == {"robots": [{"name": "rosie", "path": "/rosie", "clients": 0}]}
+        status, health = await get("/healthz")
+        assert json.loads(health) == {"status": "ok", "robots": 1, "clients": 0}
+        assert (await get("/rosie"))[0] == b"308"
+        status, text = await get("/marvin")
+        assert status == b"404" and b"GET / lists" in text
+
+
+# -- pages of robots ---------------------------------------------------------------------------------------
+
+
+async def page_of(hub: Hub, path: str, *, method: str = "GET") -> tuple[int, bytes]:
+    """Status and body of a page; of a stream, so much as comes before the other side ends it."""
+    host, _, port = hub.url.removeprefix("ws://").partition(":")
+    async with await anyio.connect_tcp(host, int(port)) as stream:
+        await stream.send(
+            f"{method} {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode()
+        )
+        answer = b""
+        with anyio.fail_after(5):
+            try:
+                while True:
+                    answer += await stream.receive()
+            except anyio.EndOfStream:
+                pass
+    head, _, body = answer.partition(b"\r\n\r\n")
+    whole = b""
+    while b"chunked" in head and body:
+        size, _, rest = body.partition(b"\r\n")
+        whole += rest[: int(size, 16)]
+        body = rest[int(size, 16) + 2 :]
+    return int(head.split(b" ")[1]), whole or body
+
+
+class Endless:
+    """A stream that goes on until its reader leaves, and notes that."""
+
+    def __init__(self) -> None:
+        self.sent = 0
+        self.left = False
+
+    async def chunks(self) -> AsyncIterator[bytes]:
+        try:
+            while True:
+                self.sent += 1
+                yield b"x" * 50_000
+        finally:
+            self.left = True
+
+
+@asynccontextmanager
+async def robot_with(hub: Hub, routes: Routes) -> AsyncIterator[None]:
+    dialing = dial(f"{hub.url}/robots/rosie", Mailbox, routes=routes, limits=SHORT, backoff=AT_ONCE)
+    async with dialing as status:
+        await until(lambda: status.idle)
+        yield
+
+
+async def test_a_robots_page_links_to_the_list_of_robots() -> None:
+    def page(request: HttpRequest) -> HttpResponse:
+        return HttpResponse(b"hello", headers={"Link": '<a>; rel="next"'})
+
+    routes = Routes()
+    routes.get("/hello", page)
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_with(hub, routes):
+        url = f"{hub.url.replace('ws', 'http', 1)}/rosie/hello"
+        with await anyio.to_thread.run_sync(urlopen, url) as response:
+            assert response.headers["Link"] == '</robots>; rel="collection", <a>; rel="next"'
+
+
+async def test_a_page_comes_from_the_robot_with_what_was_asked() -> None:
+    asked: list[HttpRequest] = []
+
+    def page(request: HttpRequest) -> HttpResponse:
+        asked.append(request)
+        return HttpResponse(b"hello" * 50_000, 203, headers={"X-Own": "yes", "Connection": "close"})
+
+    async def later(request: HttpRequest) -> HttpResponse:
+        await anyio.lowlevel.checkpoint()
+        raise ValueError("on purpose")
+
+    routes = Routes()
+    routes.get("/hello", page)
+    routes.get("/fails", later)
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_with(hub, routes):
+        assert await page_of(hub, "/rosie/hello?a=1") == (203, b"hello" * 50_000)
+        (request,) = asked
+        assert (request.method, request.path, request.query) == ("GET", "/hello", "a=1")
+        assert (request.prefix, request.address, request.headers["host"]) == (
+            "/rosie",
+            "127.0.0.1",
+            "localhost",
+        )
+        assert (await page_of(hub, "/rosie/nothing"))[0] == 404
+        assert await page_of(hub, "/rosie/hello", method="HEAD") == (203, b"")
+        assert (await page_of(hub, "/rosie/hello", method="POST"))[0] == 405
+        assert (await page_of(hub, "/rosie/fails"))[0] == 503
+
+
+async def test_a_stream_ends_at_the_robot_when_its_reader_leaves_and_is_held_back_meanwhile() -> None:
+    endless = Endless()
+    routes = Routes()
+    routes.get("/stream", lambda request: HttpResponse(endless.chunks()))
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_with(hub, routes):
+        host, _, port = hub.url.removeprefix("ws://").partition(":")
+        async with await anyio.connect_tcp(host, int(port)) as stream:
+            await stream.send(b"GET /rosie/stream HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            read = b""
+            while len(read) < 200_000:
+                read += await stream.receive()
+            for _ in range(2000):
+                await anyio.lowlevel.checkpoint()
+            assert endless.sent < 1000  # 50 MB: the sockets' buffers, and no more.
+        await until(lambda: endless.left)
+        await until(lambda: not hub.robots[0].pairs)
+
+
+async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page() -> None:
+    class Nonsense(Mailbox):
+        def receive(self, data: bytes, binary: bool) -> None:
+            super().receive(data, binary)
+            self.sink.send(Frame(b'{"status": 7}'))
+
+    class Leaves(Mailbox):
+        def receive(self, data: bytes, binary: bool) -> None:
+            self.sink.close(1001, "gone")
+
+    for endpoint, status in ((Nonsense, 502), (Leaves, 503)):
+        async with (
+            open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+            connect(f"{hub.url}/robots/rosie", endpoint, limits=SHORT),
+        ):
+            with anyio.fail_after(5):
+                while not hub.robots:
+                    await anyio.lowlevel.checkpoint()
+            assert (await page_of(hub, "/rosie/x"))[0] == status
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"",
+        b"[]",
+        b'{"status": 99, "content_type": "text/plain"}',
+        b'{"status": 200}',
+        b'{"status": 200, "content_type": "a\\nSet-Cookie: b"}',
+        b'{"status": 200, "content_type": "a", "headers": {"a\\r": "b"}}',
+        b'{"status": 200, "content_type": "a", "headers": {"a": "\xc3\xa4"}}',
+    ],
+)
+def test_a_head_with_more_than_a_head_in_it_is_refused(head: bytes) -> None:
+    with pytest.raises(BadAssignment):
+        decode_head(head)
+
+
+# -- without a network -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "http://hub/robots/a",
+        "tcp://hub/robots/a",
+        "ws://hub",
+        "ws://hub/a",
+        "ws://hub/robots/",
+        "ws://hub/robots/a?b=c",
+        "hub/robots/a",
+        "wss:///robots/a",
+    ],
+)
+def test_urls_that_cannot_be_dialled(url: str) -> None:
+    with pytest.raises(BadUrl, match=r"^cannot dial [^\n]*wss://hub\.example/robots/my_robot"):
+        check_dial_url(url)
+
+
+def test_client_paths() -> None:
+    assert split_client_path("/rosie") == ("rosie", "/")
+    assert split_client_path("/rosie?token=a/b") == ("rosie", "/?token=a/b")
+    assert split_client_path("/rosie/a/b?c") == ("rosie", "/a/b?c")
+    assert split_client_path("/") == ("", "/")
+
+
+@given(st.text(), st.integers(0, 65535), st.text(), st.dictionaries(st.text(), st.text()))
+def test_an_assignment_comes_out_as_it_went_in(
+    address: str, port: int, path: str, headers: dict[str, str]
+) -> None:
+    data = encode_assignment(PeerInfo("ws", address, port, "/rosie", headers), path)
+    assert decode_assignment(data) == PeerInfo("dial", address, port, path, headers)
+    with pytest.raises(BadAssignment):
+        decode_assignment(data + b"x")
+    for cut in range(len(data)):
+        with pytest.raises(BadAssignment):
+            decode_assignment(data[:cut])
+
+
+@given(st.binary())
+def test_anything_else_is_no_assignment(data: bytes) -> None:
+    with pytest.raises(BadAssignment):
+        decode_assignment(data)

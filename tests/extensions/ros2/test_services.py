@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import logging
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallTimeout, ProviderGone
+from tests.extensions.ros2.program import NODE
+from tests.extensions.ros2.values import comparable
+from tests.waiting import until
+
+if TYPE_CHECKING:
+    from rwt.extensions.ros2 import Ros2Graph
+    from rwt_graph.api import Participant, ServiceCall
+    from tests.statements import Program
+
+pytestmark = pytest.mark.anyio
+
+_SLOW = """
+from std_srvs.srv import Trigger
+from rclpy.callback_groups import ReentrantCallbackGroup
+import threading, time
+asked = threading.Semaphore(0)
+def serve(request, response):
+    asked.release()
+    time.sleep({seconds})
+    response.message = 'done'
+    return response
+service = node.create_service(Trigger, '/slow', serve, callback_group=ReentrantCallbackGroup())
+"""
+
+
+class Answers(list[Any]):
+    """Answers of calls, in the order of their arrival; those of ROS 2 as values."""
+
+    def __call__(self, answer: Any) -> None:
+        self.append(answer.value() if isinstance(answer, Payload) else answer)
+
+
+def call(
+    graph: Ros2Graph, client: Participant, name: str, request: object, timeout: float | None = None
+) -> Answers:
+    info = graph.service(name)
+    assert info is not None
+    answers = Answers()
+    client.call_service(name, Payload.from_value(info.type.request, request), answers, timeout)
+    return answers
+
+
+@pytest.mark.parametrize("name", ["Arrays", "BasicTypes", "Empty"])
+async def test_every_service_type_in_both_roles(graph: Ros2Graph, program: Program, name: str) -> None:
+    type = graph.registry.service(f"test_msgs/{name}")
+    ours = graph.participant("/ours")
+    sent = program.run(
+        f"""
+from test_msgs.srv import {name} as Type
+from test_msgs import service_fixtures
+import re
+pairs = getattr(service_fixtures, 'get_msg_' + re.sub('(?<=[a-z])(?=[A-Z])', '_', {name!r}).lower())()
+requests = []
+def serve(request, response):
+    requests.append(request)
+    return pairs[len(requests) - 1][1]
+service = node.create_service(Type, '/theirs', serve)
+client = node.create_client(Type, '/from_us')
+result = [[plain(each) for each in pair] for pair in pairs]
+"""
+    )
+    await until(lambda: graph.service("/theirs"))
+    for request, response in sent:
+        answers = call(graph, ours, "/theirs", request)
+        await until(partial(bool, answers))
+        assert [comparable(answer) for answer in answers] == [response]
+    assert program.run("result = [plain(each) for each in requests]") == [request for request, _ in sent]
+
+    received: list[Any] = []
+
+    def serve(asked: ServiceCall) -> None:
+        asked.reply(Payload.from_value(type.response, sent[len(received)][1]))
+        received.append(comparable(asked.request.value()))
+
+    ours.advertise_service("/from_us", type, serve)
+    await until(lambda: program.run("result = client.service_is_ready()"))
+    for number in range(len(sent)):
+        program.run(f"future = client.call_async(pairs[{number}][0])")
+        await until(lambda: program.run("result = future.done()"))
+        assert program.run("result = plain(future.result())") == sent[number][1]
+    assert received == [request for request, _ in sent]
+
+
+async def test_a_hundred_concurrent_calls_in_both_roles(graph: Ros2Graph, program: Program) -> None:
+    ours, type = graph.participant("/ours"), graph.registry.service("test_msgs/BasicTypes")
+    program.run(
+        """
+from test_msgs.srv import BasicTypes as Type
+import time
+def serve(request, response):
+    time.sleep(0.002)
+    response.int32_value = 2 * request.int32_value
+    return response
+service = node.create_service(Type, '/theirs', serve)
+# ROS 2's default depth of 10 loses answers that arrive at once.
+client = node.create_client(Type, '/from_us', qos_profile=qos.QoSProfile(depth=100))
+"""
+    )
+    await until(lambda: graph.service("/theirs"))
+    calls = [call(graph, ours, "/theirs", {"int32_value": number}) for number in range(100)]
+    await until(lambda: all(calls))
+    assert [answer.int32_value for (answer,) in calls] == [2 * number for number in range(100)]
+
+    waiting: list[ServiceCall] = []
+    ours.advertise_service("/from_us", type, waiting.append)
+    await until(lambda: program.run("result = client.service_is_ready()"))
+    program.run("futures = [client.call_async(Type.Request(int32_value=number)) for number in range(100)]")
+    await until(lambda: len(waiting) == 100)
+    for each in reversed(waiting):
+        request: Any = each.request.value()
+        each.reply(Payload.from_value(type.response, {"int32_value": 3 * request.int32_value}))
+    await until(lambda: program.run("result = all(future.done() for future in futures)"))
+    answers = program.run("result = [future.result().int32_value for future in futures]")
+    assert answers == [3 * number for number in range(100)]
+
+
+async def test_a_slow_service_delays_nobody(graph: Ros2Graph, program: Program) -> None:
+    program.run(_SLOW.format(seconds=1))
+    await until(lambda: graph.service("/slow"))
+    ours = graph.participant("/ours")
+    began = time.monotonic()
+    slow = call(graph, ours, "/slow", {})
+    assert time.monotonic() - began < 0.5
+    await until(lambda: program.run("result = asked.acquire(blocking=False)"))
+    parameters = call(graph, ours, f"{NODE}/list_parameters", {})
+    await until(lambda: parameters)
+    assert not slow
+    await until(lambda: slow)
+    assert slow[0].message == "done"
+
+
+async def test_a_call_ends_when_its_service_leaves(graph: Ros2Graph, program: Program) -> None:
+    program.run(_SLOW.format(seconds=0) + "client = node.create_client(Trigger, '/held')")
+    ours, trigger = graph.participant("/ours"), graph.registry.service("std_srvs/Trigger")
+    await until(lambda: graph.service("/slow"))
+    program.run("executor.shutdown(0)")
+    answers = call(graph, ours, "/slow", {})
+    more = [call(graph, ours, "/slow", {}) for _ in range(20)]
+    program.run("node.destroy_service(service)")
+    await until(lambda: answers and all(more))
+    assert isinstance(answers[0], ProviderGone)
+    assert str(answers[0]) == "Service /slow was unadvertised"
+    assert graph.service("/slow") is None
+    # A service of this process that leaves with open calls sends no answer.
+    held: list[ServiceCall] = []
+    service = ours.advertise_service("/held", trigger, held.append)
+    await until(lambda: program.run("result = client.service_is_ready()"))
+    program.run("future = client.call_async(Trigger.Request())")
+    await until(lambda: held)
+    service.close()
+    held[0].reply(Payload.from_value(trigger.response, {}))
+    await until(lambda: not program.run("result = client.service_is_ready()"))
+
+
+async def test_a_call_of_a_killed_program_ends_in_time(graph: Ros2Graph, program: Program) -> None:
+    program.run(_SLOW.format(seconds=100))
+    await until(lambda: graph.service("/slow"))
+    ours = graph.participant("/ours")
+    limited = call(graph, ours, "/slow", {}, timeout=1)
+    unlimited = call(graph, ours, "/slow", {})
+    await until(lambda: program.run("result = asked.acquire(blocking=False)"))
+    program.kill()
+    await until(lambda: limited)
+    assert isinstance(limited[0], CallTimeout)
+    # DDS notices within its lease of 20 seconds.
+    await until(lambda: unlimited)
+    assert isinstance(unlimited[0], ProviderGone)
+
+
+async def test_a_service_that_lost_requests_is_called_again(graph: Ros2Graph, program: Program) -> None:
+    program.run(_SLOW.format(seconds=0))
+    await until(lambda: graph.service("/slow"))
+    ours = graph.participant("/ours")
+    program.run("executor.remove_node(node)")
+    lost = [call(graph, ours, "/slow", {}, timeout=0.2) for _ in range(30)]
+    await until(lambda: all(lost))
+    # The executor may still answer what its present wait has taken.
+    assert sum(isinstance(answer, CallTimeout) for (answer,) in lost) > 20
+    program.run("executor.add_node(node)")
+    answers = call(graph, ours, "/slow", {})
+    await until(lambda: answers)
+    assert answers[0].message == "done"
+
+
+async def test_a_client_that_leaves_during_a_call(graph: Ros2Graph, program: Program) -> None:
+    program.run(_SLOW.format(seconds=0.3))
+    await until(lambda: graph.service("/slow"))
+    client = graph.participant("/client")
+    answers = call(graph, client, "/slow", {})
+    await until(lambda: program.run("result = asked.acquire(blocking=False)"))
+    client.close()
+    assert len(answers) == 1
+    assert "closed" in str(answers[0])
+    other = call(graph, graph.participant("/other"), "/slow", {})
+    await until(lambda: other)
+    assert other[0].message == "done"
+    assert len(answers) == 1
+
+
+async def test_services_of_other_processes_are_listed(graph: Ros2Graph, program: Program) -> None:
+    program.run(_SLOW.format(seconds=0))
+    await until(lambda: graph.service("/slow"))
+    info = graph.service("/slow")
+    assert info is not None
+    assert (info.type.name, info.node) == ("std_srvs/Trigger", NODE)
+    (node,) = (node for node in graph.nodes() if node.name == NODE)
+    assert "/slow" in node.services
+    ours = graph.participant("/ours")
+    service = ours.advertise_service("/ours", info.type, lambda _: None)
+    seen = "result = dict(node.get_service_names_and_types_by_node('ours', '/'))"
+    await until(lambda: "ours" in program.run("result = node.get_node_names()"))
+    await until(lambda: program.run(seen) == {"/ours": ["std_srvs/srv/Trigger"]})
+    service.close()
+    await until(lambda: not program.run(seen))
+
+
+async def test_what_is_not_installed_is_logged_once_for_each_package(
+    graph: Ros2Graph, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "rwt.extensions.ros2")
+    for name in ("Water", "Cut"):
+        graph.registry.add_text("---\n", f"garden_msgs/{name}", "srv")
+    graph.registry.add_text("", "garden_msgs/Plant")
+    node = graph.node("/garden")
+    for name in ("Water", "Cut"):
+        node.advertise_service(f"/{name.lower()}", f"garden_msgs/{name}", lambda request: {})
+    node.advertise("/plants", "garden_msgs/Plant")
+    node.advertise_service("/trigger", "std_srvs/Trigger", lambda request: {})
+    (line,) = caplog.messages
+    assert "/water, with all others of garden_msgs, is only for clients of this server" in line
