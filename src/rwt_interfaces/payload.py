@@ -200,7 +200,7 @@ class Payload(msgspec.Struct, eq=False):
     @classmethod
     def from_ros1_in_steps(cls, message_type: MessageType, data: bytes | memoryview) -> Steps[Payload]:
         """Same as :meth:`from_ros1`, long lists in steps."""
-        message = yield from message_type.deserialise_in_steps(data)
+        message = yield from message_type.step_decoder(data)
         return cls(message_type, without_views(message_type, message), _is_long(message_type, data))
 
     @property
@@ -331,7 +331,7 @@ class Payload(msgspec.Struct, eq=False):
     def _decode(self) -> Steps[None]:
         """Decode a relayed message with long lists in steps; others take none."""
         if self.is_long and self.is_relayed and isinstance(self.source, Relayed):
-            message = yield from self.type.deserialise_in_steps(self.source.data)
+            message = yield from self.type.step_decoder(self.source.data)
             holds_list = self.type.holds_long_list
             if holds_list is None or not holds_list(message):
                 self._take_views(message)

@@ -180,8 +180,8 @@ class MessageType:
         return unpack.compile_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1, views=True)
 
     @cached_property
-    def deserialise_in_steps(self) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
-        """Same as :attr:`deserialise_views`, long lists in steps."""
+    def step_decoder(self) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
+        """Decoder of messages with long lists in steps; otherwise the same as :attr:`deserialise_views`."""
         from rwt_interfaces.serialise import unpack, wire_rules
 
         is_cdr = self.registry.distro.serialisation == "cdr"

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         ServiceInfo,
     )
     from rwt_interfaces.payload import Payload
+    from rwt_interfaces.steps import Steps
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_participant.qos import QoS
 
@@ -231,7 +232,6 @@ class ClientGraph(GraphView):
     Life cycle::
 
         active ──leave()──> left ──close_in_steps()──> closed
-           └──close()─────────────────────────────────────^
 
     * **active**: from the constructor on. :meth:`take_role` replaces the role; what is open stays open until
       :meth:`withdraw_refused`, and cached publishers must be requested again.
@@ -801,13 +801,7 @@ class ClientGraph(GraphView):
             self._gate.close()
         self._quotas.leave()
 
-    def close(self) -> None:
-        """Leave, and release everything."""
-        self.leave()
-        for _ in self.close_in_steps():
-            pass
-
-    def close_in_steps(self) -> Iterator[None]:
+    def close_in_steps(self) -> Steps[None]:
         """Release services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
 
         Call after :meth:`leave`.

@@ -97,17 +97,11 @@ class _SampleEncoder(SteppedEncoder):
         super().__init__()
         self._topic = topic
 
-    def encode(self, sample: PublishedMessage) -> Frame:
-        """Encode a sample by one call of the library, in a third of the time of the steps."""
-        return Frame(_encoded(self._message(sample.payload.plain())), binary=True)
-
     def encode_in_steps(self, sample: PublishedMessage) -> Steps[Frame]:
         """Encode a sample in steps."""
-        message = self._message((yield from sample.payload.plain_in_steps()))
+        payload = yield from sample.payload.plain_in_steps()
+        message = {"op": "publish", "topic": self._topic, "msg": payload}
         return Frame(*(yield from encode_in_steps(message)), binary=True)
-
-    def _message(self, payload: object) -> dict[str, object]:
-        return {"op": "publish", "topic": self._topic, "msg": payload}
 
 
 def encode_in_steps(message: Mapping[str, object]) -> Steps[list[bytes]]:

@@ -131,7 +131,6 @@ OWN = {
     "keep",
     "late_sends",
     "leave",
-    "close",
     "close_in_steps",
     "tell_notices",
     "notices",

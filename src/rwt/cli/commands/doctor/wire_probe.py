@@ -73,7 +73,8 @@ class WireProbe:
     def receive(self, data: bytes, binary: bool) -> None:
         """Receive a message; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
         first = data[:1] if binary else b""
-        encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), ENCODINGS["none"])
+        of_binary = (each for each in SELECTABLE if first and first in each.first_bytes)
+        encoding = next(of_binary, ENCODINGS["none"])
         op = _decoded(data, encoding.codec and encoding.codec())
         frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
         if frame.is_op("status") and len(self.complaints) < _COMPLAINTS:
