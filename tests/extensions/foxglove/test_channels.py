@@ -16,8 +16,8 @@ from rwt.rosbridge.bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import NOETIC
-from rwt_interfaces.structs import MessageType
 from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType
 from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import DropReason
 from rwt_transports.errors import Refused
