@@ -15,7 +15,7 @@ from rwt_interfaces.serialise.json import REJECTIONS, SEQUENCE, parse
 from rwt_interfaces.serialise.json_reader import LARGE_BYTES, LONG_FORMS_BYTES, Now, complete, read_json
 from rwt_interfaces.serialise.long_lists import plain, plain_lists
 from rwt_interfaces.serialise.long_strings import Parts, RawText
-from rwt_interfaces.serialise.splice import json_of_text, long_octets, long_text, put, without_views
+from rwt_interfaces.serialise.splice import encode_long_text, long_octets, long_text, put, without_views
 from rwt_interfaces.steps import Steps, finished
 
 if TYPE_CHECKING:
@@ -306,7 +306,7 @@ class Payload(msgspec.Struct, eq=False):
         if self._json is None and self.is_decoded:
             field = long_text(self.type, self.value())
             if field is not None:
-                self._json = yield from json_of_text(self.type, self.value(), field)
+                self._json = yield from encode_long_text(self.type, self.value(), field)
 
     def _prepare_binary(self, form: BinaryForm) -> Steps[None]:
         if self._existing(form) is not None:

@@ -90,16 +90,24 @@ def without_views(type: MessageType, message: msgspec.Struct) -> msgspec.Struct:
     return message
 
 
-def json_of_text(type: MessageType, message: msgspec.Struct, field: LongField) -> Steps[Parts]:
-    """Return a message in JSON, the long text in one of its fields written in steps."""
+def encode_long_text(type: MessageType, message: msgspec.Struct, field: LongField) -> Steps[Parts]:
+    """Encode a message as JSON, the long text of one field in steps.
+
+    The message is encoded with a token in that field. The encoded text then takes the token's place.
+
+    Returns:
+        The bytes before the text, the text without its quotes, and the bytes after it.
+    """
     text: str = field.fetch(message)
     token = token_for_text(len(text))
     before, _, after = type.json.encode(field.put(message, token.decode())).partition(token)
-    pieces: list[bytes] = []
+    # Escapes stand for single characters, so the pieces encode to the same bytes as the whole text.
+    encoded: list[bytes] = []
     for start in range(0, len(text), _TEXT_STEP_CHARS):
-        pieces.append(_encode_text(text[start : start + _TEXT_STEP_CHARS])[1:-1])
+        quoted = _encode_text(text[start : start + _TEXT_STEP_CHARS])
+        encoded.append(quoted[1:-1])
         yield
-    return before, b"".join(pieces), after
+    return before, b"".join(encoded), after
 
 
 class SplicedMessage:
