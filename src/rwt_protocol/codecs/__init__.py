@@ -115,11 +115,13 @@ def load_encoding(name: str) -> Encoding:
         ExtensionError: it is not installed, cannot be imported, or claims the first byte of another encoding.
     """
     found = ENCODINGS.get(name)
+    # Named by settings or by a program, never by a peer, which must not cause imports.
     if found is None:
         found = load_extension("rwt.codecs", name, ENCODINGS)
         if not isinstance(found, Encoding) or found.name != name:
             raise ExtensionError(f"the entry point {name!r} of rwt.codecs is not an Encoding of that name")
         first_bytes = _first_bytes(found)
+        # Otherwise frames of existing clients would reach the new codec.
         if first_bytes.keys() & (_BINARY.keys() | _JSON_BYTES):
             raise ExtensionError(f"the encoding {name!r} begins with a byte of JSON or of another encoding")
         _REGISTERED[name] = found

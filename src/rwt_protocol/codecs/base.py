@@ -107,4 +107,5 @@ class SteppedEncoder(ABC):
 
     def steps(self, sample: PublishedMessage) -> Iterator[None]:
         """Encode a sample in steps and keep the frame for the next call with that sample."""
+        # Compared by identity in the call: another sample may be encoded between these steps and the call.
         self._ready = (sample, (yield from self.encode_in_steps(sample)))

@@ -75,6 +75,7 @@ class ObjectCodec(ABC):
         message: dict[str, object] = {"op": op.op}
         payloads = PAYLOADS[op.op]
         for name, value in op:
+            # A failure is a string where the values would be (SRV-05).
             if name in payloads and not isinstance(value, str):
                 message[name] = value.plain()
             elif (name in op.model_fields_set or name in RELIED_ON) and value is not None:

@@ -123,9 +123,11 @@ def decode(data: str, max_size: int) -> bytes:
         rows = unpacker.decompress(compressed, row * height)
     except zlib.error:
         raise Refused("png.data: the picture is damaged") from None
+    # decompress() stops at the limit, so a bomb yields no more than its header announces.
     if len(rows) != row * height:
         raise Refused("png.data: the picture is cut short")
     if any(rows[::row]):
+        # Filtered rows depend on their neighbours: Pillow reads them far faster than a loop here.
         return _filtered(picture)
     return b"".join(rows[start + 1 : start + row] for start in range(0, len(rows), row))
 
@@ -134,6 +136,7 @@ def _ascii(text: bytes | bytearray) -> Steps[bytes | bytearray]:
     """Escape everything beyond ASCII: clients read the pixels byte by byte (PNG-05)."""
     if text.isascii():
         return text
+    # Incremental, because a step may end within a character.
     decode = codecs.getincrementaldecoder("utf-8")().decode
     pieces = []
     for start in range(0, len(text), _STEP):
