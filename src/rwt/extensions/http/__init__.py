@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.http.part import HttpSettings
 
 if TYPE_CHECKING:
     from rwt.extensions.http.gateway import HttpGateway

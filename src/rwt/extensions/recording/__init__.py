@@ -14,13 +14,7 @@ from rwt.extensions.recording.errors import (
 from rwt.extensions.recording.opening import open_recording
 from rwt.extensions.recording.recorder import Recorder, record_graph
 from rwt.extensions.recording.recorder_node import RecorderFolderError, RecorderLimits, RecorderNode
-from rwt.extensions.recording.recording import (
-    EVERYTHING,
-    RecordedMessage,
-    RecordedTopic,
-    Recording,
-    TopicSelection,
-)
+from rwt.extensions.recording.recording import RecordedMessage, RecordedTopic, Recording
 from rwt.extensions.recording.writer import (
     COMPRESSIONS,
     Compression,
@@ -29,6 +23,7 @@ from rwt.extensions.recording.writer import (
     RecordingWriter,
     Split,
 )
+from rwt_graph.topic_selection import EVERYTHING, TopicSelection
 
 __all__ = [
     "Recorder",
