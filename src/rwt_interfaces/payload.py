@@ -246,16 +246,19 @@ class Payload(msgspec.Struct, eq=False):
 
     def json_parts(self) -> Parts:
         """Return :meth:`json` in parts, so that long messages are not copied."""
+        source = self.source
+        if isinstance(source, bytes):  # The usual case, once per message and encoding.
+            return (source,)
         made = self._json
         if made is None:
-            match self.source:
-                case bytes() | memoryview() as text:
-                    return (text,)
+            match source:
+                case memoryview():
+                    made = (source,)
                 case CutText(raw=text):
-                    return (text,)
+                    made = (text,)
                 case SplitText(parts=made):
                     pass
-                case source:
+                case _:
                     encode = self.type.json.encode
                     spliced = self._apart() if self.type.long_fields else None
                     if spliced is not None:
@@ -288,12 +291,16 @@ class Payload(msgspec.Struct, eq=False):
 
     def prepare(self, forms: Iterable[Form]) -> Steps[None]:
         """Make forms of a message with long lists or strings in steps; existing forms take none."""
-        for form in forms:
-            if form == "json":
-                yield from self._prepare_json()
-            elif form != "plain":
-                serialisation = self.type.registry.distro.serialisation
-                yield from self._prepare_binary(serialisation if form == "serialised" else form)
+        wanted = set(forms)
+        if "json" in wanted:
+            yield from self._prepare_json()
+        binary: dict[Form, BinaryForm] = {
+            "cbor": "cbor",
+            "serialised": self.type.registry.distro.serialisation,
+        }
+        missing = [name for form, name in binary.items() if form in wanted and self._existing(name) is None]
+        if missing:
+            yield from self._prepare_binary(missing)
 
     def _prepare_json(self) -> Steps[None]:
         if self._json is not None or self._has_text:
@@ -308,25 +315,25 @@ class Payload(msgspec.Struct, eq=False):
             if field is not None:
                 self._json = yield from encode_long_text(self.type, self.value(), field)
 
-    def _prepare_binary(self, form: BinaryForm) -> Steps[None]:
-        if self._existing(form) is not None:
-            return
+    def _prepare_binary(self, forms: Iterable[BinaryForm]) -> Steps[None]:
         yield from self._decode()
         spliced = self._apart()
         if spliced is not None:
             yield from spliced.prepare_octets()
         elif self.type.json.has_arrays:
-            large = None
-            if self._has_text and self._value is None:
-                large = yield from self.type.large_json.split(self.json())
-            short, lists = (self._encodable(), {}) if large is None else (yield from large.apart())
-            self._keep(form, (yield from self.type.step_encoder(form)(short, lists)))
+            for form in forms:
+                large = None
+                if self._has_text and self._value is None:
+                    large = yield from self.type.large_json.split(self.json())
+                short, lists = (self._encodable(), {}) if large is None else (yield from large.apart())
+                self._keep(form, (yield from self.type.step_encoder(form)(short, lists)))
         elif self.is_decoded:
             field = long_text(self.type, self.value())
             if field is not None:
                 text = SplicedMessage.from_text(self.value(), field)
                 yield from text.prepare_octets()
-                self._keep(form, text.binary(*self.type.binary_encoder(form)))
+                for form in forms:
+                    self._keep(form, text.binary(*self.type.binary_encoder(form)))
 
     def _decode(self) -> Steps[None]:
         """Decode a relayed message with long lists in steps; others take none."""
@@ -437,9 +444,12 @@ class Payload(msgspec.Struct, eq=False):
     @property
     def kept_size(self) -> int:
         """Approximate bytes of the message without the forms that :meth:`forget_forms` drops."""
-        match self.source:
-            case bytes() | memoryview() as text:
-                return len(text)
+        source = self.source
+        if isinstance(source, bytes):
+            return len(source)
+        match source:
+            case memoryview():
+                return len(source)
             case CutText(raw=text):
                 return len(text)
             case SplitText(parts=parts):
