@@ -32,7 +32,7 @@ from rwt_interfaces.serialise.json import (
     items_encoder,
     parse,
 )
-from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, is_long_list
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
 from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader, strict_annotation
@@ -480,7 +480,7 @@ def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
         found: Any = value
         for slot in path:
             found = getattr(found, slot.attribute)
-        if len(found) <= CHUNK_ITEMS and not holds_long_lists(field_type, found):
+        if not is_long_list(field_type, found):
             continue
         short = put(short, field_types.attributes(path), TOKEN)
         parts = JoinedParts()

@@ -22,7 +22,7 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import cbor, json_reader, large_json, long_lists, long_strings, pack, splice
+from rwt_interfaces.serialise import json_reader, large_json, long_lists, long_strings, splice
 from rwt_interfaces.steps import finished
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
@@ -190,7 +190,7 @@ def test_to_splice_is_to_decode_and_encode(
         small.setattr(large_json, "CHUNK_BYTES", piece)
         small.setattr(large_json, "SLOW_CHUNK_BYTES", piece // 2)
         small.setattr(long_strings, "_LONG_PART_BYTES", piece)
-        for module in (long_lists, large_json, cbor, pack):
+        for module in (long_lists, large_json):
             small.setattr(module, "CHUNK_ITEMS", 2)
         small.setattr(long_lists, "CHUNK_NUMBERS", 3)
         small.setattr(splice, "LONG_TEXT_CHARS", 20)
