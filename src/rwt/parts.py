@@ -62,7 +62,7 @@ BUILT_IN: Final[Mapping[Kind, Mapping[str, Row]]] = MappingProxyType(
                     "rwt.extensions.meshes.part:PART", ("packages", "package_links"), by_name=False
                 ),
                 "demo": Row("rwt.extensions.demo.part:PART", ("demo",), by_name=False),
-                "recorder": Row(
+                "on_demand_recorder": Row(
                     "rwt.extensions.recording.part:ON_DEMAND", ("recorder",), "mcap", by_name=False
                 ),
                 "dashboard": Row("rwt.extensions.dashboard.part:PART", ("web",), by_name=False, default=True),
@@ -84,7 +84,7 @@ BUILT_IN: Final[Mapping[Kind, Mapping[str, Row]]] = MappingProxyType(
         ),
         "recorder": _rows({"mcap": Row("rwt.extensions.recording.part:WHOLE_GRAPH", (), "mcap")}),
         "script": _rows({"scripted": Row("rwt.extensions.testing.part:PART")}),
-        "asgi": _rows({"asgi": Row("rwt.extensions.asgi.part:PART")}),
+        "asgi": _rows({"apps": Row("rwt.extensions.asgi.part:PART")}),
         "supervisor": _rows({"processes": Row("rwt.extensions.workers.part:PART")}),
         "check": _rows(
             {

@@ -418,6 +418,13 @@ def full_type() -> type[Settings]:
     return settings_type(frozenset(owners))
 
 
+def with_all_tables(settings: Settings) -> Settings:
+    """Return the same settings with the tables of all parts, those that are not set with their defaults."""
+    owners = {(each.kind, each.name) for each in (*full_type().tables, *type(settings).tables)}
+    values = {name: getattr(settings, name) for name in settings.model_fields_set}
+    return settings_type(frozenset(owners))(**values)
+
+
 def type_with(key: str) -> type[Settings]:
     """Return the class of settings that has a name at the top level; that of the core for unknown names."""
     owner = None if key in Settings.model_fields else parts.owner_of(key)

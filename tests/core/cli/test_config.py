@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rwt.access.settings import SettingsError
 from rwt.cli import main
 from rwt.cli.commands.config import show
+from rwt.extensions.demo.part import DemoSettings
 from rwt.settings.errors import known_settings
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, line_of, load_settings, read_settings
@@ -48,11 +49,11 @@ def test_the_command_line_wins_over_the_environment_and_that_over_the_file(tmp_p
 
 
 def test_the_environment_may_name_the_file(tmp_path: Path) -> None:
-    path = _file(tmp_path, "access_log = true")
-    assert load_settings(environment={"RWT_CONFIG": str(path)}).settings.access_log
+    path = _file(tmp_path, "demo = true")
+    assert load_settings(environment={"RWT_CONFIG": str(path)}).settings.of(DemoSettings).demo
     other = tmp_path / "other.toml"
-    other.write_text("access_log = false")
-    assert not load_settings(other, {"RWT_CONFIG": str(path)}).settings.access_log
+    other.write_text("demo = false")
+    assert not load_settings(other, {"RWT_CONFIG": str(path)}).settings.of(DemoSettings).demo
 
 
 @pytest.mark.parametrize("text", ["ws://a:1,ws://b:2", "ws://a:1, ws://b:2", '["ws://a:1", "ws://b:2"]'])
@@ -96,7 +97,7 @@ def test_a_role_may_be_an_empty_table(tmp_path: Path) -> None:
         ("listen = 5", "`listen`: expected a list of strings, got 5"),
         ("listen = [5]", "`listen`: expected a list of strings, got 5"),
         ("listen = []", "`listen`: expected at least one URL"),
-        ("demo = 'perhaps'", "`access_log`: expected true or false, got 'perhaps'"),
+        ("demo = 'perhaps'", "`demo`: expected true or false, got 'perhaps'"),
         ("limits = 5", "`limits`: expected a table, got 5"),
         (
             "[limits]\nconnections = 0",
@@ -136,8 +137,8 @@ def test_what_is_wrong_is_said_with_the_place_and_what_is_expected(
 @pytest.mark.parametrize(
     ("text", "expected_text"),
     [
-        ("demo = 'yes'", ":1: `access_log`: expected true or false, got 'yes'"),
-        ("demo = 1", "`access_log`: expected true or false, got 1"),
+        ("demo = 'yes'", ":1: `demo`: expected true or false, got 'yes'"),
+        ("demo = 1", "`demo`: expected true or false, got 1"),
         (
             "# a comment\n\n[roles.a]\nread_only = 'on'",
             ":4: `roles.a.read_only`: expected true or false, got 'on'",
@@ -226,17 +227,17 @@ def test_origins(tmp_path: Path, origin: str) -> None:
     assert read_settings(_file(tmp_path, f"[origins]\nallow = ['{origin}']")).origins.allow == (origin,)
 
 
-@pytest.mark.parametrize(("text", "logs"), [("true", True), ("0", False), ("False", False), ("1", True)])
-def test_text_stands_for_booleans_and_numbers_in_the_environment(text: str, logs: bool) -> None:
-    settings = load_settings(environment={"RWT_ACCESS_LOG": text, "RWT_LIMITS__CALLS": "7"}).settings
-    assert (settings.access_log, settings.limits.calls) == (logs, 7)
-    with pytest.raises(SettingsError, match="RWT_ACCESS_LOG: `access_log`: expected true or false"):
-        load_settings(environment={"RWT_ACCESS_LOG": "yes"})
+@pytest.mark.parametrize(("text", "demo"), [("true", True), ("0", False), ("False", False), ("1", True)])
+def test_text_stands_for_booleans_and_numbers_in_the_environment(text: str, demo: bool) -> None:
+    settings = load_settings(environment={"RWT_DEMO": text, "RWT_LIMITS__CALLS": "7"}).settings
+    assert (settings.of(DemoSettings).demo, settings.limits.calls) == (demo, 7)
+    with pytest.raises(SettingsError, match="RWT_DEMO: `demo`: expected true or false, got 'yes'"):
+        load_settings(environment={"RWT_DEMO": "yes"})
 
 
 def test_the_line_of_a_setting(tmp_path: Path) -> None:
     path = _file(
-        tmp_path, 'access_log = true\n\n[a]\nlist = [\n  1,\n  2,\n]\ntext = """\n[b]\n"""\n[b]\nc.d = 1\n'
+        tmp_path, 'demo = true\n\n[a]\nlist = [\n  1,\n  2,\n]\ntext = """\n[b]\n"""\n[b]\nc.d = 1\n'
     )
     keys = [("demo",), ("a",), ("a", "list"), ("a", "text"), ("b",), ("b", "c", "d"), ("b", "x")]
     assert [line_of(path, key) for key in keys] == [1, 3, 4, 8, 11, 12, None]

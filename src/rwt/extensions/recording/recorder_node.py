@@ -96,7 +96,7 @@ class RecorderNode:
             self._node.advertise_service(f"/recorder/{name}", f"rwt_recorder_msgs/{type}", handler)
         self._publish_state()
         routes = (
-            Route(PATH, self._list, Audience.EVERY_TOPIC),
+            Route(PATH, self._list, Audience.EVERY_TOPIC, feature="recordings"),
             Route(f"{PATH}/*", self._download, Audience.EVERY_TOPIC),
         )
         self.http: Final = HttpExtension(routes)

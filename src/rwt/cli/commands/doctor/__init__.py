@@ -225,9 +225,12 @@ def stop_finding(name: str, latencies: list[float], since: str) -> Finding:
 def _is_readable(url: str) -> bool:
     """Return True if a network between this machine and the robot can read what is sent."""
     from rwt_transports.http.routes import is_local
+    from rwt_transports.schemes import scheme_of
 
-    parts = urlsplit(url)
-    return parts.scheme in ("ws", "webrtc+http") and not is_local(parts.hostname or "")
+    scheme = scheme_of(url)
+    # Tokens are headers of HTTP requests, which the schemes with binary messages begin with.
+    is_plain = scheme is not None and scheme.binary and not scheme.tls
+    return is_plain and not is_local(urlsplit(url).hostname or "")
 
 
 def _how_to_connect(cause: ConnectCause, token: bool) -> str:
