@@ -18,6 +18,7 @@ from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
 from rwt_graph.names import resolve
+from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
         ServiceInfo,
     )
     from rwt_interfaces.payload import Payload
-    from rwt_interfaces.steps import Steps
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_participant.qos import QoS
 
@@ -232,6 +232,7 @@ class ClientGraph(GraphView):
     Life cycle::
 
         active ──leave()──> left ──close_in_steps()──> closed
+           └──close()─────────────────────────────────────^
 
     * **active**: from the constructor on. :meth:`take_role` replaces the role; what is open stays open until
       :meth:`withdraw_refused`, and cached publishers must be requested again.
@@ -800,6 +801,11 @@ class ClientGraph(GraphView):
         if self._gate is not None:
             self._gate.close()
         self._quotas.leave()
+
+    def close(self) -> None:
+        """Leave, and release everything."""
+        self.leave()
+        finished(self.close_in_steps())
 
     def close_in_steps(self) -> Steps[None]:
         """Release services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).

@@ -131,6 +131,7 @@ OWN = {
     "keep",
     "late_sends",
     "leave",
+    "close",
     "close_in_steps",
     "tell_notices",
     "notices",

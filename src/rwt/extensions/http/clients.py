@@ -19,7 +19,6 @@ from rwt.extensions.http.events import EventQueue
 from rwt.extensions.http.representations import EVENTS
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
-from rwt_interfaces.steps import finished
 from rwt_transports.endpoint import DropReason, PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
@@ -94,8 +93,7 @@ class HttpClient(Visitor):
     def leave(self) -> None:
         """Release everything."""
         super().leave()
-        self.graph.leave()
-        finished(self.graph.close_in_steps())
+        self.graph.close()
 
     def add_stream(self, stream: ReaderStream, request: HttpRequest) -> None:
         """Add a stream, which holds the client."""

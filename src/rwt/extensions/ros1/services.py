@@ -22,7 +22,7 @@ from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
 from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, ProviderGone
-from rwt_transports.turns import in_turns
+from rwt_transports.scheduler import REQUESTS, Scheduler
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.node import Ros1Node
@@ -95,7 +95,7 @@ class ServiceOffer:
             self._node.spawn(partial(self._call_later, link, body), "a long request on ROS 1")
 
     async def _call_later(self, link: Link, body: bytes | memoryview) -> None:
-        request = await in_turns(_decoded(self._provider.type.request, body))
+        request = await Scheduler.of_loop(REQUESTS).finish(_decoded(self._provider.type.request, body))
         if self._open.pop(link, self) is None:  # It is still connected.
             self._call(link, request)
 
@@ -282,7 +282,7 @@ class Ros1Services:
                 on_close(link)
             await answered.wait()
             if long:
-                reply(await in_turns(_decoded(info.type.response, long[0])))
+                reply(await Scheduler.of_loop(REQUESTS).finish(_decoded(info.type.response, long[0])))
         except Ros1Error as error:
             call.end_with(ProviderGone(f"Service {info.name} cannot be called: {error}"))
         finally:
