@@ -219,7 +219,7 @@ lowest: $(STAMP)
 		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy --editable ./rwt-webrtc \
 		--editable ./rwt-lerobot --group lowest
 	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/core/access tests/core/rosbridge tests/core/client tests/core/interfaces \
-		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports tests/extensions/webrtc tests/extensions/zenoh
+		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports rwt-webrtc/tests tests/extensions/zenoh
 
 # The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
 pythons: $(STAMP)-dev
