@@ -22,7 +22,7 @@ RawText = bytes | memoryview
 Parts = tuple[RawText, ...]
 
 #: Minimum bytes of a separate part; shorter ones are joined.
-_LONG_PART_BYTES = 1 << 18
+LONG_PART_BYTES = 1 << 18
 #: Maximum distance in bytes of the long string from either end of the text, and at most a quarter of it.
 MARGIN_BYTES = 8192
 #: Bytes of base64 that are checked at a time: large allocations cost more than the check.
@@ -35,7 +35,7 @@ _SHORTEST_TOKEN = 32
 #: Token for other content.
 TOKEN = _TOKEN.decode()
 #: Maximum bytes of an object that is checked in place: 0.1 ms of ASCII, 3 ms of what only begins so.
-_AT_ONCE_BYTES = 1 << 20
+AT_ONCE_BYTES = 1 << 20
 _SAMPLE_BYTES = 4096
 _PADDING = ord("=")
 _QUOTE = ord('"')
@@ -61,13 +61,13 @@ class JoinedParts:
 
     def append(self, part: RawText) -> None:
         """Add a part."""
-        if len(part) >= _LONG_PART_BYTES:
+        if len(part) >= LONG_PART_BYTES:
             self._join()
             self._parts.append(part)
             return
         self._short.append(part)
         self._size += len(part)
-        if self._size >= _LONG_PART_BYTES:
+        if self._size >= LONG_PART_BYTES:
             self._join()
 
     def _join(self) -> None:
@@ -81,11 +81,12 @@ class JoinedParts:
         return tuple(self._parts)
 
 
-class LongString(NamedTuple):
+class CutText(NamedTuple):
     """Large JSON text in two parts.
 
     Attributes:
-        text: the JSON text with a token in place of its long string.
+        raw: the whole JSON text.
+        short: the JSON text with a token in place of its long string.
         token: letters of the token.
         content: validated content of the string, as between its quotes.
         is_base64: True if content and token are base64, with the same padding.
@@ -93,17 +94,18 @@ class LongString(NamedTuple):
         begin: offset of the content in the whole text.
     """
 
-    text: bytes
+    raw: RawText
+    short: bytes
     token: bytes
     content: RawText
     is_base64: bool
     unescaped: tuple[str, ...]
     begin: int
 
-    def moved(self, raw: bytes) -> LongString:
+    def moved(self, raw: bytes) -> CutText:
         """Return the same parts for a copy of the text."""
         end = self.begin + len(self.content)
-        return self._replace(content=memoryview(raw)[self.begin : end])
+        return self._replace(raw=raw, content=memoryview(raw)[self.begin : end])
 
 
 def token_for_text(length: int) -> bytes:
@@ -123,7 +125,7 @@ def token_for_base64(length: int, padding: int) -> bytes:
     return token[: -padding - 1] + b"A==="[: padding + 1] if padding else token
 
 
-def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString | None]:
+def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[CutText | None]:
     """Return the text with its long string cut out; None if it has none from near its start to near its end.
 
     Proof: if the text is JSON, the first quote begins a string, since all earlier strings have ended. The cut
@@ -147,7 +149,8 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
         token = token_for_base64(end - begin, bytes(content[-2:]).count(b"="))
     else:
         token = token_for_text(end - begin)
-    return LongString(b"".join((raw[:begin], token, raw[end:])), token, content, is_base64, unescaped, begin)
+    short = b"".join((raw[:begin], token, raw[end:]))
+    return CutText(raw, short, token, content, is_base64, unescaped, begin)
 
 
 def _begin(head: bytes) -> int:
@@ -189,7 +192,7 @@ def _is_plain(content: memoryview) -> bool:
     string. A check of the whole object in place takes three quarters of the time of checking pieces.
     """
     whole = content.obj
-    if not isinstance(whole, bytes) or not len(whole) <= min(2 * len(content), _AT_ONCE_BYTES):
+    if not isinstance(whole, bytes) or not len(whole) <= min(2 * len(content), AT_ONCE_BYTES):
         return False
     begin, end = whole.rfind(b'"', 0, len(whole) // 2) + 1, whole.find(b'"', len(whole) // 2)
     if end - begin != len(content) or whole.find(b"\\", begin, end) >= 0:

@@ -106,6 +106,7 @@ class QuickReader:
 
     def _is_flat(self, data: bytes, size: int) -> bool:
         """True if a frame is small, is not nested too deeply, and does not hold many slow numbers."""
+        # The decoder of the message type takes 10 microseconds for a slow number, such as 1e308.
         return (
             size <= QUICK_BYTES
             and data.count(b"{") + data.count(b"[") <= self._max_depth

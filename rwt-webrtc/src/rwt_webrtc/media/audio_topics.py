@@ -18,9 +18,7 @@ import anyio.to_thread
 
 from rwt.media.broadcast import EncoderThreads, Listener, SharedStream
 from rwt.media.errors import RequestRefused
-from rwt_graph import Graph, Node
-from rwt_graph.api import Sample
-from rwt_graph.errors import InvalidGraphName
+from rwt_graph import Graph, InvalidGraphName, Node, Sample
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import TimedOut
@@ -170,9 +168,9 @@ class AudioTopics:
     async def _info(self, name: str) -> Message:
         """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
-        told = self._node.graph.topic(topic)
-        if told is not None and told.type is not None and told.type.name != INFO:
-            raise RequestRefused(400, f"{topic} is a {told.type.name}, where {INFO} tells of the sound")
+        found = self._node.graph.topic(topic)
+        if found is not None and found.type is not None and found.type.name != INFO:
+            raise RequestRefused(400, f"{topic} is a {found.type.name}, where {INFO} tells of the sound")
         try:
             return await self._node.once(topic, INFO, timeout=PATIENCE)
         except TimedOut:
