@@ -267,9 +267,8 @@ class SteadyClock(Clock):
 class WallClock(SteadyClock):
     """Real time; ROS time follows the system's clock, jumps included."""
 
-    def time_ns(self) -> int:
-        """Return the system's time, nanoseconds since the epoch."""
-        return time.time_ns()
+    #: The function itself, for speed: each message calls it.
+    time_ns = staticmethod(time.time_ns)
 
 
 class SimulatedClock(Clock):

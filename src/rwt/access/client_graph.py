@@ -560,14 +560,14 @@ class ClientGraph(GraphView):
     def call_service(
         self,
         service: str,
-        request: Callable[[ServiceType], Payload],
+        request: Callable[[MessageType], Payload],
         on_reply: OnReply,
         timeout: float | None = None,
     ) -> PendingCall | None:
         """Call a service; listings in the response are filtered by the client's role.
 
         Args:
-            request: creates the request of the service's type.
+            request: creates the request, of the service's request type.
             on_reply: called once with the outcome, unless the client leaves first.
             timeout: seconds; None: no timeout.
 
@@ -589,7 +589,7 @@ class ClientGraph(GraphView):
         if gate is not None and is_gates and name == STOP:
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
-            on_reply(gate.stop(request(info.type), info.type))
+            on_reply(gate.stop(request(info.type.request), info.type))
             return None
         quotas = self._quotas
         quotas.calls.add(1)
@@ -597,7 +597,7 @@ class ClientGraph(GraphView):
         written: list[str] = []
         text = ""
         try:
-            payload, filtered = request(info.type), None
+            payload, filtered = request(info.type.request), None
             if not self.role.unrestricted:
                 payload, filtered = restrict(self, self._disclosures, name, info.type, payload)
             if gate is not None and not is_gates:

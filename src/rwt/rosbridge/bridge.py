@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter
-from typing import Final, Never, TypeVar
+from typing import Final, Never, cast
 
 from rwt.access.access import Access
 from rwt.access.admission import Admission
@@ -36,26 +36,21 @@ from rwt_protocol.session import Session
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.websocket.close_codes import POLICY
 
-P = TypeVar("P")
-_Handlers = Mapping[type[ops.Op], Callable[[Peer, Never], "Steps | None"]]
+# The dispatcher calls each handler with the part of a client that `_PARTS` names, which a mapping's type
+# cannot express.
+HANDLERS: Final = cast(
+    "Mapping[type[ops.Op], Callable[[Peer, Never], Steps | None]]",
+    {**topics.HANDLERS, **services.HANDLERS, **actions.HANDLERS, ops.Auth: Peer.authenticate},
+)
 
-
-def _handlers_of(
-    handlers: Mapping[type[ops.Op], Callable[[P, Never], Steps | None]], part: Callable[[Peer], P]
-) -> _Handlers:
-    """Bind handlers of one part of a client, such as its topics, to the client."""
-
-    def bind(handler: Callable[[P, Never], Steps | None]) -> Callable[[Peer, Never], Steps | None]:
-        return lambda peer, op: handler(part(peer), op)
-
-    return {model: bind(handler) for model, handler in handlers.items()}
-
-
-HANDLERS: Final[_Handlers] = {
-    **_handlers_of(topics.HANDLERS, attrgetter("topics")),
-    **_handlers_of(services.HANDLERS, attrgetter("services")),
-    **_handlers_of(actions.HANDLERS, attrgetter("actions")),
-    ops.Auth: Peer.authenticate,
+_PARTS: Final = {
+    model: attrgetter(part)
+    for part, handlers in (
+        ("topics", topics.HANDLERS),
+        ("services", services.HANDLERS),
+        ("actions", actions.HANDLERS),
+    )
+    for model in handlers
 }
 
 
@@ -112,6 +107,7 @@ class Bridge(ConnectionGateway[Peer]):
             on_error=lambda peer, op, error: peer.replies.log_internal_error(op.op, error, op.id),
             refusals=(RobotError, AccessError),
             later=Peer.work,
+            parts=_PARTS,
         )
 
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
@@ -121,7 +117,7 @@ class Bridge(ConnectionGateway[Peer]):
         """
         admission = self.access.admission
         role = admission.admit(info, loopback=loopback)
-        session = Session(PROFILES[self.settings.profile], limits=self._limits, codec=self._codec)
+        session = Session(PROFILES[self.settings.profile], limits=self._limits, codec=self._codec, light=True)
         if role is not None:
             return self._join(sink, info, session, role)
 

@@ -287,7 +287,7 @@ def _act(client: ClientGraph, verb: str, kind: str) -> list[object]:
             publisher.publish(Payload.from_value(publisher.type, _message(verb, kind)))
         elif verb == "call_service":
             client.call_service(
-                name, lambda type: Payload.from_value(type.request, _message(verb, kind)), outcomes.append
+                name, lambda type: Payload.from_value(type, _message(verb, kind)), outcomes.append
             )
         else:
             client.send_goal(

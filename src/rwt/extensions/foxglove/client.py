@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -38,7 +38,19 @@ T = TypeVar("T")
 _REFUSALS: Final = (RobotError, AccessError, FoxgloveError)
 
 
-class FoxgloveClient(ConnectedClient[Iterator[None]]):
+_Message = said.Text | said.Binary | InvalidFrame
+"""Message of a frame, or why there is none."""
+
+
+def _decode(data: bytes, binary: bool, now: float) -> tuple[_Message]:
+    """Read a frame, which holds one message."""
+    try:
+        return (said.parse_binary(data) if binary else said.parse_text(data),)
+    except InvalidFrame as invalid:
+        return (invalid,)
+
+
+class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
     """One Foxglove client; see :class:`~rwt.gateways.base.ConnectedClient` for its life cycle.
 
     Attributes by purpose:
@@ -67,7 +79,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         listing: RoleListing,
     ) -> None:
         replies = StatusLane(gateway, number, sink)
-        super().__init__(gateway, number, info, graph, replies)
+        super().__init__(gateway, number, info, graph, replies, _decode)
         structure = gateway.access.limits.structure_bytes
         pages, playback = gateway.pages, gateway.playback
         self._foxglove = gateway
@@ -85,20 +97,25 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     # -- from the client -----------------------------------------------------------------------------------
 
-    def _resume(self, what: Iterator[None], now: float) -> None:
-        self._run(what)
-
-    def _decode(self, data: bytes, binary: bool, now: float) -> None:
-        op = UNKNOWN
-        try:
-            message = said.parse_binary(data) if binary else said.parse_text(data)
-            op = type(message).__name__
-            steps = self._handle(message)
-        except Exception as error:
-            self._failed(op, error)
+    def _resume(self, what: _Message | Iterator[None], now: float) -> None:
+        if isinstance(what, Iterator):
+            self._run_steps(what)
         else:
-            if steps is not None:
-                self._run(self._refusing(op, steps))
+            self._run((what,), now)
+
+    def _run(self, messages: Sequence[_Message], now: float) -> None:
+        for message in messages:
+            op = UNKNOWN
+            try:
+                if isinstance(message, Exception):
+                    raise message
+                op = type(message).__name__
+                steps = self._handle(message)
+            except Exception as error:
+                self._failed(op, error)
+            else:
+                if steps is not None:
+                    self._run_steps(self._refusing(op, steps))
 
     def _handle(self, message: said.Text | said.Binary) -> Iterator[None] | None:
         """Process a message; long work is returned as steps."""
@@ -169,7 +186,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             return service is not None and service.name == STOP
         return isinstance(message, said.MessageData) and self.publications.topic_of(message) == STOP
 
-    def _run(self, steps: Iterator[None]) -> None:
+    def _run_steps(self, steps: Iterator[None]) -> None:
         for _ in steps:
             if not self._has_time():
                 self._wait(steps)

@@ -263,9 +263,7 @@ class ParameterRequests:
             self._want_turn()
 
         try:
-            self._graph.call_service(
-                service, lambda type: Payload.from_value(type.request, request), on_reply
-            )
+            self._graph.call_service(service, lambda type: Payload.from_value(type, request), on_reply)
         except (RobotError, AccessError) as error:
             on_reply(error if isinstance(error, CallFailed) else CallFailed(str(error)))
 

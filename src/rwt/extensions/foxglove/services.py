@@ -21,7 +21,7 @@ from rwt.extensions.foxglove.wire.payloads import (
 from rwt.extensions.foxglove.wire.server_messages import service_call_failure, service_call_response
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.structs import ServiceType
+from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.errors import CallFailed, RobotError
 
 
@@ -53,8 +53,8 @@ class ServiceCalls:
         except InvalidMessage as error:
             raise NotPossible(f"the request for {service.name}: {error}") from None
 
-        def request_of(type: ServiceType) -> Payload:
-            if type is not service.type:
+        def request_of(type: MessageType) -> Payload:
+            if type is not service.type.request:
                 raise NotPossible(f"{service.name} has become another service: see `advertiseServices`")
             return payload
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rwt.access.quotas import Charge
     from rwt.extensions.http.clients import HttpClient
     from rwt_graph.api import PendingCall
-    from rwt_interfaces.structs import ServiceType
+    from rwt_interfaces.structs import MessageType
     from rwt_participant.timers import Timer
     from rwt_transports.http.routes import HttpRequest, HttpResponse
 
@@ -197,8 +197,8 @@ class HttpCall(Kept):
     def send(self, payload: Payload, seconds: float) -> None:
         """Send the call. Raises what :meth:`rwt.access.client_graph.ClientGraph.call_service` does."""
 
-        def request_of(type: ServiceType) -> Payload:
-            if type.request is not payload.type:
+        def request_of(type: MessageType) -> Payload:
+            if type is not payload.type:
                 raise HttpProblem(
                     "conflict", f"the type of {self.service} has changed meanwhile", instead="ask again"
                 )

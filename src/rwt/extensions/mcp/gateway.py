@@ -252,7 +252,7 @@ class McpGateway(Gateway):
             asked = CallServiceArguments.model_validate(params.arguments)
             client.call_service(
                 STOP,
-                lambda type: to_payload(type.request, asked.request, client.clock.time_ns),
+                lambda type: to_payload(type, asked.request, client.clock.time_ns),
                 lambda response: None,
             )
         client.close()

@@ -187,7 +187,7 @@ class Trial:
             case "call":
                 if type is not None or self._graph.service(name) is None:
                     robot.advertise_service(name, registry.service(_required(type, name)), self._on_call)
-                client.call_service(name, lambda type: payload(type.request), _ignore)
+                client.call_service(name, payload, _ignore)
             case "goal":
                 if type is not None or self._graph.action(name) is None:
                     robot.advertise_action(name, registry.action(_required(type, name)), self._on_goal)
@@ -196,7 +196,7 @@ class Trial:
                 service = "/rosapi/set_param"
                 robot.advertise_service(service, registry.service("rosapi_msgs/SetParam"), self._on_call)
                 message = json.dumps({"name": name, "value": message.decode()}).encode()
-                client.call_service(service, lambda type: payload(type.request), _ignore)
+                client.call_service(service, payload, _ignore)
         return made[-1]
 
     def _on_sample(self, sample: Sample) -> None:
