@@ -80,17 +80,17 @@ class Throttle:
 
     @property
     def is_open(self) -> bool:
-        """True if every sample passes, so that callers may bypass the gate."""
+        """True if every sample passes, so that callers may bypass the throttle."""
         return not (self._throttle or self._queue or self._lifespan_ns or self._deadline)
 
     @property
     def send(self) -> Callable[[Frame], None]:
-        """Function that sends the frames of an open gate."""
+        """Function that sends the frames of an open throttle."""
         return self._send_pieces if self._piece else self._flow.send
 
     @property
     def join(self) -> Callable[[Burst], bool]:
-        """Function that queues a burst of an open gate; fragmented messages are sent separately."""
+        """Function that queues a burst of an open throttle; fragmented messages are sent separately."""
         return _refuse if self._piece else self._flow.join
 
     def cut_to(self, size: int) -> None:
@@ -118,7 +118,7 @@ class Throttle:
             self._start_timer()
 
     def note_sent(self, at: float) -> None:
-        """Note that the last sample bypassed the open gate at the monotonic time `at` (THR-06)."""
+        """Note that the last sample bypassed the open throttle at the monotonic time `at` (THR-06)."""
         self._last = max(self._last, at)
 
     def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:

@@ -89,20 +89,20 @@ class _Delivery:
         flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
         self._flow = _NumberedFlow(flow, id)
         # Open, and so without a queue of its own: messages only wait for the network.
-        self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
+        self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
     def begin(self) -> None:
-        stream = self._fanout.join(self._gate, self.channel.topic, self._encoding)
+        stream = self._fanout.join(self._throttle, self.channel.topic, self._encoding)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
-            stream.replay(sample, self._gate)
+            stream.replay(sample, self._throttle)
 
     def end(self) -> None:
-        self._gate.close()
+        self._throttle.close()
         self._flow.close()
         self._drops.close()
         self._notices.close()
-        self._fanout.leave(self._gate, self.channel.topic, self._encoding)
+        self._fanout.leave(self._throttle, self.channel.topic, self._encoding)
         self._graph.unsubscribe(self._fanout)
 
 
