@@ -356,7 +356,7 @@ class Fanout:
       ``_is_stepped`` (True if an encoder works in steps); ``_takers`` (callbacks that get samples as they
       are).
     * Deferral: ``late`` (the queue), ``_late_samples`` (samples in it), ``_number`` (number of the newest
-      deferred sample), ``_joined`` (for throttles and takers that joined meanwhile: ``_number`` at that time).
+      deferred sample), ``_joined`` (throttles and takers that joined meanwhile: ``_number`` at that time).
 
     Attributes:
         counts: totals of the topic. Up to date after :meth:`settle`.
