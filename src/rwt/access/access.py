@@ -13,7 +13,7 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.decisions import decisions_of
 from rwt.access.disclosure import Disclosures, setting_parameters
 from rwt.access.graph_view import GraphView
-from rwt.access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
+from rwt.access.quotas import AddressQuotas, ClientQuotas, WorkLimit, WorkTotals
 from rwt.access.roles import Role
 from rwt.access.settings import AccessSettings, GateSettings, RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
@@ -202,8 +202,8 @@ class Access:
             quotas = self._addresses[network] = AddressQuotas(work)
         return quotas
 
-    def _work(self, rate: float, of_address: Work | None = None) -> Work:
-        return Work(rate, self.limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
+    def _work(self, rate: float, of_address: WorkLimit | None = None) -> WorkLimit:
+        return WorkLimit(rate, self.limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
 
     def reader(self, info: PeerInfo) -> GraphView:
         """Return the view of the graph for the sender of an HTTP request, by the token in the request.

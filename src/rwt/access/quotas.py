@@ -136,7 +136,7 @@ class WorkTotals:
     refused: int = 0
 
 
-class Work:
+class WorkLimit:
     """Work for a client, or for all clients of an address, in seconds of processor time.
 
     Work is counted after it is done. Beyond the rate, a client's next work waits until it does not delay
@@ -163,7 +163,7 @@ class Work:
         burst: float,
         totals: WorkTotals,
         monotonic: Callable[[], float],
-        of_address: Work | None = None,
+        of_address: WorkLimit | None = None,
     ) -> None:
         self._rate = rate
         self._burst = burst / rate if rate else 0.0
@@ -218,7 +218,7 @@ class AddressQuotas:
     Both count towards the quotas of the next clients.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: WorkLimit) -> None:
         self.advertisements = Quota("advertisements", 0)
         self.kept = Quota("kept_bytes", 0)
         self.parameters = Quota("parameter_bytes", 0)
@@ -246,7 +246,7 @@ class ClientQuotas:
 
     __slots__ = ("_address", "advertisements", "calls", "kept", "parameters", "subscriptions", "work")
 
-    def __init__(self, limits: ClientLimits, address: AddressQuotas, work: Work) -> None:
+    def __init__(self, limits: ClientLimits, address: AddressQuotas, work: WorkLimit) -> None:
         self.subscriptions = Quota("subscriptions", limits.subscriptions)
         self.advertisements = Quota("advertisements", limits.advertisements, address.advertisements, 10)
         self.calls = Quota("calls", limits.calls)

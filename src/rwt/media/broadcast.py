@@ -25,7 +25,7 @@ from rwt_graph import Node
 from rwt_graph.api import Sample
 from rwt_interfaces.payload import Payload
 from rwt_participant.handles import Handle
-from rwt_transports.http.routes import Work
+from rwt_transports.http.routes import WorkAccount
 
 T = TypeVar("T")
 
@@ -53,7 +53,7 @@ class Listener(Generic[T]):
         when_ended: called once when the stream has ended.
     """
 
-    def __init__(self, work: Work, leave: Callable[[Any], None], most: int | None = None) -> None:
+    def __init__(self, work: WorkAccount, leave: Callable[[Any], None], most: int | None = None) -> None:
         self.work = work
         self.failure: VideoError | None = None
         self.when_ended: Callable[[], None] | None = None
@@ -142,7 +142,7 @@ class Viewer(Listener["Encoded"]):
         bitrate: bits per second that its link carries; None if unknown.
     """
 
-    def __init__(self, broadcast: Broadcast, work: Work) -> None:
+    def __init__(self, broadcast: Broadcast, work: WorkAccount) -> None:
         super().__init__(work, broadcast.leave)
         self._broadcast = broadcast
         self._begun = False  # what cannot be shown by itself makes no sense before a key frame
@@ -216,7 +216,7 @@ class EncoderThreads:
         self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
         self._beyond_rate = anyio.Lock()
 
-    async def run(self, encode: Callable[[], T], viewers: Sequence[Work]) -> T:
+    async def run(self, encode: Callable[[], T], viewers: Sequence[WorkAccount]) -> T:
         """Run `encode` in a thread, and charge its CPU time to the viewers in equal parts."""
         seconds = 0.0
 
@@ -290,7 +290,7 @@ class Broadcast(SharedStream[Viewer]):
         # Last: retained samples arrive at once.
         self._subscriptions = (node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take),)
 
-    def join(self, work: Work) -> Viewer:
+    def join(self, work: WorkAccount) -> Viewer:
         """Add a viewer, which receives the last image at once if there is one."""
         viewer = Viewer(self, work)
         self.listeners.append(viewer)

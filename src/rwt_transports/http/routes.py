@@ -81,7 +81,7 @@ def joined_headers(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
     return headers
 
 
-class Work(Protocol):
+class WorkAccount(Protocol):
     """Rate-limited account of the work for the clients of an address."""
 
     @property
@@ -96,7 +96,7 @@ class Reader(Protocol):
     """Sender of a request for a page: visible graph and charged work."""
 
     @property
-    def work(self) -> Work:
+    def work(self) -> WorkAccount:
         """Account of the work for the reader's address."""
 
     def may_subscribe(self, topic: str) -> bool:

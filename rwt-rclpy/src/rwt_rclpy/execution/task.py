@@ -241,7 +241,7 @@ class Task(Future):
         return not self._waits and not self._done and not self._executing
 
 
-class Work(Task):
+class CallbackTask(Task):
     """Callback of an entity, with the actions after it."""
 
     def __init__(self, call: Callable[[], object], executor: Executor, after: Callable[[], None]) -> None:

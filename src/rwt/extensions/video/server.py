@@ -38,7 +38,7 @@ from rwt_transports.http.routes import (
     MetricFamily,
     Reader,
     Route,
-    Work,
+    WorkAccount,
     page_policy,
 )
 
@@ -176,7 +176,7 @@ class WebVideoServer:
         topics.require(stream.topic)
         return await self._resolved(stream, topics)
 
-    def watch(self, stream: StreamRequest, work: Work) -> Viewer:
+    def watch(self, stream: StreamRequest, work: WorkAccount) -> Viewer:
         """Add a viewer for a request from :meth:`find`, until its `leave`; equal requests share an encoder.
 
         Raises:
@@ -239,7 +239,7 @@ class WebVideoServer:
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
         return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
-    async def _one_image(self, stream: StreamRequest, work: Work) -> Encoded:
+    async def _one_image(self, stream: StreamRequest, work: WorkAccount) -> Encoded:
         viewer, image = self._join(stream, work), None
         try:
             with anyio.move_on_after(PATIENCE):
@@ -310,7 +310,7 @@ class WebVideoServer:
             broadcast.pixels = 0
             raise
 
-    def _join(self, stream: StreamRequest, work: Work) -> Viewer:
+    def _join(self, stream: StreamRequest, work: WorkAccount) -> Viewer:
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
             counts = self._stream_metrics.of(stream.topic, stream.type)
