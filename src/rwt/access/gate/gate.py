@@ -577,7 +577,7 @@ class Gate:
                 checks = FieldChecks(rule, type)
             except NoSuchField as wrong:
                 checks = str(wrong)
-                logger.error("the gate lets nothing through: %s", wrong)
+                logger.error("the gate rejects every command: %s", wrong)
             self._checks[rule, type] = checks
         return checks
 
