@@ -43,7 +43,7 @@ REQUESTS_SECONDS: Final = 0.005
 BODY_SECONDS: Final = 0.003
 """Budget for reading the body of one HTTP request."""
 CLIENT_SECONDS: Final = 0.003
-"""Messages of one client."""
+"""Budget for the messages of one client."""
 STEP_SECONDS: Final = 0.002
 """Time within `CLIENT_SECONDS` in which steps of a large message begin. The rest is for what the message
 sends."""

@@ -141,7 +141,7 @@ class SharedPublisher:
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
             seconds = self.publisher.qos.deadline
-            self._log(f"nothing came for {self.topic} within its deadline of {seconds:g} s")
+            self._log(f"{self.topic}: no message within the deadline of {seconds:g} s")
 
     def settle(self) -> None:
         """End the charges of former users."""
