@@ -12,6 +12,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import Enum
 from typing import Any, Final, Generic, TypeVar
 
 import anyio
@@ -93,8 +94,31 @@ class Listener(Generic[T]):
 AnyListener = TypeVar("AnyListener", bound=Listener[Any])
 
 
+class _StreamState(Enum):
+    STARTING = "starting"
+    RUNNING = "running"
+    ENDED = "ended"
+
+
+_TRANSITIONS: Final = {
+    _StreamState.STARTING: {_StreamState.RUNNING, _StreamState.ENDED},
+    _StreamState.RUNNING: {_StreamState.ENDED},
+    _StreamState.ENDED: set[_StreamState](),
+}
+
+
 class SharedStream(Generic[AnyListener]):
     """Stream of an encoder, until the last listener leaves.
+
+    Life cycle::
+
+        STARTING ── first result ──> RUNNING ── end() ──> ENDED
+           └──────────────── end() ───────────────────────^
+
+    * **STARTING**: nothing has been encoded. A message that cannot be decoded ends the stream: its topic has
+      the wrong format.
+    * **RUNNING**: something has been encoded.
+    * **ENDED**: the subscriptions are closed. A worker thread may still be encoding.
 
     Args:
         on_end: called once when the last listener has left, or when the stream has failed.
@@ -108,7 +132,21 @@ class SharedStream(Generic[AnyListener]):
         self._on_end = on_end
         self._subscriptions: tuple[Handle, ...] = ()
         self._woken = anyio.Event()
-        self._over = False
+        self._state = _StreamState.STARTING
+
+    def _become(self, state: _StreamState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    @property
+    def is_over(self) -> bool:
+        """True once the stream has ended."""
+        return self._state is _StreamState.ENDED
+
+    def note_encoded(self) -> None:
+        """Note that a message was encoded: the first one begins the stream."""
+        if self._state is _StreamState.STARTING:
+            self._become(_StreamState.RUNNING)
 
     def leave(self, listener: AnyListener) -> None:
         """Remove a listener; the last one stops the encoder and the subscriptions."""
@@ -120,9 +158,9 @@ class SharedStream(Generic[AnyListener]):
 
     def end(self, failure: VideoError | None = None) -> None:
         """Stop, and end every listener's stream."""
-        if self._over:
+        if self.is_over:
             return
-        self._over = True
+        self._become(_StreamState.ENDED)
         for subscription in self._subscriptions:
             subscription.close()
         for listener in self.listeners:
@@ -239,7 +277,7 @@ class EncoderThreads:
 
 
 class Broadcast(SharedStream[Viewer]):
-    """Subscription, encoder and images shared by equal requests.
+    """Subscription, encoder and images shared by equal requests; :class:`SharedStream` has its life cycle.
 
     A task encodes while a message is new and a viewer has room; it is woken by :meth:`wake`.
 
@@ -331,7 +369,7 @@ class Broadcast(SharedStream[Viewer]):
             self._encoder = self._newest = self._last = self._shown = None
 
     async def _make_images(self) -> None:
-        while not self._over:
+        while not self.is_over:
             payload = self._newest
             if payload is None or not any(viewer.can_accept for viewer in self.listeners):
                 await self._woken.wait()
@@ -350,13 +388,16 @@ class Broadcast(SharedStream[Viewer]):
                 self._show(encoded)
 
     def _unreadable(self, error: VideoError) -> None:
-        """Count an unreadable image. Cameras send some now and then; after a first one the stream ends."""
+        """Count an image that cannot be decoded.
+
+        Cameras send some now and then, so only one before the first image ends the stream.
+        """
         self.counts.failed += 1
         if self.counts.complaint != str(error):
             # Once: viewers that reconnect repeatedly must not fill the log.
             self.counts.complaint = str(error)
             self._log.warning(f"{self.request.topic}: {error}")
-        if self._shown is None:
+        if self._state is _StreamState.STARTING:
             self.end(error)
 
     async def _encode(self, payload: Payload) -> Encoded | None:
@@ -381,6 +422,7 @@ class Broadcast(SharedStream[Viewer]):
             self.counts.skipped += 1
             return
         self.counts.encoded += 1
+        self.note_encoded()
         self._shown = image
         if image.key:
             self._key_at = self.now()

@@ -85,7 +85,7 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
         self.wake()
 
     async def _run(self) -> None:
-        while not self._over:
+        while not self.is_over:
             messages = tuple(self._waiting)
             if not messages:
                 await self._woken.wait()
@@ -105,6 +105,7 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
             else:
                 if self._encoder.complaint is not None:
                     self._complain(self._encoder.complaint)
+                self.note_encoded()
                 for listener in self.listeners:
                     for packet in packets:
                         listener.put(packet)
