@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
+from enum import Enum
 from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
@@ -37,17 +38,35 @@ _LAST_SEQUENCE: Final = (1 << 32) - 1
 """Maximum of `header.seq`, which then restarts at zero."""
 
 
+class _PublisherState(Enum):
+    USED = "used"
+    LINGERING = "lingering"
+    CLOSED = "closed"
+
+
+_TRANSITIONS: Final = {
+    _PublisherState.USED: {_PublisherState.LINGERING, _PublisherState.CLOSED},
+    _PublisherState.LINGERING: {_PublisherState.USED, _PublisherState.CLOSED},
+    _PublisherState.CLOSED: set[_PublisherState](),
+}
+
+
 class SharedPublisher:
     """Publisher of one topic, with the clients that use it.
 
-    Life cycle:
+    Life cycle::
 
-    * **startup**, for `STARTUP_SECONDS` unless the topic is latched: messages are also kept for late
-      subscribers.
-    * **used**, while it has ``users``.
-    * **lingering**, without users: the timer ``linger`` closes it, unless it is used again. ``lingers_for``
-      are the charges of its last users.
-    * **closed**.
+        USED ── last user leaves ──> LINGERING ── timer ──> CLOSED
+         │^──── used again ──────────────┘                    ^
+         └────── other policies, may no longer be latched ────┘
+
+    * **USED**: it has ``users``, or is about to get its first.
+    * **LINGERING**: ``_linger`` closes it, unless it is used again. ``lingers_for`` are the charges of its
+      last users.
+    * **CLOSED**: users that remain must request the publisher again.
+
+    During its first `STARTUP_SECONDS`, unless the topic is latched, ``_startup`` keeps messages for late
+    subscribers.
 
     Private attributes: ``_sequence`` (last `header.seq`), ``_logged`` (monotonic time of the last log line
     about the deadline), ``_kept`` (charges of retained messages of a latched topic, oldest first).
@@ -59,8 +78,9 @@ class SharedPublisher:
     """
 
     __slots__ = (
-        "_clock", "_counters", "_kept", "_log", "_logged", "_sequence", "_startup", "_startup_timer",
-        "counts", "deadline", "linger", "lingers_for", "publish", "publisher", "topic", "type", "users",
+        "_clock", "_counters", "_kept", "_linger", "_log", "_logged", "_sequence", "_startup",
+        "_startup_timer", "_state", "counts", "deadline", "lingers_for", "publish", "publisher", "topic",
+        "type", "users",
     )  # fmt: skip
 
     def __init__(
@@ -70,7 +90,8 @@ class SharedPublisher:
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
-        self.linger: Timer | None = None
+        self._state = _PublisherState.USED
+        self._linger: Timer | None = None
         self.lingers_for: list[Ends] = []
         self._clock = clock
         self._counters = counters
@@ -88,6 +109,32 @@ class SharedPublisher:
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
+
+    def _become(self, state: _PublisherState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    def use(self, user: Hashable) -> None:
+        """Add a user; the charges of former users end."""
+        if self._state is _PublisherState.LINGERING:
+            self._become(_PublisherState.USED)
+            self._stop_lingering()
+        self.users.add(user)
+
+    def linger(self, seconds: float, charge: Ends, close: Callable[[], None]) -> None:
+        """Call `close` in a while, unless it is used again: the last user has left its charge."""
+        self._become(_PublisherState.LINGERING)
+        self.lingers_for.append(charge)
+        self.end_startup()
+        self._linger = self._clock.call_later(seconds, close)
+
+    def _stop_lingering(self) -> None:
+        if self._linger is not None:
+            self._linger.cancel()
+            self._linger = None
+        settled, self.lingers_for = self.lingers_for, []
+        for each in settled:
+            each.end()
 
     def _choose_publish(self) -> None:
         if self._startup is None and self.deadline is None and not self.type.has_sequence:
@@ -143,17 +190,10 @@ class SharedPublisher:
             seconds = self.publisher.qos.deadline
             self._log(f"{self.topic}: no message within the deadline of {seconds:g} s")
 
-    def settle(self) -> None:
-        """End the charges of former users."""
-        settled, self.lingers_for = self.lingers_for, []
-        for each in settled:
-            each.end()
-
     def close(self) -> None:
         """Stop publishing on the topic."""
-        self.settle()
-        if self.linger is not None:
-            self.linger.cancel()
+        self._become(_PublisherState.CLOSED)
+        self._stop_lingering()
         if self.deadline is not None:
             self.deadline.close()
         if self._startup_timer is not None:
@@ -234,11 +274,7 @@ class SharedPublishers:
             )
         elif shared.type.name != type.name:
             raise TypeConflict(topic, type.name, shared.type.name)
-        if shared.linger is not None:
-            shared.linger.cancel()
-            shared.linger = None
-            shared.settle()
-        shared.users.add(user)
+        shared.use(user)
         return shared
 
     def lingering(self, topic: str) -> Ends | None:
@@ -267,9 +303,7 @@ class SharedPublishers:
         if shared.users:
             charge.end()
         else:
-            shared.lingers_for.append(charge)
-            shared.end_startup()
-            shared.linger = self._clock.call_later(self._linger, lambda: self._end(topic, shared))
+            shared.linger(self._linger, charge, lambda: self._end(topic, shared))
 
     def end_latched(self, may_latch: Callable[[str], bool]) -> None:
         """Close the latched publishers of topics that may no longer be latched, with what they retain.
@@ -286,8 +320,7 @@ class SharedPublishers:
             self._end(topic, shared)
 
     def _end(self, topic: str, shared: SharedPublisher) -> None:
-        if self._by_topic.get(topic) is shared:
-            del self._by_topic[topic]
+        del self._by_topic[topic]
         shared.close()
 
 
