@@ -276,6 +276,40 @@ class EncoderThreads:
                 viewer.add(seconds / len(viewers), "pictures")
 
 
+class _KeyFrames:
+    """Requests for key frames of one video; the first frame is one.
+
+    Args:
+        now: seconds of a steady clock.
+    """
+
+    __slots__ = ("_is_asked", "_is_wanted", "_sent_at")
+
+    def __init__(self, now: float) -> None:
+        self._is_wanted = True
+        self._is_asked = False
+        self._sent_at = now
+
+    def want(self) -> None:
+        """Make the next frame a key frame."""
+        self._is_wanted = True
+
+    def ask(self) -> None:
+        """Make a frame a key frame soon: many requests share one, since every viewer gets it."""
+        self._is_asked = True
+
+    def take(self, now: float) -> bool:
+        """Return True if the next frame is a key frame; the requests are used up."""
+        key = self._is_wanted or (self._is_asked and now >= self._sent_at + _KEY_PAUSE_SECONDS)
+        if key:
+            self._is_wanted = self._is_asked = False
+        return key
+
+    def note_sent(self, now: float) -> None:
+        """Note that a key frame was sent to the viewers."""
+        self._sent_at = now
+
+
 class Broadcast(SharedStream[Viewer]):
     """Subscription, encoder and images shared by equal requests; :class:`SharedStream` has its life cycle.
 
@@ -286,8 +320,7 @@ class Broadcast(SharedStream[Viewer]):
     * Messages: ``_newest`` (not encoded yet; the next message replaces it), ``_last``
       (encoded).
     * Images: ``_encoder`` (created with the first message), ``_shown`` (the last image), ``pixels``.
-    * Key frames: ``_key_wanted`` (the next image is one), ``_key_asked`` (a viewer asked for one),
-      ``_key_at`` (time of the last one).
+    * Key frames of a video: ``_key_frames``.
 
     Args:
         request: request of the viewers, with the topic to subscribe to.
@@ -321,9 +354,7 @@ class Broadcast(SharedStream[Viewer]):
         self._newest: Payload | None = None
         self._last: Payload | None = None
         self._shown: Encoded | None = None
-        self._key_wanted = True
-        self._key_asked = False
-        self._key_at = now()
+        self._key_frames = _KeyFrames(now())
         node.graph.spawn(self._run, f"pictures of {request.topic}")
         # Last: retained samples arrive at once.
         self._subscriptions = (node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take),)
@@ -336,23 +367,17 @@ class Broadcast(SharedStream[Viewer]):
             viewer.put(self._shown)
         elif self._last is not None:
             # A video starts at a key frame, and the topic may be silent: encode the last message again.
-            self._key_wanted = True
+            self._key_frames.want()
             self._newest = self._newest or self._last
         self.wake()
         return viewer
 
     def ask_for_key(self, *, at_once: bool = False) -> None:
         """Request a key frame for a viewer that lost images; it is delayed, since every viewer gets it."""
-        self._key_asked = True
-        self._key_wanted |= at_once
+        self._key_frames.ask()
+        if at_once:
+            self._key_frames.want()
         self.wake()
-
-    def _takes_key(self, now: float) -> bool:
-        """Return True if the next image is a key frame; the request is used up."""
-        key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE_SECONDS)
-        if key:
-            self._key_wanted = self._key_asked = False
-        return key
 
     def _take(self, sample: Sample) -> None:
         """Store a message, in place of one that was not encoded for lack of room."""
@@ -402,7 +427,7 @@ class Broadcast(SharedStream[Viewer]):
 
     async def _encode(self, payload: Payload) -> Encoded | None:
         now = self.now()
-        key, at_ms = self._takes_key(now), int(now * 1000)
+        key, at_ms = self._key_frames.take(now), int(now * 1000)
         bitrate = min((each.bitrate for each in self.listeners if each.bitrate is not None), default=None)
 
         def work() -> Encoded | None:
@@ -414,7 +439,7 @@ class Broadcast(SharedStream[Viewer]):
 
         encoded = await self._threads.run(work, tuple(viewer.work for viewer in self.listeners))
         if encoded is None and key:
-            self._key_wanted = True
+            self._key_frames.want()
         return encoded
 
     def _show(self, image: Encoded | None) -> None:
@@ -425,6 +450,6 @@ class Broadcast(SharedStream[Viewer]):
         self.note_encoded()
         self._shown = image
         if image.key:
-            self._key_at = self.now()
+            self._key_frames.note_sent(self.now())
         for viewer in tuple(self.listeners):
             viewer.put(image)

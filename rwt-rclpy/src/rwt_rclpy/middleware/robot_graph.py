@@ -384,14 +384,13 @@ class RobotGraph(Graph):
     robot: Robot
 
     def __init__(self, url: str, registry: Registry | None = None, *, timeout: float = 10.0) -> None:
-        self.url = url
+        self._connecting = connect(url, timeout=timeout, ros_version=2, fetch_types=False)
         self.local = MemoryGraph(registry)
         self.registry, self.distro = self.local.registry, self.local.distro
         self.clock, self.parameters = self.local.clock, self.local.parameters
         self.offers = Offers()
         self.topics_here: dict[str, RobotTopic] = {}
         self.told_here: Counter[str] = Counter()
-        self._timeout = timeout
         self._connection = AsyncExitStack()
         self._participants: dict[RobotParticipant, None] = {}
         # Participant that calls and sends goals for clients of the server; not listed.
@@ -407,9 +406,7 @@ class RobotGraph(Graph):
         """
         await self.local.__aenter__()
         try:
-            self.robot = await self._connection.enter_async_context(
-                connect(self.url, timeout=self._timeout, ros_version=2, fetch_types=False)
-            )
+            self.robot = await self._connection.enter_async_context(self._connecting)
         except BaseException:
             await self.local.__aexit__()
             raise
