@@ -542,7 +542,6 @@ class Node(NodeParameters):
             self._context,
             self._rwt_link,
             self,
-            self._rwt_participant,
             srv_type,
             srv_name,
             name,
