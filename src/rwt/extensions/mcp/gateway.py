@@ -352,13 +352,7 @@ class McpGateway(Gateway):
         caller = _caller_of(context)
         if lasts:
             caller = _Caller(caller.info, caller.role, is_stream=True)
-        alike = [each for each in self._callers if each.is_stream is lasts]
-        running = sum(len(each.clients) for each in alike)
-        if running >= self.settings.requests and not caller.presses_stop:
-            raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
-        own = sum(len(each.clients) for each in alike if each.owner == caller.owner)
-        if lasts and own >= self.settings.requests_per_address:
-            raise ToolError(f"you have {own} subscriptions (mcp.requests_per_address): end one of them")
+        self._check_room(caller, lasts=lasts)
         name = f"mcp:{_name_of(context)}"
         client = self.access.client(self.shared, caller.role, caller.info.address, name)
         gate, leave = self.access.gate, None
@@ -399,6 +393,16 @@ class McpGateway(Gateway):
                 robot.close()
         if scope.cancelled_caught:
             raise ToolError("the request was abandoned: its client has gone")
+
+    def _check_room(self, caller: _Caller, *, lasts: bool) -> None:
+        """Raise ToolError if the limit of requests, or of subscriptions if it `lasts`, is reached."""
+        alike = [each for each in self._callers if each.is_stream is lasts]
+        running = sum(len(each.clients) for each in alike)
+        if running >= self.settings.requests and not caller.presses_stop:
+            raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
+        own = sum(len(each.clients) for each in alike if each.owner == caller.owner)
+        if lasts and own >= self.settings.requests_per_address:
+            raise ToolError(f"you have {own} subscriptions (mcp.requests_per_address): end one of them")
 
     async def _ask_for_leave(
         self, gate: Gate, client: ClientGraph, caller: _Caller, allow: Allow, seconds: float
