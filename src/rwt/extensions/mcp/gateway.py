@@ -352,7 +352,7 @@ class McpGateway(Gateway):
         caller = _caller_of(context)
         if lasts:
             caller = _Caller(caller.info, caller.role, is_stream=True)
-        self._check_room(caller, lasts=lasts)
+        self._check_requests(caller, lasts=lasts)
         name = f"mcp:{_name_of(context)}"
         client = self.access.client(self.shared, caller.role, caller.info.address, name)
         gate, leave = self.access.gate, None
@@ -394,7 +394,7 @@ class McpGateway(Gateway):
         if scope.cancelled_caught:
             raise ToolError("the request was abandoned: its client has gone")
 
-    def _check_room(self, caller: _Caller, *, lasts: bool) -> None:
+    def _check_requests(self, caller: _Caller, *, lasts: bool) -> None:
         """Raise ToolError if the limit of requests, or of subscriptions if it `lasts`, is reached."""
         alike = [each for each in self._callers if each.is_stream is lasts]
         running = sum(len(each.clients) for each in alike)
