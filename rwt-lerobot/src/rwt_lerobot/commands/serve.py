@@ -87,7 +87,7 @@ def make_robot(words: Sequence[str]) -> Any:
         raise CommandError(f"the robot needs a package that is not installed: {error}") from error
 
 
-def _calibrations(files: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+def _calibrations(files: Mapping[str, str]) -> dict[str, Mapping[str, Any]]:
     """Read the calibrations of cameras, by the names of the cameras."""
     from rwt_lerobot.calibration import CalibrationError, camera_info
 
