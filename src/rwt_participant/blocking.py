@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import functools
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator
-from typing import Any, Concatenate, Generic, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
 from rwt_participant.api import Parameters, RobotApi
 from rwt_participant.goals import Goal, GoalStatus
@@ -25,16 +26,19 @@ Inner = TypeVar("Inner")
 Robot = TypeVar("Robot", bound=RobotApi)
 
 
-class LoopThread(Protocol):
+class LoopThread(ABC):
     """Event loop that runs in another thread."""
 
     @property
+    @abstractmethod
     def here(self) -> bool:
         """True on its thread."""
 
+    @abstractmethod
     def run(self, function: Callable[[], T]) -> T:
         """Run a plain function there and return its result; at once on its thread."""
 
+    @abstractmethod
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
         """Run a coroutine function there and return its result.
 

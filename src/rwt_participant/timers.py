@@ -8,9 +8,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
-from typing import Final, Protocol, Self
+from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from rwt_participant.messages import HELD_SECONDS, is_coroutine_function, warn_of_held_loop
+
+if TYPE_CHECKING:
+    from rwt_participant.blocking import BlockingTimer
 
 logger = logging.getLogger(__name__)
 
@@ -157,20 +160,10 @@ class PeriodicTimer(Timer):
         self._on_cancel(self)
 
 
-class ResettableTimer(Protocol):
-    """Timer of a robot program: :class:`PeriodicTimer`, or the blocking form of it."""
-
-    def reset(self) -> None:
-        """Postpone the next call by one whole period."""
-
-    def cancel(self) -> None:
-        """Stop the timer."""
-
-
 class HasTimers(Protocol):
     """Robot with timers: :class:`~rwt_participant.api.RobotApi`, or its blocking form."""
 
-    def create_timer(self, period: float, callback: Callable[[], None], /) -> ResettableTimer:
+    def create_timer(self, period: float, callback: Callable[[], None], /) -> PeriodicTimer | BlockingTimer:
         """Call `callback` every `period` seconds."""
 
 

@@ -133,7 +133,7 @@ class WrappedPublisher:
 class GoalMessages(WrappedPublisher):
     """Publisher of an action's goal topic for one client; running goals are charged to the client (ALB-01).
 
-    Also the account of the program that runs the goals (:class:`rwt_graph.accounts.WorkAccount`).
+    The program that runs the goals holds their charges with :meth:`hold` (:data:`rwt_graph.accounts.Hold`).
     """
 
     __slots__ = ("_quotas",)
@@ -168,31 +168,23 @@ class GoalMessages(WrappedPublisher):
         Raises:
             QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
-        asker = WORK_ACCOUNT.set(self)
+        asker = WORK_ACCOUNT.set(self.hold)
         try:
             self._inner.publish(payload)
         finally:
             WORK_ACCOUNT.reset(asker)
 
 
-class _ParameterAccount:
-    """Account for the parameters that one client has set."""
+def _charge_parameters(quota: Quota, amount: int, replaced: object) -> Charge:
+    """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
 
-    __slots__ = ("_quota",)
-
-    def __init__(self, quota: Quota) -> None:
-        self._quota = quota
-
-    def charge(self, amount: int, replaced: object) -> Charge:
-        """Charge `amount` bytes to the client, in place of the charge `replaced`.
-
-        Raises:
-            ParameterRejected: `limits.parameter_bytes` is reached.
-        """
-        try:
-            return self._quota.exchange(replaced, amount)
-        except QuotaExceeded as exceeded:
-            raise ParameterRejected(str(exceeded)) from None
+    Raises:
+        ParameterRejected: `limits.parameter_bytes` is reached.
+    """
+    try:
+        return quota.exchange(replaced, amount)
+    except QuotaExceeded as exceeded:
+        raise ParameterRejected(str(exceeded)) from None
 
 
 class LatchedPublisher(WrappedPublisher):
@@ -259,7 +251,7 @@ class ClientGraph(GraphView):
     * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark),
       ``_services``, ``_actions``, ``_subscriptions``.
     * In progress: ``_calls``. Goals hold their own charges.
-    * Parameters it has set: ``_parameters``.
+    * Parameters it has set: ``_charge_parameters`` counts their bytes.
 
     Args:
         policy: rules that hold for all clients.
@@ -286,7 +278,7 @@ class ClientGraph(GraphView):
         self._actions: dict[str, tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
         self._quotas = quotas
-        self._parameters = _ParameterAccount(quotas.parameters)
+        self._charge_parameters = partial(_charge_parameters, quotas.parameters)
         self._subscriptions: list[Charge] = []
 
     def take_role(self, role: Role) -> None:
@@ -631,12 +623,12 @@ class ClientGraph(GraphView):
 
     def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
         send = self._shared.participant.call_service
-        asker = WORK_ACCOUNT.set(call)
+        asker = WORK_ACCOUNT.set(call.hold)
         try:
             if info.type.name in self._policy.setting_parameters:
                 # The handler, called now or in a task, sets parameters on the client's account.
                 context = copy_context()
-                context.run(ACCOUNT.set, self._parameters)
+                context.run(ACCOUNT.set, self._charge_parameters)
                 return context.run(send, info.name, payload, call, timeout)
             return send(info.name, payload, call, timeout)
         finally:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.errors import QuotaExceeded
+from rwt_transports.http.routes import WorkAccount
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -136,7 +137,7 @@ class WorkTotals:
     refused: int = 0
 
 
-class WorkLimit:
+class WorkLimit(WorkAccount):
     """Work for a client, or for all clients of an address, in seconds of processor time.
 
     Work is counted after it is done. Beyond the rate, a client's next work waits until it does not delay

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Hashable
 from enum import Enum
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
 from rwt_graph.api import Participant, Publisher, Sample
@@ -14,6 +14,7 @@ from rwt_participant.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters
+    from rwt_graph.accounts import OpenCharge
     from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
@@ -21,13 +22,6 @@ if TYPE_CHECKING:
 
 Lacks = Callable[[QoS], str]
 """Function that names the requested policies that a publisher does not offer; empty if there are none."""
-
-
-class Ends(Protocol):
-    """Charge of a client that lasts until it is ended."""
-
-    def end(self) -> None:
-        """End the charge."""
 
 
 class IncompatiblePolicies(GraphError):
@@ -92,7 +86,7 @@ class SharedPublisher:
         self.users: set[Hashable] = set()
         self._state = _PublisherState.USED
         self._linger: Timer | None = None
-        self.lingers_for: list[Ends] = []
+        self.lingers_for: list[OpenCharge] = []
         self._clock = clock
         self._counters = counters
         self._log = log
@@ -101,7 +95,7 @@ class SharedPublisher:
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
         self._sequence = 0
-        self._kept: deque[Ends] = deque()
+        self._kept: deque[OpenCharge] = deque()
         self._startup: StartupBuffer | None = None
         self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
@@ -121,7 +115,7 @@ class SharedPublisher:
             self._stop_lingering()
         self.users.add(user)
 
-    def linger(self, seconds: float, charge: Ends, close: Callable[[], None]) -> None:
+    def linger(self, seconds: float, charge: OpenCharge, close: Callable[[], None]) -> None:
         """Call `close` in a while, unless it is used again: the last user has left its charge."""
         self._become(_PublisherState.LINGERING)
         self.lingers_for.append(charge)
@@ -157,13 +151,13 @@ class SharedPublisher:
         return self.publisher.qos.durability is Durability.TRANSIENT_LOCAL
 
     @property
-    def kept_next_to_go(self) -> Ends | None:
+    def kept_next_to_go(self) -> OpenCharge | None:
         """Charge of the sample that the next one replaces; None while there is room."""
         qos = self.publisher.qos
         full = qos.history is History.KEEP_LAST and len(self._kept) >= qos.depth
         return self._kept[0] if full else None
 
-    def publish_kept(self, payload: Payload, kept: Ends) -> None:
+    def publish_kept(self, payload: Payload, kept: OpenCharge) -> None:
         """Publish a message of a latched topic; the charge `kept` ends when it is no longer retained."""
         if self.kept_next_to_go is not None:
             self._kept.popleft().end()
@@ -277,12 +271,12 @@ class SharedPublishers:
         shared.use(user)
         return shared
 
-    def lingering(self, topic: str) -> Ends | None:
+    def lingering(self, topic: str) -> OpenCharge | None:
         """Return the first charge of a publisher without users; None if there is none."""
         shared = self._by_topic.get(topic)
         return shared.lingers_for[0] if shared is not None and shared.lingers_for else None
 
-    def linger_for(self, topic: str, charge: Ends) -> None:
+    def linger_for(self, topic: str, charge: OpenCharge) -> None:
         """Add a charge to a publisher without users; end the charge if there is no such publisher."""
         shared = self._by_topic.get(topic)
         if shared is None or shared.users:
@@ -290,7 +284,7 @@ class SharedPublishers:
         else:
             shared.lingers_for.append(charge)
 
-    def release(self, topic: str, user: Hashable, charge: Ends) -> None:
+    def release(self, topic: str, user: Hashable, charge: OpenCharge) -> None:
         """Stop using the topic's publisher. Unknown topics and users are ignored.
 
         The charge ends now if the publisher has other users, else when it closes or is used again.

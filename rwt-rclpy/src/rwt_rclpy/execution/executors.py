@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.clocks import timekeeper
+from rwt_rclpy.clocks.timekeeper import Waker
 from rwt_rclpy.exceptions import InvalidHandle
 from rwt_rclpy.execution.context import Context, get_default_context
 from rwt_rclpy.execution.entity import Entity
@@ -93,7 +94,7 @@ class WorkTracker:
         return True
 
 
-class Executor:
+class Executor(Waker):
     """Base of executors: their nodes and ready callbacks."""
 
     def __init__(self, *, context: Context | None = None) -> None:

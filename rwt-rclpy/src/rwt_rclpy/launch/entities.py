@@ -10,9 +10,13 @@ import asyncio
 import os
 from collections import deque
 from collections.abc import Iterable, MutableMapping, Sequence
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from rwt_participant.errors import RobotError
+
+if TYPE_CHECKING:
+    from rwt_rclpy.launch.conditions import Condition
+    from rwt_rclpy.launch.event_handlers import EventHandler
 
 _Value = TypeVar("_Value")
 
@@ -88,26 +92,6 @@ class ExecutionComplete(ActionEvent):
     name = "launch.events.ExecutionComplete"
 
 
-class Decides(Protocol):
-    """Function that returns True if a condition holds."""
-
-    def evaluate(self, context: LaunchContext) -> bool:
-        """True if the condition holds."""
-        ...
-
-
-class Hears(Protocol):
-    """Event handler."""
-
-    def matches(self, event: Event) -> bool:
-        """True if the handler handles the event."""
-        ...
-
-    def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Handle the event; return the entities to visit next."""
-        ...
-
-
 class Locals:
     """Values available while an event is handled, by attribute."""
 
@@ -133,7 +117,7 @@ class LaunchContext:
         self.noninteractive = noninteractive
         self.launch_configurations: dict[str, Any] = {}
         self.is_shutdown = False
-        self.handlers: deque[Hears] = deque()
+        self.handlers: deque[EventHandler] = deque()
         self.events: deque[Event] = deque()
         #: Number of requests by name, for the numbers of processes.
         self.process_count = 0
@@ -203,14 +187,14 @@ class LaunchContext:
         """Return the value of a substitution."""
         return text(self, value)
 
-    def register_event_handler(self, handler: Hears, append: bool = False) -> None:
+    def register_event_handler(self, handler: EventHandler, append: bool = False) -> None:
         """Register an event handler before the existing ones, or after them with `append`."""
         if append:
             self.handlers.append(handler)
         else:
             self.handlers.appendleft(handler)
 
-    def unregister_event_handler(self, handler: Hears) -> None:
+    def unregister_event_handler(self, handler: EventHandler) -> None:
         """Unregister an event handler. Raises ValueError if it was not registered."""
         self.handlers.remove(handler)
 
@@ -281,7 +265,7 @@ class Action(LaunchDescriptionEntity):
         condition: condition of execution; always by default.
     """
 
-    def __init__(self, *, condition: Decides | None = None) -> None:
+    def __init__(self, *, condition: Condition | None = None) -> None:
         self.condition = condition
 
     def visit(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:

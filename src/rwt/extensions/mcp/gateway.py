@@ -28,7 +28,7 @@ from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt.access.roles import Role, glob_pattern
 from rwt.access.settings import LINGER_SECONDS
-from rwt.extensions.mcp.agent import Act, Agent, Allow, Recordings, note_once
+from rwt.extensions.mcp.agent import Act, Agent, Allow, note_once
 from rwt.extensions.mcp.asgi import AgentExchange
 from rwt.extensions.mcp.client_robot import ClientRobot
 from rwt.extensions.mcp.errors import ToolError
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.gate import Gate
     from rwt.extensions.mcp.content.answer import Answer
+    from rwt.extensions.mcp.recordings import RecordingFolder
     from rwt.extensions.mcp.settings import McpSettings
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo
@@ -153,7 +154,7 @@ class McpGateway(Gateway):
         graph: Graph,
         access: Access,
         settings: McpSettings,
-        recordings: Recordings | None = None,
+        recordings: RecordingFolder | None = None,
         *,
         several_processes: bool = False,
     ) -> None:
