@@ -23,7 +23,7 @@ from rwt.extensions.recording.playback.publications import (
 from rwt.extensions.recording.playback.read_ahead import ReadAhead
 from rwt.extensions.recording.recording import EVERYTHING, RecordedMessage, Recording, TopicSelection
 from rwt_graph.api import Graph, Participant, ServiceCall
-from rwt_graph.clock import END_OF_TIME_NS
+from rwt_graph.clock import END_OF_TIME_NS, Playback
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.timers import Timer
@@ -81,7 +81,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class Player:
+class Player(Playback):
     """Node that publishes the messages of a recording in order and at the times of the recording.
 
     Life cycle::
@@ -117,7 +117,7 @@ class Player:
         ValueError: `rate`, `start` or `end` is out of range.
     """
 
-    node: Final = NODE
+    node = NODE
 
     def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
         self._clock = graph.clock
