@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import Final, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import anyio
 
@@ -340,13 +340,9 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
     return f"<tr><td><code>{rows}".replace(" ", "</code><td>").replace("\n", "<tr><td><code>")
 
 
-_FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip", "/recordings": "recordings"}
-
-
 def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
     """Return the features that pages check first, because a 404 response is an error on their console."""
-    paths = {route.path for route in routes}
-    return [name for path, name in _FEATURES.items() if path in paths]
+    return list(dict.fromkeys(route.feature for route in routes if route.feature))
 
 
 def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
 from rwt.access.access import Access
 from rwt.access.audit import Audit, LineRate, is_written, one_line
 from rwt.access.client_graph import ClientGraph
+from rwt.access.decisions import declare
 from rwt.access.graph_view import GraphView
 from rwt.access.quotas import RateLimit
 from rwt.access.roles import Role
@@ -67,8 +68,8 @@ class Gateway(ABC):
     """Gateway of one protocol to the graph.
 
     Attributes:
-        name: name of the protocol, in metrics and for the gate (`rosbridge:3`). The verbs of clients that are
-            named so have to be declared (:func:`rwt.access.decisions.declare`).
+        name: name of the protocol, in metrics and for the gate (`rosbridge:3`).
+        verbs: verbs that its clients may request (:data:`rwt.access.decisions.VERBS`); others are rejected.
         shared: the gateway's part in the graph, which all of its clients share, and their counters.
         websockets: accept functions by WebSocket subprotocol.
         http: pages, section of the index page, and metrics of the gateway.
@@ -79,8 +80,11 @@ class Gateway(ABC):
     """
 
     name: ClassVar[str]
+    verbs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, graph: Graph, access: Access, node: str, linger: float) -> None:
+        if self.verbs:
+            declare(self.name, *self.verbs)
         self.access = access
         self.shared = SharedGraph(graph, node, linger, partial(access.audit.write, logging.INFO, "%s"))
         self.websockets: Mapping[str, AcceptPeer] = {}

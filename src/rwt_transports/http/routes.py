@@ -159,6 +159,7 @@ class Route(Generic[AnyReader]):
             other method only where they may connect by WebSocket (the setting `origins`).
         refusal: builds the response to a request that is refused before it reaches the page.
         presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
+        feature: name under which ``/role`` lists it, for pages that check first whether a server has it.
     """
 
     path: str
@@ -167,6 +168,7 @@ class Route(Generic[AnyReader]):
     method: str = "GET"
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
     presses_stop: Callable[[HttpRequest], bool] | None = None
+    feature: str = ""
 
 
 class MetricFamily(NamedTuple):

@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from rwt import Server, SettingsError
-from rwt.extensions.asgi.application import AsgiApplication
+from rwt.declarations import HostedApp
 from rwt.extensions.asgi.messages import close_bytes, close_of
 from rwt_protocol.frames import Frame
 from rwt_transports.wires.whole_messages import BINARY, CLOSE, TEXT, WHOLE_MESSAGES, MessageCutter
@@ -81,7 +81,7 @@ async def server() -> AsyncIterator[Server]:
         yield server
 
 
-async def get(app: AsgiApplication, path: str, **others: object) -> tuple[int, dict[bytes, bytes], bytes]:
+async def get(app: HostedApp, path: str, **others: object) -> tuple[int, dict[bytes, bytes], bytes]:
     """Status, headers and body of a request."""
     socket = Socket(scope("http", path, **others))
     socket.feed(type="http.request", body=b"", more_body=False)

@@ -10,8 +10,8 @@ from av import AudioFrame
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
-from rwt.settings.models import WebRtcSettings
 from rwt_webrtc.media.audio import AudioBudget
+from rwt_webrtc.settings import WebRtcSettings
 from tests.extensions.webrtc.sounds import Singer, pitch, sound_peer
 from tests.extensions.webrtc.test_whip import Picture
 from tests.waiting import until

@@ -107,13 +107,16 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-class ParameterRequests:
-    """Parameters that one client reads, sets and watches; at most `max_names` at once."""
+MAX_NAMES: Final = 1000
+"""Maximum number of parameters that one client may request at once, or watch."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, max_names: int, turns: Turns) -> None:
+
+class ParameterRequests:
+    """Parameters that one client reads, sets and watches; at most :data:`MAX_NAMES` at once."""
+
+    def __init__(self, graph: ClientGraph, replies: StatusLane, turns: Turns) -> None:
         self._graph = graph
         self._replies = replies
-        self._max_names = max_names
         self._requests = 0
         self._calls = 0
         self._due: deque[Callable[[], None]] = deque()
@@ -204,10 +207,9 @@ class ParameterRequests:
             self._replies.send(frame)
 
     def _begin(self, names: int) -> None:
-        if names > self._max_names:
+        if names > MAX_NAMES:
             raise NotPossible(
-                f"{names} parameters at once, and {self._max_names} are the most"
-                " (foxglove.parameter_names): ask for all, or in parts"
+                f"{names} parameters at once, and {MAX_NAMES} are the most: ask for all, or in parts"
             )
         if self._requests >= _MAX_REQUESTS:
             raise NotPossible(f"{self._requests} requests about parameters wait already: await their answers")
@@ -275,10 +277,10 @@ class ParameterRequests:
             self.watches_all = True
             return
         wanted = self.watched | {from_client(name, self._graph.distro) for name in names}
-        if len(wanted) > self._max_names:
+        if len(wanted) > MAX_NAMES:
             raise NotPossible(
-                f"{len(wanted)} parameters are watched, and {self._max_names} are the most"
-                " (foxglove.parameter_names): watch all, by naming none"
+                f"{len(wanted)} parameters are watched, and {MAX_NAMES} are the most:"
+                " watch all, by naming none"
             )
         self.watched = wanted
 

@@ -37,6 +37,9 @@ each needs many times its size in memory.
 
 _CBOR_LIMITS: Final = WireLimits(max_depth=100, structure_bytes=64 * 1024)
 
+MAX_WAIT_SECONDS: Final = 60.0
+"""Longest time in seconds that a request may wait for a message or a response."""
+
 _MAX_PARAMETERS: Final = 20
 
 #: Text of msgspec about malformed JSON, with the byte at which it ends.

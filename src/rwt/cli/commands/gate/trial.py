@@ -16,6 +16,7 @@ from rwt.access.roles import Act, Role
 from rwt.access.settings import AuditSettings, SettingsError
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.composition.graphs import make_registry
+from rwt.declarations import NodeContext, NodePart
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.rosapi import DISCLOSURES
 from rwt.settings import Settings
@@ -78,10 +79,10 @@ class Trial:
         self._received: list[bytes] = []
         try:
             self._graph = MemoryGraph(make_registry(self._settings), SimulatedClock(0))
-            if settings.demo:  # Requests to its topics, services and actions need no --type.
-                from rwt.extensions.demo import DemoRobot
-
-                DemoRobot(self._graph)
+            # Requests to the demo robot's topics, services and actions need no --type.
+            for each, own in self._settings.active("node"):
+                if isinstance(each.part, NodePart) and each.part.in_trials:
+                    each.part.make(NodeContext(self._graph, self._settings.limits), own)
             self._access = Access(self._graph, self._settings, DISCLOSURES)
         except SettingsError as error:
             raise CommandError(str(error), CALLED_WRONGLY) from error
