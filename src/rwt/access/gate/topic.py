@@ -70,16 +70,18 @@ class _RoleRules(NamedTuple):
     rates: tuple[tuple[Rule, RateLimit], ...]
 
 
-class _TopicState(Enum):
+class TopicState(Enum):
+    """State of a topic with gate rules; see :class:`GuardedTopic`."""
+
     OPEN = "open"
     STOPPING = "stopping"
     CLOSED = "closed"
 
 
 _TRANSITIONS: Final = {
-    _TopicState.OPEN: {_TopicState.STOPPING, _TopicState.CLOSED},
-    _TopicState.STOPPING: {_TopicState.STOPPING, _TopicState.OPEN, _TopicState.CLOSED},
-    _TopicState.CLOSED: {_TopicState.CLOSED},
+    TopicState.OPEN: {TopicState.STOPPING, TopicState.CLOSED},
+    TopicState.STOPPING: {TopicState.STOPPING, TopicState.OPEN, TopicState.CLOSED},
+    TopicState.CLOSED: {TopicState.CLOSED},
 }
 
 
@@ -122,6 +124,7 @@ class GuardedTopic:
 
     Attributes:
         name: absolute name.
+        state: state of the topic.
         lease: lease of the topic; None if no rule requires one.
         fault: description of what is wrong with the rules; empty if they fit.
         users: clients that publish on the topic.
@@ -135,7 +138,7 @@ class GuardedTopic:
         self.type = type
         self.fault = ""
         self.users: set[Actor] = set()
-        self._state = _TopicState.OPEN
+        self.state = TopicState.OPEN
         self._gate = gate
         self._rules = tuple(rules)
         self._compiled: tuple[_CompiledRule, ...] = ()
@@ -173,9 +176,9 @@ class GuardedTopic:
             # Before it is needed: over a network, discovery by the subscribers takes a while.
             self._publisher = gate.participant.advertise(name, type)
 
-    def _become(self, state: _TopicState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
+    def _become(self, state: TopicState) -> None:
+        assert state in _TRANSITIONS[self.state], f"{self.state} -> {state}"
+        self.state = state
 
     def _compile(self, rule: Rule) -> _CompiledRule:
         checks = FieldChecks(rule, self.type, self._motion, self._neutral)
@@ -220,13 +223,8 @@ class GuardedTopic:
         """True if closing the topic loses no state."""
         if self._paused_at and not self.is_stopped:
             self._drop_old_pauses(self._gate.clock.monotonic())
-        is_stopping = self._state is _TopicState.STOPPING or self.is_stopped
+        is_stopping = self.state is TopicState.STOPPING or self.is_stopped
         return not (self.users or self.is_held or is_stopping or self._paused_at)
-
-    @property
-    def is_closed(self) -> bool:
-        """True if the gate has another object for the topic, or none."""
-        return self._state is _TopicState.CLOSED
 
     @property
     def is_held(self) -> bool:
@@ -271,8 +269,8 @@ class GuardedTopic:
             self._motion.passed(now)
         if rules.lease is not None:
             rules.lease.renew(client)
-        if self._state is _TopicState.STOPPING:
-            self._become(_TopicState.OPEN)
+        if self.state is TopicState.STOPPING:
+            self._become(TopicState.OPEN)
             gate.stop_path.end_repeats(self)
         if self.driven_in != gate.presses:
             self.driven_in = gate.presses
@@ -429,7 +427,7 @@ class GuardedTopic:
         self._motion.reset()
         self._repeat_until = self._gate.clock.monotonic() + self._repeat_for + _ROUNDING
         # First, so that a failure is repaired by the next repetition.
-        self._become(_TopicState.STOPPING)
+        self._become(TopicState.STOPPING)
         self._gate.stop_path.repeat(self)
         self.publish_stop()
 
@@ -437,7 +435,7 @@ class GuardedTopic:
         """Return True if the stop message has to be published once more; otherwise the repetition is over."""
         must = self.is_stopped or self._gate.clock.monotonic() <= self._repeat_until
         if not must:
-            self._become(_TopicState.OPEN)
+            self._become(TopicState.OPEN)
         return must
 
     def publish_stop(self) -> None:
@@ -474,9 +472,9 @@ class GuardedTopic:
         self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
         if self.is_emergency and self.driven_in == gate.presses:
             gate.stop_path.note_topic(self)
-        if before._state is _TopicState.STOPPING and self._publisher is not None:
+        if before.state is TopicState.STOPPING and self._publisher is not None:
             self._repeat_until = before._repeat_until
-            self._become(_TopicState.STOPPING)
+            self._become(TopicState.STOPPING)
             gate.stop_path.repeat(self)
         if before.lease is None:
             return
@@ -498,7 +496,7 @@ class GuardedTopic:
 
     def close(self) -> None:
         """Close the topic's publisher."""
-        self._become(_TopicState.CLOSED)
+        self._become(TopicState.CLOSED)
         self._gate.stop_path.forget_topic(self)
         self._gate.stop_path.end_repeats(self)
         for client in tuple(self.users):
