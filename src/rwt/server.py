@@ -65,7 +65,7 @@ from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
-from rwt_transports.turns import loop_batches
+from rwt_transports.scheduler import WRITING, Scheduler
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -451,9 +451,8 @@ class Server:
         nodes = stack.enter_context(ExitStack())
         for other in others:
             nodes.callback(relay_between(graph, other))
-        with suppress(RuntimeError):  # On trio.
-            for each in (graph, *others):
-                each.in_batch = loop_batches().run
+        for each in (graph, *others):
+            each.in_batch = Scheduler.of_loop(WRITING).batch
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:

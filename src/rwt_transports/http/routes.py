@@ -249,6 +249,7 @@ class Routes:
         handler = handlers.get("GET" if method == "HEAD" else method) or handlers.get("*")
         if handler is not None:
             return handler
+        # HEAD is served wherever GET is (RFC 9110 section 9.1), though no route names it.
         allowed = ", ".join(sorted(handlers.keys() | ({"HEAD"} if "GET" in handlers else set())))
         text = f"{method} is not possible for {path}; use {allowed}\n"
         return HttpResponse(text.encode(), 405, headers={"Allow": allowed})
@@ -316,6 +317,7 @@ class Proxies:
         # Each proxy appends its peer: the last address that is not a proxy is the client.
         for client in reversed(clients):
             named = host_name(client.strip().strip('"')) or client.strip()
+            # An obfuscated or unknown hop (RFC 7239 section 6): what is before it cannot be verified.
             if _address(named) is None:
                 break
             address = named

@@ -241,8 +241,8 @@ def test_messages_keep_their_boundaries_however_they_are_cut() -> None:
     data = b"".join(WHOLE_MESSAGES.whole(frame) for frame in frames)
     assert data == b"".join(part for frame in frames for part in map(bytes, WHOLE_MESSAGES.pieces(frame)))
     for size in (1, 3, 7, 2000):
-        pieces = iter([data[at : at + size] for at in range(0, len(data), size)])
-        cutter = MessageCutter(partial(next, pieces, None))
+        pieces = iter([((data[at : at + size],), True) for at in range(0, len(data), size)])
+        cutter = MessageCutter(partial(next, pieces, ((), False)))
         expected = [(b"a", TEXT), (b"", BINARY), (b"b" * 1000 + b"c", BINARY)]
         assert [cutter.next() for _ in range(4)] == [*expected, None]
     assert close_of(close_bytes(1001, "é" * 100))[1] == "é" * 61

@@ -79,7 +79,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self._gate_notices, self._gate_notice = NoticeFlow(sink, "commands"), ""
         graph.tell_notices(self._tell_notice)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
-        self.parameters = ParameterRequests(graph, replies, gateway.turns)
+        self.parameters = ParameterRequests(graph, replies, gateway.scheduler)
         self.assets = None if pages is None else Assets(graph, replies, pages, info.address)
         self.playback = None if playback is None else PlaybackControl(graph, replies, playback)
 

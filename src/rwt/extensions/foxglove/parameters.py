@@ -30,7 +30,7 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, NotFound, RobotError
 from rwt_participant.qos import QoS
 from rwt_participant.timers import Timer
-from rwt_transports.turns import CLIENT_SECONDS, Turns
+from rwt_transports.scheduler import MESSAGES, Scheduler
 
 LIST: Final = "/rosapi/get_param_names"
 GET: Final = "/rosapi/get_param"
@@ -114,13 +114,13 @@ MAX_NAMES: Final = 1000
 class ParameterRequests:
     """Parameters that one client reads, sets and watches; at most :data:`MAX_NAMES` at once."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, turns: Turns) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, scheduler: Scheduler) -> None:
         self._graph = graph
         self._replies = replies
         self._requests = 0
         self._calls = 0
         self._due: deque[Callable[[], None]] = deque()
-        self._turns = turns
+        self._scheduler = scheduler
         self._has_turn = False
         self._closed = False
         self.watched: set[str] = set()
@@ -235,16 +235,16 @@ class ParameterRequests:
     def _want_turn(self) -> None:
         if self._due and self._calls < _MAX_CALLS and not self._has_turn and not self._closed:
             self._has_turn = True
-            self._turns.wait(self._go_on)
+            self._scheduler.wait(self._go_on)
 
     def _go_on(self) -> None:
         self._has_turn = False
         monotonic = self._graph.clock.monotonic
         began, worked = monotonic(), 0.0
-        while self._due and self._calls < _MAX_CALLS and worked < CLIENT_SECONDS and not self._closed:
+        while self._due and self._calls < _MAX_CALLS and worked < MESSAGES.share and not self._closed:
             self._due.popleft()()
             worked = monotonic() - began
-        self._turns.note(worked)
+        self._scheduler.note(worked)
         self._graph.work.add(worked, "messages")
         self._want_turn()
 

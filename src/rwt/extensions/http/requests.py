@@ -25,7 +25,7 @@ from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded
 from rwt_transports.http.routes import HttpRequest
-from rwt_transports.turns import in_turns
+from rwt_transports.scheduler import REQUESTS, Scheduler
 
 IN_STEPS: Final = LARGE_BYTES
 """Bytes from which a body is read in steps."""
@@ -161,7 +161,8 @@ async def _from_json(type: MessageType, body: bytes, now: Callable[[], int]) -> 
         return Payload.from_json(type, body, now)
     is_dense = body.count(b"{") + body.count(b"[") > _MAX_BRACKETS
     try:
-        return await in_turns(Payload.from_json_in_steps(type, body, now, is_dense=is_dense))
+        steps = Payload.from_json_in_steps(type, body, now, is_dense=is_dense)
+        return await Scheduler.of_loop(REQUESTS).finish(steps)
     except NotExact:
         raise HttpProblem(
             "too-large",
