@@ -16,7 +16,7 @@ from rwt.extensions.foxglove.errors import FoxgloveError, InvalidFrame, NotPossi
 from rwt.extensions.foxglove.parameters import ParameterRequests
 from rwt.extensions.foxglove.playback import PlaybackControl
 from rwt.extensions.foxglove.publications import ClientChannels
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.services import ServiceCalls
 from rwt.extensions.foxglove.subscriptions import Subscriptions
 from rwt.extensions.foxglove.wire import client_messages as said
@@ -50,7 +50,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
       ``parameters``, ``assets`` (None without files), ``playback`` (None without a recording).
     """
 
-    replies: StatusLane
+    replies: FoxgloveReplies
     listing: RoleListing
     subscriptions: Subscriptions
     publications: ClientChannels
@@ -66,7 +66,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         graph: ClientGraph,
         listing: RoleListing,
     ) -> None:
-        replies = StatusLane(gateway, number, sink)
+        replies = FoxgloveReplies(gateway, number, sink)
         super().__init__(gateway, number, info, graph, replies)
         structure = gateway.access.limits.structure_bytes
         pages, playback = gateway.pages, gateway.playback

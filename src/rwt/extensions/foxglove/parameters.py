@@ -20,7 +20,7 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
 from rwt.extensions.foxglove.wire.server_messages import Level, text
 from rwt_graph.api import Sample, Subscription
@@ -114,7 +114,7 @@ MAX_NAMES: Final = 1000
 class ParameterRequests:
     """Parameters that one client reads, sets and watches; at most :data:`MAX_NAMES` at once."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, scheduler: Scheduler) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, scheduler: Scheduler) -> None:
         self._graph = graph
         self._replies = replies
         self._requests = 0

@@ -11,7 +11,7 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
 from rwt.extensions.foxglove.catalogue import OfferedService
 from rwt.extensions.foxglove.errors import FoxgloveError, NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ServiceCallRequest
 from rwt.extensions.foxglove.wire.payloads import (
     check_encoding,
@@ -31,7 +31,7 @@ class ServiceCalls:
     """Calls of one client; `timeout` is in seconds, None for no timeout."""
 
     def __init__(
-        self, graph: ClientGraph, replies: StatusLane, structure: int, timeout: float | None
+        self, graph: ClientGraph, replies: FoxgloveReplies, structure: int, timeout: float | None
     ) -> None:
         self._graph = graph
         self._replies = replies

@@ -12,7 +12,7 @@ from rwt.delivery.fanout import Fanout
 from rwt.delivery.throttle import Room, Throttle, rules_as_published
 from rwt.extensions.foxglove.catalogue import TopicChannel
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ChannelSubscription
 from rwt.extensions.foxglove.wire.server_messages import Level, message_data, status, subscription_number
 from rwt_protocol.codecs import Encoding
@@ -67,7 +67,7 @@ class _Delivery:
     """Subscription of a client."""
 
     def __init__(
-        self, graph: ClientGraph, replies: StatusLane, id: int, channel: TopicChannel, fanout: Fanout
+        self, graph: ClientGraph, replies: FoxgloveReplies, id: int, channel: TopicChannel, fanout: Fanout
     ) -> None:
         clock, topic = graph.clock, channel.topic
         self.channel = channel
@@ -109,7 +109,7 @@ class _Delivery:
 class Subscriptions:
     """Subscriptions of one client, by its ids."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies) -> None:
         self._graph = graph
         self._replies = replies
         self._by_id: dict[int, _Delivery] = {}
