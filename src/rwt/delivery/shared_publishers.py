@@ -96,10 +96,10 @@ class SharedPublisher:
         self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
         self._sequence = 0
         self._kept: deque[OpenCharge] = deque()
-        self._startup: StartupBuffer | None = None
+        self._startup: _StartupBuffer | None = None
         self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
-            self._startup = StartupBuffer(publisher.topic, node)
+            self._startup = _StartupBuffer(publisher.topic, node)
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
@@ -325,7 +325,7 @@ _MAX_SAMPLES: Final = 100
 _MAX_BYTES: Final = 64 * 1024
 
 
-class StartupBuffer:
+class _StartupBuffer:
     """Samples of a publisher's first second (ADV-08); only the newest if they are many or large.
 
     A program that publishes right after advertising cannot know whether its subscribers are connected yet.

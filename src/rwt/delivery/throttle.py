@@ -24,7 +24,7 @@ def _refuse(_burst: Burst) -> bool:
     return False
 
 
-SendTo = Callable[[Callable[["Frame"], None]], None]
+_SendTo = Callable[[Callable[["Frame"], None]], None]
 """Passes the frame of a sample to a function: now, or once it is encoded."""
 
 
@@ -73,7 +73,7 @@ class Throttle:
         self._throttle = 0.0
         self._lifespan_ns = 0
         self._deadline: DeadlineWatch | None = None
-        self._queue: deque[tuple[Sample, SendTo, int]] = deque(maxlen=0)
+        self._queue: deque[tuple[Sample, _SendTo, int]] = deque(maxlen=0)
         self._last = float("-inf")
         self._timer: Timer | None = None
         self._is_closed = False
@@ -128,7 +128,7 @@ class Throttle:
             self._deadline.close()
         self._deadline = deadline
 
-    def offer(self, sample: Sample, send_to: SendTo) -> None:
+    def offer(self, sample: Sample, send_to: _SendTo) -> None:
         """Process one sample: send it now, queue it, or drop it."""
         if self._deadline is not None:
             self._deadline.met()
@@ -139,7 +139,7 @@ class Throttle:
         else:
             self._withheld(DropReason.THROTTLE)
 
-    def _enqueue(self, sample: Sample, send_to: SendTo) -> None:
+    def _enqueue(self, sample: Sample, send_to: _SendTo) -> None:
         """Queue a sample; older ones of its topic are dropped to make room."""
         size = sample.payload.kept_size
         full = len(self._queue) == self._queue.maxlen
@@ -155,7 +155,7 @@ class Throttle:
         if self._timer is None:
             self._start_timer()
 
-    def _pop(self) -> tuple[Sample, SendTo]:
+    def _pop(self) -> tuple[Sample, _SendTo]:
         sample, send_to, size = self._queue.popleft()
         self._room.left += size
         return sample, send_to
@@ -175,7 +175,7 @@ class Throttle:
         while self._queue and self._due():
             self._send(*self._pop())
 
-    def _send(self, sample: Sample, send_to: SendTo) -> None:
+    def _send(self, sample: Sample, send_to: _SendTo) -> None:
         expires_ns = self._expiry(sample)
         if expires_ns and expires_ns < self._clock.time_ns():
             self._expired(DropReason.LIFESPAN)

@@ -190,7 +190,7 @@ class ConnectionGateway(Gateway, Generic[C]):
 
 
 class ReplySender:
-    """Sender of the messages besides samples to one client, with their size limit; logs lines about the client.
+    """Sender of messages besides samples to one client, with their size limit; logs lines about the client.
 
     Attributes:
         max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
