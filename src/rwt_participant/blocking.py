@@ -16,7 +16,7 @@ from rwt_participant.api import Parameters, RobotApi
 from rwt_participant.goals import Goal, GoalStatus
 from rwt_participant.handles import Handle, Publisher, Subscription
 from rwt_participant.messages import Message
-from rwt_participant.timers import PeriodicTimer
+from rwt_participant.timers import PeriodicTimer, ResettableTimer
 from rwt_participant.transforms import Transforms
 
 P = ParamSpec("P")
@@ -118,7 +118,7 @@ def holds(
     return hold
 
 
-class BlockingTimer(Blocking[PeriodicTimer]):
+class BlockingTimer(Blocking[PeriodicTimer], ResettableTimer):
     """Timer with a callback in the loop's thread; see :class:`~rwt_participant.timers.PeriodicTimer`."""
 
     reset = runs(PeriodicTimer.reset)

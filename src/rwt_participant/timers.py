@@ -8,12 +8,9 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Final, Protocol, Self
+from typing import Final, Protocol, Self
 
 from rwt_participant.messages import HELD_SECONDS, is_coroutine_function, warn_of_held_loop
-
-if TYPE_CHECKING:
-    from rwt_participant.blocking import BlockingTimer
 
 logger = logging.getLogger(__name__)
 
@@ -61,7 +58,19 @@ class TimerLoop(Protocol):
         """Run a coroutine function as a task; on the loop's thread only."""
 
 
-class PeriodicTimer(Timer):
+class ResettableTimer(ABC):
+    """Timer of a robot program: :class:`PeriodicTimer`, or the blocking form of it."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Postpone the next call by one whole period."""
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Stop the timer."""
+
+
+class PeriodicTimer(Timer, ResettableTimer):
     """Timer of :meth:`~rwt_participant.api.RobotApi.create_timer`, on a grid that does not drift."""
 
     def __init__(
@@ -163,7 +172,7 @@ class PeriodicTimer(Timer):
 class HasTimers(Protocol):
     """Robot with timers: :class:`~rwt_participant.api.RobotApi`, or its blocking form."""
 
-    def create_timer(self, period: float, callback: Callable[[], None], /) -> PeriodicTimer | BlockingTimer:
+    def create_timer(self, period: float, callback: Callable[[], None], /) -> ResettableTimer:
         """Call `callback` every `period` seconds."""
 
 

@@ -9,14 +9,10 @@ from __future__ import annotations
 import asyncio
 import os
 from collections import deque
-from collections.abc import Iterable, MutableMapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from collections.abc import Callable, Iterable, MutableMapping, Sequence
+from typing import Any, TypeAlias, TypeVar
 
 from rwt_participant.errors import RobotError
-
-if TYPE_CHECKING:
-    from rwt_rclpy.launch.conditions import Condition
-    from rwt_rclpy.launch.event_handlers import EventHandler
 
 _Value = TypeVar("_Value")
 
@@ -90,6 +86,49 @@ class ExecutionComplete(ActionEvent):
     """Event: an action is done."""
 
     name = "launch.events.ExecutionComplete"
+
+
+class Condition:
+    """Condition by a function of the context."""
+
+    def __init__(self, *, predicate: Callable[[LaunchContext], bool]) -> None:
+        self._predicate = predicate
+
+    def evaluate(self, context: LaunchContext) -> bool:
+        """True if the condition holds."""
+        return self._predicate(context)
+
+
+class EventHandler:
+    """Handler of matching events.
+
+    Args:
+        matcher: returns True for matching events.
+        entities: entities to visit.
+        handle_once: True to handle only the first event.
+    """
+
+    def __init__(
+        self,
+        *,
+        matcher: Callable[[Event], bool],
+        entities: SomeEntitiesType | None = None,
+        handle_once: bool = False,
+    ) -> None:
+        self.matcher = matcher
+        self.entities = entities_of(entities)
+        self.handle_once = handle_once
+
+    def matches(self, event: Event) -> bool:
+        """True if the handler handles the event."""
+        return self.matcher(event)
+
+    def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
+        """Return the entities to visit; the event is in `context.locals` during their visit."""
+        context.extend_locals({"event": event})
+        if self.handle_once:
+            context.unregister_event_handler(self)
+        return self.entities
 
 
 class Locals:
