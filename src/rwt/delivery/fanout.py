@@ -73,6 +73,7 @@ class _DeferredSamples:
 
     def drop_second(self) -> None:
         """Drop the oldest sample of which no step was taken."""
+        # Not the first: its steps have begun, so its payload is in the middle of a conversion.
         del self.waiting[1]
         self._sent += 1
 
@@ -96,6 +97,7 @@ class _DeferredSamples:
             elif not self._has_failed:
                 self._has_failed = True  # A robot may send many such messages.
                 logger.warning("samples that do not fit their type are not sent, such as one with %s", error)
+            # A step raised: the sample is still queued. After a failed send, it is not.
             if self.waiting and self.waiting[0][0] is steps:
                 self.waiting.popleft()
                 self._sent += 1
@@ -135,6 +137,7 @@ class _EncodedSample:
         in turn."""
         late = self._stream.late
         if late.waiting or (self._frame is None and self._stream.is_slow(self.sample)):
+            # Behind deferred samples, even if this one is encoded: samples of a topic never change places.
             late.add(self._stream.prepare(self.sample), lambda: take(self.frame()))
         else:
             take(self.frame())
@@ -268,6 +271,7 @@ class EncodedStream:
 
     def deliver(self, sample: Sample) -> None:
         """Send a sample to every throttle."""
+        # Frames in a burst have no lifespan: open throttles are offered the sample, too.
         if sample.expires_ns:
             self._end_burst()
             self._offer(_EncodedSample(self, sample), self._throttles)
@@ -397,6 +401,7 @@ class Fanout:
         Remote publishers send their retained samples once per subscription. A client that joins while none is
         reachable needs a new subscription to get them when one returns.
         """
+        # The new one first, so that the topic is subscribed to without a gap.
         old = self.subscription
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
@@ -456,6 +461,7 @@ class Fanout:
             return
         for stream in self._active:
             stream.deliver(sample)
+        # A copy: a taker may end itself, or add another.
         for take in tuple(self._takers):
             self._pass_on(take, sample)
 
@@ -479,6 +485,7 @@ class Fanout:
                 self.late.finish_first()
 
     def _steps(self, sample: Sample) -> Iterator[None]:
+        # Without an open throttle, the sample may reach nobody: then it is encoded when a throttle admits it.
         streams = [stream for stream in self._active if stream.is_open]
         try:
             if sample.payload.is_long:
@@ -494,6 +501,7 @@ class Fanout:
         self._late_samples -= 1
         newer = [joined for joined, after in self._joined.items() if after >= number]
         if not self._late_samples:
+            # No deferred sample is left from before somebody joined.
             self._joined.clear()
         for stream in self._active:
             if newer:

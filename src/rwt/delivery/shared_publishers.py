@@ -101,6 +101,7 @@ class SharedPublisher:
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
             self._startup = _StartupBuffer(publisher.topic, node)
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
+        # Replaced by the graph's own function as soon as a message needs no more: see _choose_publish().
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
 
@@ -142,6 +143,7 @@ class SharedPublisher:
         if self.deadline is not None:
             self.deadline.met()
         self.publisher.publish(payload)
+        # After publishing, so that the copy does not delay subscribers.
         if self._startup is not None:
             self._startup.add(payload, self._clock.time_ns())
 
@@ -250,7 +252,7 @@ class SharedPublishers:
         """
         shared = self._by_topic.get(topic)
         if shared is not None and lacks is not None and (lacking := lacks(shared.publisher.qos)):
-            if shared.users - {user}:
+            if shared.users - {user}:  # A sole user may change its policies: no other relies on them.
                 raise IncompatiblePolicies(
                     f"{topic} is published here with other policies: {lacking}; "
                     "leave `qos` out to publish with these"
@@ -291,6 +293,7 @@ class SharedPublishers:
         """
         shared = self._by_topic.get(topic)
         if shared is None or user not in shared.users:
+            # The user was released already, or end_latched() has closed the publisher.
             charge.end()
             return
         shared.users.discard(user)
@@ -304,6 +307,7 @@ class SharedPublishers:
 
         Their users stay, and must request the publisher again: then it is not latched.
         """
+        # A copy, since closing a publisher removes it.
         for topic, shared in list(self._by_topic.items()):
             if shared.keeps_samples and not may_latch(topic):
                 self._end(topic, shared)

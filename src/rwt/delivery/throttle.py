@@ -119,6 +119,7 @@ class Throttle:
 
     def note_sent(self, at: float) -> None:
         """Note that the last sample bypassed the open throttle at the monotonic time `at` (THR-06)."""
+        # Never backwards: the throttle may have sent since, by its own count.
         self._last = max(self._last, at)
 
     def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:
@@ -132,6 +133,7 @@ class Throttle:
         """Process one sample: send it now, queue it, or drop it."""
         if self._deadline is not None:
             self._deadline.met()
+        # Not past queued samples, even if one is due: the order of a topic is kept.
         if not self._queue and self._due():
             self._send(sample, send_to)
         elif self._queue.maxlen:
@@ -178,12 +180,14 @@ class Throttle:
     def _send(self, sample: Sample, send_to: _SendTo) -> None:
         expires_ns = self._expiry(sample)
         if expires_ns and expires_ns < self._clock.time_ns():
+            # An expired sample does not count as sent: the next one need not wait for the throttle.
             self._expired(DropReason.LIFESPAN)
             return
         self._last = self._clock.monotonic()
         send_to(partial(self._send_frame, expires_ns))
 
     def _send_frame(self, expires_ns: int, frame: Frame) -> None:
+        # Closed while the sample was being encoded.
         if not self._is_closed:
             self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
 
@@ -218,6 +222,7 @@ def rules_as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
         for qos in offers
         if qos.reliability is Reliability.BEST_EFFORT and qos.history is History.KEEP_LAST
     ]
+    # One reliable publisher suffices for a queue without a bound of its own: its samples may not be lost.
     if offers and len(lossy) == len(offers):
         return FlowRules(max(1, *(qos.depth for qos in lossy)))
     return AS_MANY_AS_FIT
