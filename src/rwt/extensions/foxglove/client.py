@@ -95,6 +95,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             op = type(message).__name__
             steps = self._handle(message)
         except Exception as error:
+            # Faults of the server, too: one message must not end the connection.
             self._failed(op, error)
         else:
             if steps is not None:
@@ -161,6 +162,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         try:
+            # In this protocol, text frames neither publish nor call.
             message = said.parse_binary(data) if binary else None
         except InvalidFrame:
             return False
@@ -196,6 +198,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                     reasons[str(error)] = None
                 else:
                     more += 1
+            # One item per step: a client may name thousands at once.
             yield
         if reasons:
             self.replies.say(Level.ERROR, "; ".join(reasons) + (f"; and {more} more" if more else ""))
@@ -211,6 +214,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
     def send_connections(self, now: Connections) -> None:
         """Send what has changed in the connection graph, if the client subscribes to it."""
         if self.connections is not None:
+            # Since what this client was sent last: it may have subscribed at any time.
             frame = now.since(self.connections)
             self.connections = now
             if frame is not None:
