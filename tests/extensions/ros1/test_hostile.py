@@ -40,7 +40,7 @@ STRING = {
 async def graph(anyio_backend: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Ros1Graph]:
     """A graph that is the master."""
     monkeypatch.setenv("ROS_IP", "127.0.0.1")
-    monkeypatch.setattr(discovery, "_POLL_SECONDS", 0.05)
+    monkeypatch.setattr(discovery, "POLL_SECONDS", 0.05)
     async with Ros1Graph(master=f"ros1-master://127.0.0.1:{free_port()}") as joined:
         yield joined
 
@@ -64,8 +64,8 @@ class Hostile:
     async def run(self, *, task_status: anyio.abc.TaskStatus[None]) -> None:
         data = await anyio.create_tcp_listener(local_host="127.0.0.1")
         self.port = data.extra(anyio.abc.SocketAttribute.local_port)
-        assert self._graph._session is not None
-        server = rpc.RpcServer(self._graph._session.sockets, "127.0.0.1", self._dispatch)
+        assert self._graph.session is not None
+        server = rpc.RpcServer(self._graph.session.sockets, "127.0.0.1", self._dispatch)
         self.uri = f"http://127.0.0.1:{server.port}/"
         try:
             async with data:
@@ -154,8 +154,8 @@ async def test_a_hostile_publisher_hurts_nobody_else(
 async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(links, "CONNECT_SECONDS", 0.1)
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph._session is not None
-    node = graph._session.nodes["/talker"]
+    assert graph.session is not None
+    node = graph.session.nodes["/talker"]
     host, port = rpc.address_of(node.service_uri, "rosrpc")
     async with await anyio.connect_tcp(host, port) as stream:
         await stream.send(b"\x10")  # A drip.
@@ -175,8 +175,8 @@ async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch
 )
 async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_bytes: bytes) -> None:
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph._session is not None
-    uri = graph._session.nodes["/talker"].uri
+    assert graph.session is not None
+    uri = graph.session.nodes["/talker"].uri
     async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
         await stream.send(request_bytes)
         assert await rpc.call(uri, "getName", "/me") == "/talker"
@@ -187,8 +187,8 @@ async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_by
 
 async def test_connections_to_one_node_are_limited(graph: Ros1Graph) -> None:
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph._session is not None
-    uri = graph._session.nodes["/talker"].uri
+    assert graph.session is not None
+    uri = graph.session.nodes["/talker"].uri
     streams = [await anyio.connect_tcp(*rpc.address_of(uri)) for _ in range(80)]
     with anyio.fail_after(30), pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
         await streams[0].receive()  # The one that was idle for longest made room.
@@ -203,8 +203,8 @@ async def test_an_idle_connection_to_a_node_is_closed(
 ) -> None:
     monkeypatch.setattr(rpc, "IDLE_SECONDS", 0.2)
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph._session is not None
-    uri = graph._session.nodes["/talker"].uri
+    assert graph.session is not None
+    uri = graph.session.nodes["/talker"].uri
     async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
         with anyio.fail_after(30), pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
             await stream.receive()
@@ -237,9 +237,9 @@ async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.L
     state = [[[f"/t{number}", ["/many"]] for number in range(10_000)], [], []]
     types = [[f"/t{number}", "std_msgs/String"] for number in range(10_000)]
     answers = {"getSystemState": state, "getTopicTypes": types}
-    assert graph._session is not None
+    assert graph.session is not None
     fake = rpc.RpcServer(
-        graph._session.sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})]
+        graph.session.sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})]
     )
     async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
         await until(lambda: len(other.topics()) > 10_000)
@@ -255,8 +255,8 @@ async def test_a_hostile_master_is_survived(
     graph: Ros1Graph, answer: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    assert graph._session is not None
-    fake = rpc.RpcServer(graph._session.sockets, "127.0.0.1", lambda _method, _params: answer)
+    assert graph.session is not None
+    fake = rpc.RpcServer(graph.session.sockets, "127.0.0.1", lambda _method, _params: answer)
     async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
         node = other.node("both")
         heard: list[str] = []
@@ -289,8 +289,8 @@ async def test_publishers_are_found_where_no_update_of_the_master_arrives(
         "registerSubscriber": [],
         "lookupNode": good.uri,
     }
-    assert graph._session is not None
-    sockets = graph._session.sockets
+    assert graph.session is not None
+    sockets = graph.session.sockets
     fake = rpc.RpcServer(sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
     texts: list[str] = []
     async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
@@ -310,5 +310,5 @@ async def test_one_port_per_node_and_several_publishers(graph: Ros1Graph, tasks:
         await rpc.call(graph.master, "registerPublisher", name, "/chatter", "std_msgs/String", good.uri)
     await until(lambda: len(texts) == 3)
     graph.node("other").advertise("/own", "std_msgs/String")
-    assert graph._session is not None
-    assert len({each.uri for each in graph._session.nodes.values()}) == len(graph._session.nodes) > 1
+    assert graph.session is not None
+    assert len({each.uri for each in graph.session.nodes.values()}) == len(graph.session.nodes) > 1

@@ -83,7 +83,8 @@ class Ros1Graph(MemoryGraph):
         self.registry.advice = _ADVICE
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
-        self._session: Session | None = None
+        #: Membership in ROS 1 while the graph runs.
+        self.session: Session | None = None
         self._time_source: MemoryParticipant | None = None
         self._ros_actions = Ros1Actions(self, self._ros_topics)
         self.topic_table.remote = self._ros_topics
@@ -101,7 +102,7 @@ class Ros1Graph(MemoryGraph):
         """
         address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
         try:
-            session = self._session = Session(self, self.master, address)
+            session = self.session = Session(self, self.master, address)
             if self._is_master:
                 bind, port = address_of(self.master)
                 self._own_master = Master(session.sockets, address.host, bind, port)
@@ -160,7 +161,7 @@ class Ros1Graph(MemoryGraph):
         node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
 
     async def __aexit__(self, *exc: object) -> None:
-        session = self._session
+        session = self.session
         try:
             self._close_participants()
             if self._time_source is not None:
@@ -168,7 +169,7 @@ class Ros1Graph(MemoryGraph):
             if session is not None:
                 await session.registrar.leave()
         finally:
-            self._session = self._ros_actions.session = None
+            self.session = self._ros_actions.session = None
             self._ros_topics.close()
             self._ros_services.close()
             if session is not None:

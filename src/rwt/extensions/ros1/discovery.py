@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 #: Seconds between two readings of the master's tables.
-_POLL_SECONDS: Final = 1.0
+POLL_SECONDS: Final = 1.0
 
 #: Maximum types that are asked for at once, and seconds before a node that gave no answer is asked again.
 _MOST_PROBES: Final = 8
@@ -131,7 +131,7 @@ class Discovery:
                 await self.poll()
             except Ros1Error as error:
                 self._session.on_master_error(error)
-            await anyio.sleep(_POLL_SECONDS)
+            await anyio.sleep(POLL_SECONDS)
 
     async def poll(self) -> None:
         """Read the master's tables once; raises Ros1Error."""

@@ -75,7 +75,8 @@ class ZenohGraph(MemoryGraph):
                 "use the graph in memory, or a ROS 2 distribution"
             )
         self._session = ZenohSession()
-        self._link: ZenohLink | None = None
+        #: Link to other programs while the graph runs.
+        self.link: ZenohLink | None = None
         self._present: dict[NodeResources, Presence] = {}
         self._zenoh_topics = ZenohTopics(self.topic_table)
         self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
@@ -92,17 +93,17 @@ class ZenohGraph(MemoryGraph):
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = super().participant(name)
-        if self._link is not None:
-            self._present[participant.owner] = self._link.declare_node(participant.owner)
+        if self.link is not None:
+            self._present[participant.owner] = self.link.declare_node(participant.owner)
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:
         super().left(participant)
         presence = self._present.pop(participant.owner, None)
-        if self._link is not None:
+        if self.link is not None:
             if presence is not None:
                 presence.end()
-            self._link.forget_node(participant.owner)
+            self.link.forget_node(participant.owner)
 
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
@@ -121,7 +122,7 @@ class ZenohGraph(MemoryGraph):
         else:
             logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
         self._discovery.open(link, alive)
-        self._link = link
+        self.link = link
         for participant in self._participants:
             self._present[participant.owner] = link.declare_node(participant.owner)
         self._zenoh_topics.open(link)
@@ -131,7 +132,7 @@ class ZenohGraph(MemoryGraph):
         try:
             self._close_participants()
         finally:
-            self._link = None
+            self.link = None
             self._discovery.close()
             self._zenoh_topics.close()
             self._zenoh_services.close()
