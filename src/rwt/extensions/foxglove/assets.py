@@ -94,6 +94,7 @@ class Assets:
         try:
             async for chunk in body:
                 size += len(chunk)
+                # For each chunk: a stream does not state its size.
                 self._check(size)
                 if self._closed:
                     break

@@ -49,6 +49,7 @@ class ClientChannels:
         try:
             publisher = self._graph.publisher(topic, channel.schema_name, channel.id)
         except BaseException:
+            # Otherwise the advertisement would count against the quota, without an id to withdraw it.
             self._graph.unadvertise(topic, channel.id)
             raise
         self._by_id[channel.id] = _Announced(channel, topic, publisher)

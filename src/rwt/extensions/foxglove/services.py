@@ -56,6 +56,7 @@ class ServiceCalls:
             raise NotPossible(f"the request for {service.name}: {error}") from None
 
         def request_of(type: ServiceType) -> Payload:
+            # Compared by identity: the request was built for the class of this type.
             if type is not service.type:
                 raise NotPossible(f"{service.name} has become another service: see `advertiseServices`")
             return payload
@@ -84,6 +85,7 @@ class ServiceCalls:
             return
         frame = service_call_response(request.service_id, request.call_id, request.encoding, parts)
         if reason := self._replies.too_large(frame.size):
+            # A failure instead, or the client would wait without end.
             self._fail(request, reason)
         else:
             self._replies.send(frame)

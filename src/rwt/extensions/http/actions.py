@@ -148,6 +148,7 @@ class HttpGoal(Kept):
             self._reason = "" if self._sent is None else self._sent.reason
             if self._keep("result", outcome):
                 self._result = outcome.detach()
+        # Before the queues end: an ended queue accepts nothing.
         self._send_all(self.end_event())
         for reader in tuple(self.readers):
             reader.queue.end()

@@ -126,6 +126,7 @@ class KeptTable(Generic[K]):
         own = self._of_client.get(client, {})
         if len(own) < self._most:
             return
+        # In order of creation, so this is the oldest.
         ended = next((each for each in own.values() if each.ended), None)
         if ended is None:
             raise QuotaExceeded(f"{len(own)} {self._excess}, and {self._most} is the limit (api.goals)")

@@ -227,6 +227,7 @@ class McpGateway(Gateway):
         try:
             role = self._role(info)
             presses = self.access.is_stop_due(role) and presses_stop(request)
+            # A stop is never refused for lack of room.
             if not presses:
                 self._check_room(request)
         except Refused as refused:
@@ -333,6 +334,7 @@ class McpGateway(Gateway):
         if request.method == "DELETE" and answer.status < 400:
             self._sessions.pop(known, None)
         opened = answer.headers.get("mcp-session-id", "")
+        # The SDK does not report which sessions it has ended.
         if opened and not known and answer.status < 400:
             self._forget_ended_sessions()
             program = _program_of(request)
