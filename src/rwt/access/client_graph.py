@@ -17,6 +17,7 @@ from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
 from rwt_graph.names import resolve
+from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 
@@ -802,10 +803,9 @@ class ClientGraph(GraphView):
     def close(self) -> None:
         """Leave, and release everything."""
         self.leave()
-        for _ in self.close_in_steps():
-            pass
+        finished(self.close_in_steps())
 
-    def close_in_steps(self) -> Iterator[None]:
+    def close_in_steps(self) -> Steps[None]:
         """Release services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
 
         Call after :meth:`leave`.

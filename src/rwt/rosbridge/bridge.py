@@ -26,7 +26,7 @@ from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_participant.timers import Timer
 from rwt_protocol import ops
-from rwt_protocol.codecs import CODECS, Encoding, bson_codec, encoding_of
+from rwt_protocol.codecs import ENCODINGS, Encoding, bson_codec, encoding_of
 from rwt_protocol.codecs.base import Codec
 from rwt_protocol.dispatcher import Dispatcher, Steps
 from rwt_protocol.errors import EncodingUnavailable
@@ -140,7 +140,7 @@ class Bridge(ConnectionGateway[Peer]):
 
     def encoding_of(self, compression: str) -> Encoding:
         """Return the encoding of samples for a client that asks for `compression`."""
-        return encoding_of(compression) if self._codec is None else CODECS["bson"]
+        return encoding_of(compression) if self._codec is None else ENCODINGS["bson"]
 
     def left(self, client: Peer) -> None:
         """Remove a client whose connection has ended."""

@@ -19,7 +19,7 @@ from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.wire.decoding import REJECTIONS, UnparsedMessage, read_envelope
-from rwt_protocol.codecs import CODECS
+from rwt_protocol.codecs import ENCODINGS
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
@@ -39,7 +39,7 @@ LARGE_BYTES: Final = 32 * 1024
 
 _CLOSING_BRACE: Final = ord("}")
 
-_MAPS: Final = frozenset(CODECS["cbor"].first_bytes)
+_MAPS: Final = frozenset(ENCODINGS["cbor"].first_bytes)
 
 
 class Restorable(Protocol):

@@ -16,8 +16,6 @@ from rwt.extensions.foxglove.wire.client_messages import ServiceCallRequest
 from rwt.extensions.foxglove.wire.payloads import (
     check_encoding,
     in_encoding,
-    is_long,
-    long_payload,
     payload_of,
 )
 from rwt.extensions.foxglove.wire.server_messages import service_call_failure, service_call_response
@@ -68,10 +66,7 @@ class ServiceCalls:
 
     def _request(self, type: ServiceType, request: ServiceCallRequest) -> Generator[None, None, Payload]:
         now = self._graph.clock.time_ns
-        if is_long(request.encoding, request.data):
-            made = yield from long_payload(type.request, request.data, now, self._structure)
-        else:
-            made = payload_of(type.request, request.encoding, request.data, now)
+        made = yield from payload_of(type.request, request.encoding, request.data, now, self._structure)
         return made.detach()  # A copy: the service may keep it longer than the frame exists.
 
     def _reply(self, request: ServiceCallRequest, outcome: Payload | CallFailed) -> None:
