@@ -191,8 +191,8 @@ class ConnectionGateway(Gateway, Generic[C]):
             client.reload_role()
 
 
-class ControlLane:
-    """Control lane to one client: messages besides samples, their size limit, and log lines about the client.
+class ReplySender:
+    """Sender of messages besides samples to one client, with their size limit; logs lines about the client.
 
     Attributes:
         max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
@@ -317,7 +317,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         number: int,
         info: PeerInfo,
         graph: ClientGraph,
-        replies: ControlLane,
+        replies: ReplySender,
         decode: Callable[[bytes, bool, float], Sequence[T]],
     ) -> None:
         limits = gateway.access.limits

@@ -191,6 +191,7 @@ class ConnectedClients:
 
     def _changed(self) -> None:
         _publish(self._count, {"data": len(self._clients)})
+        # The count at once, since it is small; the list has an entry for each client.
         if not self._due:
             self._due = True
             self._clock.call_later(0.0, self._publish_list)

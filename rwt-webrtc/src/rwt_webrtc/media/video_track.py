@@ -31,7 +31,7 @@ from rwt.media.broadcast import Viewer
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
-from rwt_transports.http.routes import Work
+from rwt_transports.http.routes import WorkAccount
 from rwt_webrtc.congestion.controller import CongestionController
 from rwt_webrtc.transport.peer import Peer
 from rwt_webrtc.upstream.rtp_sender import PacedSender
@@ -66,7 +66,7 @@ class TopicTrack(MediaStreamTrack):
         self,
         server: WebVideoServer,
         request: StreamRequest,
-        work: Work,
+        work: WorkAccount,
         on_end: Callable[[str], None],
     ) -> None:
         super().__init__()

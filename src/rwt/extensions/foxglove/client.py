@@ -16,7 +16,7 @@ from rwt.extensions.foxglove.errors import FoxgloveError, InvalidFrame, NotPossi
 from rwt.extensions.foxglove.parameters import ParameterRequests
 from rwt.extensions.foxglove.playback import PlaybackControl
 from rwt.extensions.foxglove.publications import ClientChannels
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.services import ServiceCalls
 from rwt.extensions.foxglove.subscriptions import Subscriptions
 from rwt.extensions.foxglove.wire import client_messages as said
@@ -62,7 +62,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
       ``parameters``, ``assets`` (None without files), ``playback`` (None without a recording).
     """
 
-    replies: StatusLane
+    replies: FoxgloveReplies
     listing: RoleListing
     subscriptions: Subscriptions
     publications: ClientChannels
@@ -78,7 +78,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
         graph: ClientGraph,
         listing: RoleListing,
     ) -> None:
-        replies = StatusLane(gateway, number, sink)
+        replies = FoxgloveReplies(gateway, number, sink)
         super().__init__(gateway, number, info, graph, replies, _decode)
         structure = gateway.access.limits.structure_bytes
         pages, playback = gateway.pages, gateway.playback
@@ -178,6 +178,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
 
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         try:
+            # In this protocol, text frames neither publish nor call.
             message = said.parse_binary(data) if binary else None
         except InvalidFrame:
             return False
@@ -213,6 +214,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
                     reasons[str(error)] = None
                 else:
                     more += 1
+            # One item per step: a client may name thousands at once.
             yield
         if reasons:
             self.replies.say(Level.ERROR, "; ".join(reasons) + (f"; and {more} more" if more else ""))
@@ -228,6 +230,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
     def send_connections(self, now: Connections) -> None:
         """Send what has changed in the connection graph, if the client subscribes to it."""
         if self.connections is not None:
+            # Since what this client was sent last: it may have subscribed at any time.
             frame = now.since(self.connections)
             self.connections = now
             if frame is not None:

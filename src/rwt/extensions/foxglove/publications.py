@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ClientChannel, MessageData
 from rwt.extensions.foxglove.wire.payloads import check_encoding, is_long, payload_of
 from rwt.extensions.foxglove.wire.server_messages import Level
@@ -28,7 +28,7 @@ class _Announced(NamedTuple):
 class ClientChannels:
     """Channels that one client has advertised, by its ids; `structure` limits the brackets of its JSON."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, structure: int) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, structure: int) -> None:
         self._graph = graph
         self._replies = replies
         self._structure = structure
@@ -49,6 +49,7 @@ class ClientChannels:
         try:
             publisher = self._graph.publisher(topic, channel.schema_name, channel.id)
         except BaseException:
+            # Otherwise the advertisement would count against the quota, without an id to withdraw it.
             self._graph.unadvertise(topic, channel.id)
             raise
         self._by_id[channel.id] = _Announced(channel, topic, publisher)

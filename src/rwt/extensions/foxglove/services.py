@@ -11,7 +11,7 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
 from rwt.extensions.foxglove.catalogue import OfferedService
 from rwt.extensions.foxglove.errors import FoxgloveError, NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ServiceCallRequest
 from rwt.extensions.foxglove.wire.payloads import (
     check_encoding,
@@ -29,7 +29,7 @@ class ServiceCalls:
     """Calls of one client; `timeout` is in seconds, None for no timeout."""
 
     def __init__(
-        self, graph: ClientGraph, replies: StatusLane, structure: int, timeout: float | None
+        self, graph: ClientGraph, replies: FoxgloveReplies, structure: int, timeout: float | None
     ) -> None:
         self._graph = graph
         self._replies = replies
@@ -54,6 +54,7 @@ class ServiceCalls:
             raise NotPossible(f"the request for {service.name}: {error}") from None
 
         def request_of(type: MessageType) -> Payload:
+            # Compared by identity: the request was built for the class of this type.
             if type is not service.type.request:
                 raise NotPossible(f"{service.name} has become another service: see `advertiseServices`")
             return payload
@@ -79,6 +80,7 @@ class ServiceCalls:
             return
         frame = service_call_response(request.service_id, request.call_id, request.encoding, parts)
         if reason := self._replies.too_large(frame.size):
+            # A failure instead, or the client would wait without end.
             self._fail(request, reason)
         else:
             self._replies.send(frame)
