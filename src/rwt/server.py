@@ -439,8 +439,8 @@ class Server:
         return await stack.__aexit__(*exc)
 
     async def _start(self, stack: AsyncExitStack) -> _Running:
-        # Imported on start: a third of the time of `from rwt import Server`, and only a running server needs
-        # its gateway and the transports.
+        # Imported on start: the gateway and the transports would add a third to the time of
+        # `from rwt import Server`, and only a running server needs them.
         from rwt.access.access import Access
         from rwt.composition.listeners import Listeners
         from rwt.gateways.visitors import counted
