@@ -18,8 +18,8 @@ from rwt.extensions.ros1.services import Ros1Services
 from rwt.extensions.ros1.session import Session
 from rwt.extensions.ros1.topics import Ros1Topics
 from rwt.extensions.ros1.wire.rpc import address_of
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant
 from rwt_graph.errors import Ros1Error
-from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros_time import RosTime
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
@@ -48,17 +48,17 @@ class Ros1Participant(MemoryParticipant):
     """Node whose publishers use the definition that a topic has on ROS 1, not that of the registry."""
 
     def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
-        info = self._graph.topic(topic)
+        info = self.graph.topic(topic)
         if info is not None and info.type is not None and info.type.name == type.name:
             type = info.type
         return super().advertise(topic, type, qos)
 
 
-class Ros1Graph(MemoryGraph):
+class Ros1Graph(DistributedGraph):
     """Graph with nodes in this process and in ROS 1 programs.
 
-    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 1 when it is
-    entered, also if the master does not answer yet. `ROS_IP` and `ROS_HOSTNAME` apply.
+    Nodes of one process communicate in memory, as in a :class:`~rwt_graph.MemoryGraph`. The graph joins ROS 1
+    when it is entered, also if the master does not answer yet. `ROS_IP` and `ROS_HOSTNAME` apply.
 
     Args:
         registry: interfaces of a ROS 1 distribution; by default the standard ones.
@@ -69,6 +69,8 @@ class Ros1Graph(MemoryGraph):
     Raises:
         Ros1Error: the registry is of ROS 2, or `master` is not an address.
     """
+
+    limitations = frozenset((Limitation.QOS,))
 
     def __init__(
         self, registry: Registry | None = None, clock: Clock | None = None, *, master: str | None = None
@@ -86,14 +88,12 @@ class Ros1Graph(MemoryGraph):
         self._session: Session | None = None
         self._time_source: MemoryParticipant | None = None
         self._ros_actions = Ros1Actions(self, self._ros_topics)
-        self.topic_table.remote = self._ros_topics
-        self.service_table.remote = self._ros_services
-        self.action_table.remote = self._ros_actions
+        self.set_remotes(self._ros_topics, self._ros_services, self._ros_actions)
 
     def make_participant(self, name: str) -> MemoryParticipant:
         return Ros1Participant(self, name)
 
-    async def _join(self) -> None:
+    async def join(self) -> None:
         """Join ROS 1.
 
         Raises:
@@ -159,12 +159,11 @@ class Ros1Graph(MemoryGraph):
         collected = node.advertise("/rosout_agg", type)
         node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
 
-    async def __aexit__(self, *exc: object) -> None:
+    async def leave(self) -> None:
         session = self._session
+        if self._time_source is not None:
+            self._time_source.close()
         try:
-            self._close_participants()
-            if self._time_source is not None:
-                self._time_source.close()
             if session is not None:
                 await session.registrar.leave()
         finally:
@@ -175,4 +174,3 @@ class Ros1Graph(MemoryGraph):
                 session.close()
             if self._own_master is not None:
                 self._own_master.close()
-            await super().__aexit__(*exc)

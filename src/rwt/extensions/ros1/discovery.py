@@ -14,8 +14,8 @@ import anyio.lowlevel
 
 from rwt.extensions.ros1.wire import rpc
 from rwt.extensions.ros1.wire.links import exchange_headers, open_link, request_topic
+from rwt_graph.backend import RemoteEndpoint, TransientLocalCache
 from rwt_graph.errors import Ros1Error, WireError
-from rwt_graph.memory.topics import RemoteEndpoint, TransientLocalCache
 from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.services import Ros1Services
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.topics import Ros1Topics
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.backend import DistributedGraph
     from rwt_interfaces.structs import MessageType
 
 #: Seconds between two readings of the master's tables.
@@ -108,7 +108,7 @@ class Discovery:
     """Task that keeps the tables of a graph in step with the master."""
 
     def __init__(
-        self, graph: MemoryGraph, session: Session, topics: Ros1Topics, services: Ros1Services
+        self, graph: DistributedGraph, session: Session, topics: Ros1Topics, services: Ros1Services
     ) -> None:
         self._graph = graph
         self._session = session

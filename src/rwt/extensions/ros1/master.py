@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 from rwt.extensions.ros1.notifications import Notifications
 from rwt.extensions.ros1.parameters import is_below
 from rwt.extensions.ros1.wire import rpc
+from rwt_graph.backend import ParameterTree
 from rwt_graph.errors import WireError
-from rwt_graph.parameters.tree import ParameterTree
 from rwt_interfaces.distro import NOETIC
 from rwt_participant.errors import NotFound, ParameterRejected
 

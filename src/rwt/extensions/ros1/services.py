@@ -16,9 +16,8 @@ from rwt.extensions.ros1.wire.rpc import address_of
 from rwt.extensions.ros1.wire.sockets import Frame
 from rwt.extensions.ros1.wire.tcpros import length_prefix
 from rwt_graph.api import ServiceInfo
+from rwt_graph.backend import MemoryCall, NodeResources
 from rwt_graph.errors import Ros1Error, WireError
-from rwt_graph.memory.services import MemoryCall
-from rwt_graph.memory.tables import NodeResources
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
 from rwt_participant.errors import CallFailed, ProviderGone
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.wire.links import Link
     from rwt_graph.api import OnReply, PendingCall
-    from rwt_graph.memory.services import MemoryProvider, Services
+    from rwt_graph.backend import MemoryProvider, Services
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)

@@ -20,8 +20,7 @@ from rwt_graph.errors import Ros1Error
 if TYPE_CHECKING:
     from rwt.extensions.ros1.addresses import Address
     from rwt.extensions.ros1.wire.xmlrpc import Value
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_graph.memory.tables import NodeResources
+    from rwt_graph.backend import DistributedGraph, NodeResources
 
 logger = logging.getLogger(__name__)
 
@@ -49,7 +48,7 @@ class Session:
         on_parameter: called with key and value of a parameter that another node has changed.
     """
 
-    def __init__(self, graph: MemoryGraph, master: str, address: Address) -> None:
+    def __init__(self, graph: DistributedGraph, master: str, address: Address) -> None:
         self.graph = graph
         self.run_on_graph = graph.run_on_graph
         self.master = master

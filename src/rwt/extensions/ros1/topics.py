@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.node import Ros1Node
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.wire.links import Link
-    from rwt_graph.memory.topics import MemoryPublisher, RemoteEndpoint, Topic, Topics
+    from rwt_graph.backend import MemoryPublisher, RemoteEndpoint, Topic, Topics
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)

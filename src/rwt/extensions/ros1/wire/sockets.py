@@ -23,7 +23,7 @@ from rwt.extensions.ros1.wire.tcpros import ReceiveBuffers
 from rwt_graph.errors import WireError
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.backend import DistributedGraph
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class Sockets:
         buffers: receive buffers of all connections.
     """
 
-    def __init__(self, graph: MemoryGraph) -> None:
+    def __init__(self, graph: DistributedGraph) -> None:
         self.spawn = graph.spawn
         self._graph = graph
         self.receiving = self.calling = self.queued = self.slow = 0
