@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from rwt.extensions.ros1.wire import xmlrpc
 from rwt.extensions.ros1.wire.tcpros import Frames, decode_header, encode_header, length_prefix
-from rwt.extensions.ros1.wire_types import WireTypes
+from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import WireError
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry

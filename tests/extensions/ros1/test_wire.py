@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rwt.extensions.ros1 import wire_types
+from rwt.extensions.ros1.wire import types as wire_types
 from rwt.extensions.ros1.wire import xmlrpc
 from rwt.extensions.ros1.wire.tcpros import (
     HEADER_BYTES,
@@ -18,7 +18,7 @@ from rwt.extensions.ros1.wire.tcpros import (
     decode_header,
     encode_header,
 )
-from rwt.extensions.ros1.wire_types import WireTypes
+from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import WireError
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload

@@ -173,7 +173,7 @@ class ActionClient:
     def _watch(self) -> None:
         if not self._is_watching:
             self._is_watching = True
-            self._session.sockets.spawn(self._run, f"action {self.info.name}")
+            self._session.network.spawn(self._run, f"action {self.info.name}")
 
     async def _run(self) -> None:
         """Send what waits once the server is connected, and end the goals when it leaves."""

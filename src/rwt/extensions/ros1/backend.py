@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Final
 import anyio.to_thread
 
 from rwt.extensions.ros1.actions import Ros1Actions
-from rwt.extensions.ros1.addresses import master_uri, own_address
 from rwt.extensions.ros1.discovery import Discovery
 from rwt.extensions.ros1.master import Master
 from rwt.extensions.ros1.parameters import MasterParameters
 from rwt.extensions.ros1.services import Ros1Services
 from rwt.extensions.ros1.session import Session
 from rwt.extensions.ros1.topics import Ros1Topics
+from rwt.extensions.ros1.wire import rpc
+from rwt.extensions.ros1.wire.addresses import master_uri, own_address
 from rwt.extensions.ros1.wire.rpc import address_of
 from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant
 from rwt_graph.errors import Ros1Error
@@ -24,6 +25,7 @@ from rwt_graph.ros_time import RosTime
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
 from rwt_participant.qos import DEFAULT_QOS, QoS
+from rwt_transports.errors import ListenError
 
 if TYPE_CHECKING:
     from rwt_graph.api import Publisher
@@ -80,7 +82,6 @@ class Ros1Graph(DistributedGraph):
             raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
         self.master = master_uri(master)
         self._is_master = master is not None and master.startswith("ros1-master")
-        self._own_master: Master | None = None
         self.parameters = self._master_parameters = MasterParameters()
         self.registry.advice = _ADVICE
         self._ros_topics = Ros1Topics(self.topic_table)
@@ -102,11 +103,14 @@ class Ros1Graph(DistributedGraph):
         address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
         try:
             session = self._session = Session(self, self.master, address)
+            await session.monitor.open()
             if self._is_master:
                 bind, port = address_of(self.master)
-                self._own_master = Master(session.sockets, address.host, bind, port)
+                master = Master(session.network, f"http://{address.host}:{port}/")
+                calls = rpc.serve(session.network, bind, master.dispatch, port)
+                await session.network.open(calls, "calls of the ROS 1 master")
                 self._collect_logs()
-        except OSError as error:
+        except (ListenError, OSError) as error:
             raise Ros1Error(f"cannot accept connections of ROS 1 at {self.master}: {error}") from error
         parameters = self._master_parameters
         session.on_parameter = parameters.on_update
@@ -118,12 +122,9 @@ class Ros1Graph(DistributedGraph):
 
         session.on_forgotten = repeat
         discovery = Discovery(self, session, self._ros_topics, self._ros_services)
-        try:
-            self._ros_topics.open(session, discovery)
-            self._ros_services.open(session)
-            self._ros_actions.session = session
-        except OSError as error:
-            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+        self._ros_topics.open(session, discovery)
+        self._ros_services.open(session)
+        self._ros_actions.session = session
         try:
             await discovery.poll()
             await parameters.join(session)
@@ -172,5 +173,3 @@ class Ros1Graph(DistributedGraph):
             self._ros_services.close()
             if session is not None:
                 session.close()
-            if self._own_master is not None:
-                self._own_master.close()

@@ -7,9 +7,9 @@ from typing import Final, Literal
 
 import anyio
 
-from rwt.extensions.ros1.addresses import is_loopback
 from rwt.extensions.ros1.discovery import State
 from rwt.extensions.ros1.wire import rpc
+from rwt.extensions.ros1.wire.addresses import is_loopback
 from rwt_graph.errors import Ros1Error, WireError
 
 _MOST_AT_ONCE: Final = 16

@@ -13,7 +13,7 @@ import anyio
 import anyio.lowlevel
 
 from rwt.extensions.ros1.wire import rpc
-from rwt.extensions.ros1.wire.links import exchange_headers, open_link, request_topic
+from rwt.extensions.ros1.wire.links import connected, exchange_headers, request_topic
 from rwt_graph.backend import RemoteEndpoint, TransientLocalCache
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
@@ -247,7 +247,7 @@ class Discovery:
             self._raw = b""  # Asked when the tables are read next.
         elif self._probed.get(key, 0.0) <= now:
             self._probed[key] = now + _PROBE_AGAIN_SECONDS
-            self._session.sockets.spawn(partial(self._ask, ask), f"type of {key}")
+            self._session.network.spawn(partial(self._ask, ask), f"type of {key}")
 
     async def _ask(self, ask: Callable[[], Awaitable[None]]) -> None:
         async with self._probes:
@@ -277,10 +277,9 @@ class Discovery:
         session = self._session
         uri = await session.call_master("lookupNode", "/rwt", node)
         host, port = await request_topic(str(uri), "/rwt", topic)
-        link = await open_link(session.sockets, host, port)
-        fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
-        header = await exchange_headers(link, fields)
-        link.close()
+        async with connected(session.network, host, port) as link:
+            fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
+            header = await exchange_headers(link, fields)
         type = session.types.find(
             header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", "")
         )
