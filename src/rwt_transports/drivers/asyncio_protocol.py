@@ -464,8 +464,8 @@ def _without(pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
 async def _accept(listening: socket.socket) -> tuple[socket.socket, tuple[object, ...]]:
     """Accept a connection.
 
-    If `loop.sock_accept()` is cancelled in the turn in which a connection arrives, it fails in a callback, and
-    leaves that connection open.
+    If `loop.sock_accept()` is cancelled in the turn in which a connection arrives, it fails in a callback,
+    and leaves that connection open.
     """
     while True:
         try:

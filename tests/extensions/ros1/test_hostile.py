@@ -240,9 +240,7 @@ async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.L
     types = [[f"/t{number}", "std_msgs/String"] for number in range(10_000)]
     answers = {"getSystemState": state, "getTopicTypes": types}
     assert graph._session is not None
-    fake = rpc.serve(
-        graph._session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})]
-    )
+    fake = rpc.serve(graph._session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         await until(lambda: len(other.topics()) > 10_000)
         assert [node.name for node in other.nodes() if node.name == "/many"] == ["/many"]
@@ -290,9 +288,7 @@ async def test_publishers_are_found_where_no_update_of_the_master_arrives(
         "lookupNode": good.uri,
     }
     assert graph._session is not None
-    fake = rpc.serve(
-        graph._session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})]
-    )
+    fake = rpc.serve(graph._session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
     texts: list[str] = []
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("listener")
@@ -313,3 +309,17 @@ async def test_one_port_per_node_and_several_publishers(graph: Ros1Graph, tasks:
     await opened(graph, "/other")
     assert graph._session is not None
     assert len({each.uri for each in graph._session.nodes.values()}) == len(graph._session.nodes) > 1
+
+
+async def test_a_service_that_comes_back_is_asked_for_its_type_at_once(
+    graph: Ros1Graph, tasks: anyio.abc.TaskGroup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(discovery, "_PROBE_AGAIN_SECONDS", 3600.0)
+    header = {"callerid": "/hostile", "type": "std_srvs/Empty", "md5sum": "d41d8cd98f00b204e9800998ecf8427e"}
+    hostile = await start(graph, tasks, sends(encode_header(header)))
+    where = ("/hostile", "/reset", f"rosrpc://127.0.0.1:{hostile.port}")
+    for _ in range(2):
+        await rpc.call(graph.master, "registerService", *where, hostile.uri)
+        await until(lambda: graph.service("/reset") is not None)
+        await rpc.call(graph.master, "unregisterService", *where)
+        await until(lambda: graph.service("/reset") is None and not graph._ros_services.names())

@@ -178,13 +178,15 @@ class Discovery:
                 nodes.add(providers[-1])
                 self._services.found(name, providers[-1], self._probe)
         async for name in _in_steps(self._services.names() - services.keys()):
-            self._services.lost(name)
+            # What comes back is asked for its type at once: it may be another program.
+            self._probed.pop(self._services.lost(name), None)
         now = time.monotonic()
         self._probed = {key: until for key, until in self._probed.items() if until > now}
         await self._apply_nodes(nodes)
 
     def _leave(self, key: Key) -> None:
         known = self._endpoints.pop(key, None)
+        self._probed.pop(key, None)
         if known is not None:
             self._graph.topic_table.remote_left(key[0], known[0])
 

@@ -164,10 +164,11 @@ class Ros1Services:
 
     # Services of other nodes
 
-    def lost(self, name: str) -> None:
-        """Remove a service that the master does not list."""
-        self._remote.pop(name, None)
+    def lost(self, name: str) -> object:
+        """Remove a service that the master does not list; returns the key of its probe."""
+        node, _ = self._remote.pop(name)
         self._services.changes.note()
+        return _probe_key(name, node)
 
     def found(self, name: str, node: str, probe: Probe) -> None:
         """Add or keep a service that the master lists, and have its type asked for if it is unknown."""
@@ -180,7 +181,7 @@ class Ros1Services:
             if ending in _OF_EVERY_NODE:
                 self._learn(name, node, _OF_EVERY_NODE[ending], None)
             else:
-                probe(("service", name, node), partial(self._ask_type, name, node))
+                probe(_probe_key(name, node), partial(self._ask_type, name, node))
 
     def _learn(self, name: str, node: str, type_name: str, md5: str | None) -> None:
         if self._session is None or self._remote.get(name, ("",))[0] != node:
@@ -277,6 +278,10 @@ class Ros1Services:
                     reply(await _decoded_in_steps(info.type.response, long[0]))
         except Ros1Error as error:
             call.end_with(ProviderGone(f"Service {info.name} cannot be called: {error}"))
+
+
+def _probe_key(name: str, node: str) -> object:
+    return "service", name, node
 
 
 def _decoded(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMessage:

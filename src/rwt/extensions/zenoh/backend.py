@@ -34,8 +34,8 @@ class ZenohGraph(DistributedGraph):
     """Graph with nodes in this process and in others.
 
     Nodes of one process communicate in memory, as in a :class:`~rwt_graph.MemoryGraph`. The graph connects
-    when it is entered; leaving it always closes the Zenoh session. The graph's own `/rosout` and `/clock` and the global
-    tree of parameters stay in the process; the topics and parameters of its nodes do not.
+    when it is entered; leaving it always closes the Zenoh session. The graph's own `/rosout` and `/clock` and
+    the global tree of parameters stay in the process; the topics and parameters of its nodes do not.
 
     Differences to one process:
 

@@ -232,8 +232,8 @@ def _ice_finding(seen: Probe) -> Finding:
 
 
 async def _examine_ros1(url: str, report: Callable[[Finding], None]) -> None:
-    from rwt.extensions.ros1.wire.addresses import master_uri, own_address
     from rwt.extensions.ros1.diagnosis import examine_nodes
+    from rwt.extensions.ros1.wire.addresses import master_uri, own_address
     from rwt_graph.errors import Ros1Error
 
     try:

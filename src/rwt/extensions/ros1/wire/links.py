@@ -26,7 +26,7 @@ from rwt_transports.websocket.close_codes import ABNORMAL
 if TYPE_CHECKING:
     from rwt.extensions.ros1.wire.network import Network
     from rwt_transports.api import FlowControl
-    from rwt_transports.endpoint import Accept, DropReason, Flow, PeerInfo, Sink
+    from rwt_transports.endpoint import Accept, DropReason, Flow, PeerInfo, Sink, Traffic
 
 #: Seconds to connect, and seconds to wait for the peer's header.
 CONNECT_SECONDS: Final = 5.0
@@ -89,6 +89,11 @@ class Link:
     def caller(self) -> str:
         """Name of the peer's node."""
         return self.header.get("callerid", "")
+
+    @property
+    def traffic(self) -> Traffic:
+        """Counts since the connection began."""
+        return self._sink.traffic
 
     # What the connection calls
 
