@@ -32,6 +32,7 @@ class Network:
         frames: receive buffers of TCPROS.
         calls: limit on incomplete calls over XML-RPC.
         calling: bytes of large calls that are being answered.
+        decoding: lets one of them be decoded at a time.
         turns: turns in which frames are handled.
     """
 
@@ -41,6 +42,7 @@ class Network:
         self.frames = ReceiveBufferPool(_FRAMES_BYTES)
         self.calls = ReceiveBufferPool(_CALLS_BYTES)
         self.calling = 0
+        self.decoding = anyio.CapacityLimiter(1)
         self.turns = loop_turns(READ_SECONDS)
 
     def in_batch(self, call: Callable[[], None]) -> None:

@@ -228,8 +228,10 @@ class _RpcServer:
         try:
             if network.calling > _MOST_RECEIVED:
                 raise WireError("too many large calls are being received")
+            async with network.decoding:
+                parts = self._response(await in_turns(_decoded(body)))
             async with self._responses:
-                return _xml(await in_turns(_joined(self._response(await in_turns(_decoded(body))))))
+                return _xml(await in_turns(_joined(parts)))
         except WireError as error:
             return _fault(error)
         finally:

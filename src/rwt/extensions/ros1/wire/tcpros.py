@@ -27,6 +27,9 @@ MESSAGE_BYTES: Final = 128 * 1024 * 1024
 #: Minimum bytes of a frame that is received in a buffer of the pool, and delivered as a view of it.
 LARGE_BYTES: Final = 64 * 1024
 
+#: Bytes by which such a buffer grows at most: making all 128 MiB at once would hold the event loop.
+_GROWTH_BYTES: Final = 1024 * 1024
+
 
 def length_prefix(length: int) -> bytes:
     """Return the prefix of a frame of that many bytes."""
@@ -132,11 +135,13 @@ class TcprosWire:
         """Return the rest of a large frame's buffer; None otherwise."""
         if self._size < LARGE_BYTES or self._rest or self._is_held:
             return None
+        self._grow()
         return memoryview(self._buffer)[self._filled : self._size]
 
     def buffer_updated(self, count: int) -> None:
         self._filled += count
-        self._in_batch(self._read_large)
+        if self._filled == self._size:
+            self._in_batch(self._read_large)
 
     def give_up(self, reason: str) -> None:
         self._size, self._buffer = 0, bytearray()
@@ -208,20 +213,18 @@ class TcprosWire:
 
     def _read_large(self) -> None:
         try:
-            if self._filled == self._size:
-                self._complete()
-            else:
-                self._grow()
+            self._complete()
         except WireError as error:
             self._end(PROTOCOL_ERROR, str(error))
 
     def _grow(self) -> None:
-        """Enlarge a full buffer, in proportion to what has arrived and not to what was announced."""
-        if self._filled == len(self._buffer) < self._size:
-            # Not in place: the driver may still have a view of it.
-            larger = bytearray(min(self._size, 4 * self._filled))
-            larger[: self._filled] = self._buffer
-            self._buffer = larger
+        """Enlarge a full buffer, in proportion to what has arrived and not to what was announced.
+
+        Called while the driver has no view of it.
+        """
+        missing = self._size - self._filled
+        if missing and self._filled == len(self._buffer):
+            self._buffer.extend(bytes(min(self._filled, missing, _GROWTH_BYTES)))
             self._note_held()
 
     def _note_held(self) -> None:
