@@ -27,7 +27,7 @@ from typing import Final, NamedTuple
 import websockets
 
 from bench.traffic.processes import Server, cpu_time
-from tests.extensions.ros2.domains import free_domain
+from tests.extensions.ros2.live.domains import free_domain
 from tests.processes import free_port, running
 from tests.statements import Program
 from tools.upstream.ros2_workspace import ROSBRIDGE, environment
@@ -203,7 +203,7 @@ async def measure(case: Case, servers: dict[str, tuple[int, str]], seconds: floa
     """Return the microseconds of CPU time per delivered message of each server that delivers."""
     package, _, name = case.type.split("/")
     with closing(
-        Program(sys.executable, "tests.extensions.ros2.program", environment=dict(os.environ))
+        Program(sys.executable, "tests.extensions.ros2.live.program", environment=dict(os.environ))
     ) as program:
         publish = _PUBLISH.format(package=package, name=name, fill=case.fill, hertz=case.hertz)
         program.run(_SERVE if case.is_service else publish)

@@ -36,7 +36,7 @@ from websockets.typing import Subprotocol
 from rwt_client import connect
 from tests.browser.driver import Page, find_browser, opened_browser
 from tests.core.access.driver import Asker
-from tests.extensions.ros2.domains import free_domain
+from tests.extensions.ros2.live.domains import free_domain
 from tests.processes import running
 from tests.statements import Program
 from tests.waiting import until
@@ -189,7 +189,7 @@ class Scene:
 @contextmanager
 def _program(statements: str) -> Iterator[Program]:
     with closing(
-        Program(sys.executable, "tests.extensions.ros2.program", environment=dict(os.environ))
+        Program(sys.executable, "tests.extensions.ros2.live.program", environment=dict(os.environ))
     ) as program:
         program.run(statements)
         yield program

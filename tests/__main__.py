@@ -84,7 +84,7 @@ LONG: Final = (
     "docs",
     "clients",
     "faults",
-    "extensions/ros2",
+    "extensions/ros2/live",
     "release",
     "core/server",
     "extensions/workers",

@@ -50,9 +50,8 @@ class MemoryPipe:
     def take(self, most: int = 1) -> None:
         """Read `most` times, as a slow peer does."""
         for _ in range(most):
-            data = self.callbacks.take()
-            if data is not None:
-                self._taken += data
+            pieces, _ = self.callbacks.take()
+            self._taken += b"".join(pieces)
 
     def send_eof(self) -> None:
         """Say that nothing more will come."""
@@ -69,10 +68,10 @@ class MemoryPipe:
     def pump(self) -> None:
         """Move what the other side has to send."""
         while not self.stalled and not self.closed:
-            data = self.callbacks.take()
-            if data is None:
+            pieces, _ = self.callbacks.take()
+            if not pieces:
                 break
-            self._taken += data
+            self._taken += b"".join(pieces)
         if self._closing and not self.stalled:
             self.cut()
 

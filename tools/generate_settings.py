@@ -14,7 +14,7 @@ from typing import get_origin
 from pydantic.fields import FieldInfo
 
 from rwt.settings.errors import Key, known_settings
-from rwt.settings.models import Settings
+from rwt.settings.models import full_type
 from rwt_protocol.error_text import annotation_at, annotation_of, expected, model_in, plain_type
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "settings.md"
@@ -67,9 +67,9 @@ def _lines() -> Iterator[str]:
 def _section(table: Key) -> Iterator[str]:
     if table:
         yield f"\n## `[{'.'.join(table)}]`\n"
-        annotation = annotation_at(Settings, table)
+        annotation = annotation_at(full_type(), table)
         if get_origin(plain_type(annotation)) is Mapping:
-            annotation = annotation_at(Settings, (*table, "NAME"))
+            annotation = annotation_at(full_type(), (*table, "NAME"))
         model = model_in(annotation)
         yield inspect.cleandoc((model and model.__doc__) or "")
     else:

@@ -28,9 +28,9 @@ import numpy as np
 from bench.network.lossy_link import ADDRESSES, Line, lossy_link
 from bench.paper.camera import mark
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_webrtc.settings import WebRtcSettings
 from tests.browser.driver import find_browser, opened_browser
 
 HZ: Final = 30

@@ -29,9 +29,11 @@ from aioice import stun
 
 from rwt import Server
 from rwt.extensions.hub.hub import open_hub
-from rwt.settings.models import DialSettings, Settings, WebRtcSettings
+from rwt.extensions.hub.part import DialSettings
+from rwt.settings.models import Settings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
+from rwt_webrtc.settings import WebRtcSettings
 from tests.browser.driver import find_browser, opened_browser
 from tests.waiting import until
 

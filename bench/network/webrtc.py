@@ -23,8 +23,8 @@ from websockets.asyncio.client import connect
 
 from bench.network.lossy_link import ADDRESSES, Line, lossy_link
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_client import connect as connect_robot
+from rwt_webrtc.settings import WebRtcSettings
 
 HZ: Final = 50
 PORT: Final = 9090

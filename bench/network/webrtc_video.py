@@ -32,8 +32,8 @@ from bench.network.webrtc import BAD, PORT, percentile
 from bench.paper.camera import mark, read_mark
 from rwt import Server
 from rwt.media.encoders.video import VideoEncoder
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
+from rwt_webrtc.settings import WebRtcSettings
 
 HZ: Final = 20
 TOPIC: Final = "/camera/image_raw"

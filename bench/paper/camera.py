@@ -21,9 +21,9 @@ from rwt import Server
 from rwt.extensions.demo.world.lens import Lens
 from rwt.extensions.demo.world.map import Pose, house
 from rwt.extensions.demo.world.view import View
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_webrtc.settings import WebRtcSettings
 
 Picture = NDArray[np.uint8]
 

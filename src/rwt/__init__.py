@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rwt.moved import install as install_moved_modules
+from rwt.moved import with_moved_names
 from rwt_protocol.extensions import exports
 
 if TYPE_CHECKING:
     from rwt.blocking import BlockingNode as BlockingNode
     from rwt.errors import ServerError as ServerError
-    from rwt.extensions.recording.playback.server import PlaybackServer as PlaybackServer
     from rwt.server import Server as Server
     from rwt.settings import LoadedSettings as LoadedSettings
     from rwt.settings import Settings as Settings
@@ -81,7 +81,6 @@ __all__, __getattr__, __dir__ = exports(
     {
         "rwt.server": "Server",
         "rwt.blocking": "BlockingNode",
-        "rwt.extensions.recording.playback.server": "PlaybackServer",
         "rwt.errors": "ServerError",
         "rwt.settings": "Settings SettingsError LoadedSettings load_settings read_settings",
         "rwt_client": "connect",
@@ -108,4 +107,5 @@ __all__, __getattr__, __dir__ = exports(
     },
 )
 
+__getattr__ = with_moved_names(__getattr__)
 install_moved_modules()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -33,6 +33,22 @@ MOVED: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """New names of packages, by their names in version 0.1."""
+
+
+NAMES: Final[Mapping[str, str]] = MappingProxyType({"PlaybackServer": "rwt.extensions.recording.playback"})
+"""New modules of names that `rwt` itself had in version 0.1."""
+
+
+def with_moved_names(get: Callable[[str], object]) -> Callable[[str], object]:
+    """Return the `__getattr__` of `rwt`, which also finds names that have moved."""
+
+    def get_moved(name: str) -> object:
+        if name not in NAMES:
+            return get(name)
+        warnings.warn(f"rwt.{name} has moved to {NAMES[name]}", DeprecationWarning, stacklevel=2)
+        return getattr(import_module(NAMES[name]), name)
+
+    return get_moved
 
 
 class _Alias(Loader):

@@ -22,17 +22,26 @@ from rwt.access.access import Access
 from rwt.access.audit import bounded_log
 from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
-from rwt.composition.extensions import load_encodings
-from rwt.composition.gateways import make_gateway
 from rwt.composition.graphs import MakeGraph, bridged_graphs, check_graph, make_graph, relay_between
-from rwt.composition.listeners import Listeners, check_dial_urls
-from rwt.composition.nodes import (
-    ReadyNode,
+from rwt.composition.listeners import Listeners
+from rwt.composition.starting import (
     http_of,
+    load_encodings,
+    make_gateway,
+    only_part,
     start_gateway_node,
     start_nodes,
-    start_recording,
-    start_script,
+)
+from rwt.declarations import (
+    AsgiPart,
+    HostedApp,
+    OutgoingConnection,
+    RecorderPart,
+    RecordingRequest,
+    ScriptPart,
+    ServiceContext,
+    ServicePart,
+    SupervisorPart,
 )
 from rwt.gateways.visitors import counted
 from rwt.observability.metrics import ServerMetrics
@@ -48,7 +57,7 @@ from rwt.observability.supervision import (
 from rwt.rosapi import DISCLOSURES
 from rwt.rosbridge.bridge import GATEWAY_NODE, Bridge
 from rwt.rosbridge.numpy_loading import NumpyLoading
-from rwt.settings.sources import LoadedSettings, with_changes
+from rwt.settings.sources import LoadedSettings, changed_names, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt.tls.machine import outward_address
 from rwt.tls.tls import renew_server_tls, server_tls
@@ -56,7 +65,7 @@ from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
-from rwt_transports.turns import loop_batches
+from rwt_transports.scheduler import WRITING, Scheduler
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -65,10 +74,7 @@ if TYPE_CHECKING:
 
     from rwt.access.graph_view import GraphView
     from rwt.blocking import BlockingNode
-    from rwt.extensions.asgi import App, AsgiApplication, AsgiMount
-    from rwt.extensions.hub.relay.dial import RelayStatus
-    from rwt.extensions.recording import RecordingOptions
-    from rwt.extensions.workers.worker import InWorker, WorkerContext
+    from rwt.declarations import AsgiApp, InWorker, ReadyNode, WorkerContext
     from rwt.gateways.base import Gateway, MakeGateway
     from rwt.settings.models import Settings
     from rwt_graph.clock import Clock
@@ -106,12 +112,14 @@ class _Running:
 
     Attributes:
         reload_roles: functions that assign clients their roles of the current settings.
+        connections: connections that the server opened for its clients.
     """
 
     bridge: Bridge
     reload_roles: tuple[Callable[[], None], ...]
     metrics: ServerMetrics
     listeners: tuple[Listener, ...]
+    connections: Sequence[OutgoingConnection]
     tls: SSLContext | None
     stack: AsyncExitStack
 
@@ -169,7 +177,6 @@ class Server:
     Raises:
         SettingsError: a setting or an argument is invalid, or contradicts another.
         GraphError: the options of Zenoh are invalid.
-        BadUrl: one of `dial.urls` is not the URL of a hub.
     """
 
     def __init__(
@@ -182,10 +189,10 @@ class Server:
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
         gateways: Iterable[MakeGateway | str] | None = None,
         http: Iterable[HttpExtension] = (),
-        mounts: Mapping[str, App] = MappingProxyType({}),
+        mounts: Mapping[str, AsgiApp] = MappingProxyType({}),
         script: Path | None = None,
         record: Path | None = None,
-        record_options: RecordingOptions | None = None,
+        record_options: object | None = None,
         introspection: bool = False,
         middleware: Middleware | None = None,
         name: str = "robot",
@@ -234,12 +241,10 @@ class Server:
         self._thread: ExitStack | None = None
         self._given_graph = graph
         self._announced = False
-        self._app: AsgiApplication | None = None
-        if self.settings.dial.urls:
-            check_dial_urls(self.settings.dial.urls)
-            if "listen" not in self.settings.model_fields_set:
-                # A robot that only dials out needs no port.
-                self.settings = self.settings.model_copy(update={"listen": ()})
+        self._app: HostedApp | None = None
+        if self.settings.brings_clients and "listen" not in self.settings.model_fields_set:
+            # A robot that only dials out needs no port.
+            self.settings = self.settings.model_copy(update={"listen": ()})
         if self.settings.workers == 1 or worker is not None:
             _ = self.graph  # Made here, so that the constructor raises if it is not possible.
         else:
@@ -272,10 +277,12 @@ class Server:
             check_graph(given, settings, self._registry, self._clock)
             return given
         if given is None and self._script is not None:
-            from rwt.extensions.testing.journal import ObservedGraph  # Only what is tested is observed.
-
             # What the robot's own nodes publish is not what it received.
-            given = partial(ObservedGraph, only=(GATEWAY_NODE,))
+            make = only_part("script", ScriptPart).make_graph
+
+            def given(registry: Registry, clock: Clock | None) -> Graph:
+                return make(registry, clock, (GATEWAY_NODE,))
+
         return make_graph(settings, given, self._registry, self._clock, self._worker)
 
     def node(self, name: str, namespace: str = "/") -> Node:
@@ -304,16 +311,16 @@ class Server:
         return self._while_running.bridge
 
     @property
-    def dials(self) -> tuple[RelayStatus, ...]:
-        """Status of each dial-out (`dial.urls`). Raises :exc:`NotRunning`."""
-        return tuple(self._while_running.metrics.dials)
+    def dials(self) -> tuple[OutgoingConnection, ...]:
+        """Status of each outgoing connection, such as those to hubs. Raises :exc:`NotRunning`."""
+        return tuple(self._while_running.connections)
 
     @property
     def metrics(self) -> ServerMetrics:
         """Metrics of the server. Raises :exc:`NotRunning`."""
         return self._while_running.metrics
 
-    def asgi(self) -> AsgiApplication:
+    def asgi(self) -> HostedApp:
         """Return the server as an ASGI application (HTTP, server-sent events and WebSocket).
 
         An ASGI server that runs it as the whole app starts and stops it by the lifespan protocol. An app that
@@ -323,8 +330,6 @@ class Server:
         Raises:
             SettingsError: the server already runs, or `workers` is not 1: use the ASGI server's own workers.
         """
-        from rwt.extensions.asgi import AsgiApplication  # Few servers are mounted in an app.
-
         if self._app is None:
             if self._running is not None:
                 raise SettingsError("asgi(): the server runs already: call it before it is started")
@@ -332,7 +337,7 @@ class Server:
                 raise SettingsError("`workers`: an ASGI server has workers of its own: use 1 with asgi()")
             if "listen" not in self.settings.model_fields_set:
                 self.settings = self.settings.model_copy(update={"listen": ()})
-            self._app = AsgiApplication(self._begin)
+            self._app = only_part("asgi", AsgiPart).application(self._begin)
         return self._app
 
     def _begin(self) -> AbstractAsyncContextManager[object]:
@@ -383,12 +388,7 @@ class Server:
         if running.tls is not None:
             renew_server_tls(running.tls, settings.tls)
         self._warn_of_strangers(running.bridge.access, running.listeners)
-        started = self._started_with
-        changed = [
-            name
-            for name in type(settings).model_fields
-            if name not in _RELOADED and getattr(settings, name) != getattr(started, name)
-        ]
+        changed = [name for name in changed_names(self._started_with, settings) if name not in _RELOADED]
         if changed:
             logger.warning("changed, but without effect until a restart: %s", ", ".join(changed))
 
@@ -423,9 +423,7 @@ class Server:
         """Return functions that wait for an end which the server does not cause."""
         ends: list[Callable[[], Awaitable[object]]] = [each.ended for each in self._while_running.listeners]
         if self._worker is not None:
-            from rwt.extensions.workers.supervisor import parent_sentinel
-
-            ends.append(partial(anyio.wait_readable, parent_sentinel()))
+            ends.append(only_part("supervisor", SupervisorPart).parent_ended)
         return ends
 
     # In a program with an event loop
@@ -453,9 +451,8 @@ class Server:
         nodes = stack.enter_context(ExitStack())
         for other in others:
             nodes.callback(relay_between(graph, other))
-        with suppress(RuntimeError):  # On trio.
-            for each in (graph, *others):
-                each.in_batch = loop_batches().run
+        for each in (graph, *others):
+            each.in_batch = Scheduler.of_loop(WRITING).batch
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if settings.tls.auto and tls is not None:
@@ -464,12 +461,12 @@ class Server:
             http = (*http, authority_page(settings.tls))
             stack.callback(renewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
-            start_recording(
-                graph, self._record, self._record_options, nodes, introspection=self._introspection
-            )
+            request = RecordingRequest(self._record, self._record_options, self._introspection)
+            only_part("recorder", RecorderPart).start(graph, request, nodes)
         middleware = [] if self._middleware is None else [self._middleware]
         if self._script is not None:
-            middleware.insert(0, start_script(graph, self._script, settings, nodes))
+            start_script = only_part("script", ScriptPart).start
+            middleware.insert(0, start_script(graph, self._script, settings.bson_only_mode, nodes))
         access = Access(graph, settings, DISCLOSURES)
         stack.callback(access.close)
         bridge = Bridge(graph, settings, access, NumpyLoading())
@@ -485,35 +482,44 @@ class Server:
         stack.enter_context(bounded_log())
         reload_roles = [each.reload_roles for each in (bridge, *gateways)]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
-        mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
-        doors = Listeners(
+        mounts = only_part("asgi", AsgiPart).mount(self._mounts) if self._mounts else None
+        if mounts is not None:
+            await stack.enter_async_context(mounts.running())
+        ports = Listeners(
             settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
         )
-        if settings.webrtc.enabled:
-            from rwt_webrtc.server import media_routes, webrtc_media, webrtc_peers
-
-            peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
-            # They have ended when what they publish on leaves the graph.
-            media = webrtc_media(graph, access, settings.unregister_timeout, stack)
-            doors.peers = await stack.enter_async_context(peers)
-            doors.media = media_routes(doors.peers, ready.video, media)
-            if media is not None:
-                reload_roles.append(media[0].reload_roles)
-            metrics.include(doors.peers.metrics)
-        listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
+        connections: list[OutgoingConnection] = []
+        context = ServiceContext(
+            graph=graph,
+            access=access,
+            linger=settings.unregister_timeout,
+            nodes=ready.named,
+            limits=ports.limits,
+            addresses=ports.addresses,
+            buffers=ports.buffers,
+            accept=ports.accept,
+            pages=ports.pages,
+            add_routes=ports.routes.append,
+            add_metrics=metrics.include,
+            add_connection=connections.append,
+            on_reload=reload_roles.append,
+        )
+        for service, own in settings.active("service"):
+            if isinstance(service.part, ServicePart):
+                await stack.enter_async_context(service.part.run(context, own))
+        listeners = [await stack.enter_async_context(ports.listen(url)) for url in settings.listen]
         if self._is_first:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
         if self._app is not None:
-            mounted = {it: await stack.enter_async_context(doors.asgi(loopback=it)) for it in (True, False)}
-            stack.enter_context(self._app.serve(mounted))
-        for url in settings.dial.urls:
-            metrics.dials.append(await stack.enter_async_context(doors.dial(url)))
+            await stack.enter_async_context(self._app.serving(ports.port))
         if self._worker is not None:
-            await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
+            await stack.enter_async_context(self._worker.serve_metrics(metrics.text))
         self._warn_of_strangers(access, listeners)
         self._warn_of_readable_tokens(listeners)
-        return _Running(bridge, tuple(reload_roles), metrics, tuple(listeners), tls, stack.pop_all())
+        return _Running(
+            bridge, tuple(reload_roles), metrics, tuple(listeners), connections, tls, stack.pop_all()
+        )
 
     def _start_gateways(
         self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack
@@ -525,12 +531,6 @@ class Server:
             gateways.append(gateway := make())
             stack.callback(gateway.close)
         return gateways
-
-    def _make_mounts(self) -> Iterable[AsgiMount]:
-        if self._mounts:
-            from rwt.extensions.asgi import AsgiMount  # Few servers have an app.
-
-            yield from (AsgiMount(path, app) for path, app in self._mounts.items())
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
         """Warn if other machines can reach a server without authentication."""
@@ -611,8 +611,6 @@ class Server:
             ServerError: the recording cannot be written.
         """
         if self.settings.workers > 1 and self._worker is None:
-            from rwt.extensions.workers.worker import run_workers  # Imported only where there are several.
-
             if main is not None:
                 raise SettingsError("`workers`: the robot's own program runs in one process: use 1 here")
             if not hasattr(signal, "pthread_sigmask") or not hasattr(socket, "SO_REUSEPORT"):
@@ -621,6 +619,7 @@ class Server:
             def serve(worker: WorkerContext, settings: Settings) -> None:
                 self._as_worker(worker, settings).run(announce=worker.announce, on_up=on_up)
 
+            run_workers = only_part("supervisor", SupervisorPart).run
             return run_workers(self.settings, serve, announce or print_announcement, in_worker)
         raise_descriptor_limit()
         if main is None or _is_coroutine_function(main):

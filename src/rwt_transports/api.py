@@ -234,8 +234,16 @@ class DriverCallbacks(Protocol):
     def buffer_updated(self, count: int) -> None:
         """Called when `count` bytes were received into the buffer from :meth:`get_buffer`."""
 
-    def take(self) -> Buffer | None:
-        """Return the next bytes to write; None if there are none now."""
+    def take(self, limit: int = ..., /) -> tuple[Sequence[Buffer], bool]:
+        """Return the next pieces to write, and True if the driver must call again once they are written.
+
+        There are no pieces if nothing is queued. They have about `limit` bytes at most: large messages are
+        cut there, and small ones may exceed it.
+        """
+
+    def put_back(self, pieces: Sequence[Buffer]) -> None:
+        """Put back taken pieces that the network has not accepted: they are sent first next
+        time."""
 
     def progress(self) -> None:
         """Called when the network accepts bytes again: the peer is alive."""
@@ -270,8 +278,12 @@ class NoCallbacks(UnbufferedCallbacks):
     def receive(self, data: bytes) -> None:
         """Drop `data`."""
 
-    def take(self) -> None:
-        """Return None: there is nothing to send."""
+    def take(self, limit: int = 0, /) -> tuple[Sequence[Buffer], bool]:
+        """Return no pieces: there is nothing to send."""
+        return (), False
+
+    def put_back(self, pieces: Sequence[Buffer]) -> None:
+        """Drop `pieces`."""
 
     def eof(self) -> None:
         """No-op."""
@@ -281,19 +293,6 @@ class NoCallbacks(UnbufferedCallbacks):
 
 
 NO_CALLBACKS: Final[DriverCallbacks] = NoCallbacks()
-
-
-@runtime_checkable
-class Gathering(Protocol):
-    """Callbacks that offer several pieces for one system call, and take back those not accepted."""
-
-    def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
-        """Return the next pieces to write, and True if the driver must call again once they are written.
-        There are no pieces if nothing is queued."""
-
-    def put_back(self, pieces: Sequence[Buffer]) -> None:
-        """Put back taken pieces that the network has not accepted: they are sent first next
-        time."""
 
 
 Attach = Callable[[Link, str, int], object]

@@ -51,6 +51,7 @@ class TaskStarter:
             waiting, self._waiting = self._waiting, []
             for start in waiting:
                 start(group)
+            # A new event before the check: what is added after it sets this one.
             self._wake = anyio.Event()
             if not self._waiting:
                 await self._wake.wait()

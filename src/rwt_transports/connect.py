@@ -14,6 +14,7 @@ from typing import Final
 import anyio
 from websockets.uri import WebSocketURI
 
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import Connector, FindsPath, Link, UnbufferedCallbacks
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
@@ -72,6 +73,7 @@ class OutgoingConnection:
 
         The wait has no end if the connection is lost meanwhile: watch for the endpoint's `closed`, too.
         """
+        # A lost connection never calls back, so there would be nothing to wait for.
         if self.connection is None or self.connection not in self.state.connections:
             return
         if self._draining is None:
@@ -97,7 +99,8 @@ class _Handshaking(UnbufferedCallbacks):
         path, _, query = target.path.partition("?")
         uri = WebSocketURI(target.scheme.tls, target.address.host, target.address.port, path, query)
         self._handshake = ClientHandshake(uri, outgoing.headers)
-        self._request: bytes | None = self._handshake.request
+        self._request: Sequence[Buffer] = (self._handshake.request,)
+        # Only asks for a later take(): the link has these callbacks once the constructor has returned.
         link.wake()
 
     def receive(self, data: bytes) -> None:
@@ -112,9 +115,12 @@ class _Handshaking(UnbufferedCallbacks):
             if rest:
                 connection.receive(rest)
 
-    def take(self) -> bytes | None:
-        request, self._request = self._request, None
-        return request
+    def take(self, limit: int = 0, /) -> tuple[Sequence[Buffer], bool]:
+        request, self._request = self._request, ()
+        return request, False
+
+    def put_back(self, pieces: Sequence[Buffer]) -> None:
+        self._request = pieces
 
     def eof(self) -> None:
         try:
@@ -188,6 +194,7 @@ async def connect(
                 raise ConnectError(f"cannot connect to {url}: no answer within {timeout:g} s")
             if outgoing.error is not None:
                 raise outgoing.error
+            # Not before: the timeout of this function covers the handshake, and the ticks what follows it.
             tasks.start_soon(state.watch)
             yield outgoing
         finally:

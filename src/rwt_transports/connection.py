@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
 
 from rwt_protocol.extensions import imported_on_call
-from rwt_protocol.frames import Buffer, Framing
+from rwt_protocol.frames import Framing
 from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
@@ -36,7 +37,7 @@ from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
-from rwt_transports.turns import REQUESTS_SECONDS, Turns, loop_turns, no_turns
+from rwt_transports.scheduler import REQUESTS, Scheduler
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import SERVER_FRAMING
@@ -85,6 +86,9 @@ port."""
 class ListenerState:
     """State that the connections of one listener share.
 
+    All but ``connections`` and ``closing`` is constant while connections are open. ``closing`` is set once,
+    in :meth:`close`; from then on, new connections are cut.
+
     Attributes:
         accept: factory of the endpoint of a new peer.
         http: factory of the connection that serves a new peer until its upgrade; None for transports without
@@ -99,7 +103,7 @@ class ListenerState:
         access_log: True if each HTTP request is logged.
         subprotocols: WebSocket subprotocols other than rosbridge.
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
-        requests: turns in which HTTP requests are read.
+        requests: scheduler of the reading of HTTP requests.
         ended: set when the only peer is gone, and when the listener has closed.
         closing: True if no more connections are accepted.
     """
@@ -118,7 +122,7 @@ class ListenerState:
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
     tasks: TaskStarter | None = None
-    requests: Turns = field(default_factory=no_turns)
+    requests: Scheduler = field(default_factory=partial(Scheduler.immediate, REQUESTS))
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
@@ -132,11 +136,13 @@ class ListenerState:
         """Attach a connection to its link, and begin."""
         self.connections.add(connection)
         self.addresses.enter(connection.address)
+        # Before the checks, since a driver reports the loss of a refused link, too.
         link.set_callbacks(connection)
         too_many = len(self.connections) > 2 * self.limits.connections
         if self.closing or too_many or self.addresses.is_flooding(connection.address):
             connection.abort()
         else:
+            # May end the connection at once: nothing may use it after this call.
             connection.begin()
 
     def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
@@ -146,6 +152,7 @@ class ListenerState:
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
+        # A copy: a timeout may end the connection, which leaves the set.
         for connection in tuple(self.connections):
             try:
                 connection.tick(now)
@@ -170,7 +177,7 @@ class ListenerState:
         """Run handlers and check timeouts inside the block; then close every connection with 1001."""
         async with background_tasks() as tasks:
             self.tasks = TaskStarter()
-            self.requests = loop_turns(REQUESTS_SECONDS)
+            self.requests = Scheduler.of_loop(REQUESTS)
             tasks.start_soon(self.tasks.run, tasks)
             tasks.start_soon(self.watch)
             try:
@@ -180,6 +187,7 @@ class ListenerState:
 
     async def end(self, code: int, reason: str) -> None:
         """Close every connection, and cut those that are still open after ``limits.close_seconds``."""
+        # Shielded, since this runs while the server is cancelled: peers are told why, within `close_seconds`.
         with anyio.CancelScope(shield=True):
             self.close(code, reason)
             with anyio.move_on_after(self.limits.close_seconds):
@@ -239,7 +247,7 @@ class Connection:
     * Wiring: ``_state``, ``_listener``, ``_link``, ``_hang_up_aware`` (the link again, if it can tell),
       ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_holdable`` (the wire again, if
       a pause holds it), ``_endpoint``, ``outbox``, and what the driver calls on the wire and the outbox
-      directly: ``get_buffer``, ``take``, ``take_pieces``, ``put_back``.
+      directly: ``get_buffer``, ``take``, ``put_back``.
     * Peer: ``address``, ``_port``.
     * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
       link).
@@ -252,7 +260,7 @@ class Connection:
     __slots__ = (
         "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_inflating",
         "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state",
-        "_wire", "address", "get_buffer", "outbox", "put_back", "take", "take_pieces",
+        "_wire", "address", "get_buffer", "outbox", "put_back", "take",
     )  # fmt: skip
 
     def __init__(
@@ -270,9 +278,8 @@ class Connection:
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         # The driver calls the wire and the outbox directly here, since it does so for every message.
         self.get_buffer: Callable[[], memoryview | None] = self._wire.get_buffer
-        self.take: Callable[[], Buffer | None] = self.outbox.take
-        self.take_pieces: Callable[[], tuple[Sequence[Buffer], bool]] = self.outbox.take_pieces
-        self.put_back: Callable[[Sequence[Buffer]], None] = self.outbox.put_back
+        self.take = self.outbox.take
+        self.put_back = self.outbox.put_back
         self.address = address
         self._port = port
         self._closed_with: tuple[int, str] | None = None
@@ -341,6 +348,7 @@ class Connection:
         self._listener.buffers.release(self._wire)
         self._listener.buffers.is_read(self._wire)
         self._become(_ConnectionState.LOST)
+        # Before the endpoint is told, so that what it sends in `closed` is dropped.
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
         # Break the cycles: they would live until a full garbage collection.
@@ -356,6 +364,8 @@ class Connection:
         self._closed_with = (code, reason)
         last = self._wire.close(code, reason)
         self.outbox.finish(last)
+        # Without a closing handshake the link closes once everything is sent; otherwise when the peer
+        # agrees.
         if not last:
             self.outbox.when_empty(self._link.close)
 
@@ -388,6 +398,7 @@ class Connection:
     def overflow(self, reason: str) -> None:
         """Close because the peer leaves too many replies unread."""
         logger.warning("closing %s: %s", self, reason)
+        # The peer reads too slowly for its replies: only the close frame follows those that are ready.
         self.outbox.stop_sending()
         self.close(POLICY, reason)
 
@@ -462,12 +473,14 @@ class Connection:
     def tick(self, now: float) -> None:
         if self._is_alive or self._heard is None:
             self._is_alive = self._is_pinged = False
+            # A tick's precision is enough: receiving only sets a flag, since it runs for every read.
             self._heard = now
         silent = now - self._heard
         limits = self._listener.limits
         if self._is_paused and self._hang_up_aware is not None:
             self._look_for_hang_up(self._hang_up_aware)
         if self._is_ending:
+            # Set by the first tick after the end, so that close() needs no clock.
             if self._deadline is None:
                 self._deadline = now + limits.close_seconds
             elif now >= self._deadline:

@@ -84,6 +84,7 @@ class DataLane:
     def add(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int) -> None:
         """Queue a message, and drop others that exceed a bound."""
         size = sum(frame.size for frame in pieces)
+        # The depth first: what it drops makes room, so that fewer messages of other topics are displaced.
         depth = queue.rules.depth
         if depth is not None:
             self.cut(queue, max(depth, 1) - 1)
@@ -122,7 +123,9 @@ class DataLane:
             frame = queue.begun.popleft() if queue.begun else self._begin(queue)
             queue.size -= frame.size
             self.size -= frame.size
+            # The position never goes back: queues that were idle compete from here on.
             self._position = max(self._position, queue.finish)
+            # The tag counts this frame alone, so that fragments of a message take turns with other topics.
             queue.finish = self._position + frame.size
             self._last = max(self._last, queue.finish)
             if queue.begun or queue.waiting:
@@ -164,12 +167,14 @@ class DataLane:
 
     def _drop_expired(self, queue: Queue) -> None:
         waiting = queue.waiting
+        # Only the front: later messages expire later, or wait until they are in front.
         while waiting and waiting[0][2] and waiting[0][2] < queue.time_ns():
             self._drop_oldest(queue, DropReason.LIFESPAN)
 
     def _make_room(self, queue: Queue, size: int) -> None:
         """Drop old messages of at least `size` bytes: of this queue, or of the largest if this one is
         empty."""
+        # Of its own queue a topic may lose all: the new message becomes its newest.
         victim, keep = (queue, 0) if queue.waiting else (self._largest_queue(), 1)
         freed = 0
         while victim is not None and len(victim.waiting) > keep and freed < max(size, 1):

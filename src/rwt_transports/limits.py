@@ -1,4 +1,4 @@
-"""Limits of the peers of one listener."""
+"""Limits of the peers of one listener, and the limit of a rate."""
 
 from __future__ import annotations
 
@@ -93,3 +93,39 @@ class Limits:
     def receive_pool(self) -> ReceiveBufferPool:
         """Return a pool for connections that share these limits."""
         return ReceiveBufferPool(max(self.incoming_bytes, 2 * self.message_bytes))
+
+
+class RateLimit:
+    """Rate limit of events, or of amounts such as bytes: a burst, and `rate` per second in the long run.
+
+    The token bucket is stored as the time at which it is full again, so that an idle limit costs nothing.
+
+    Args:
+        rate: events per second in the long run, or amounts.
+        burst: maximum number of events at once.
+    """
+
+    __slots__ = ("_full", "_interval", "_tolerance")
+
+    def __init__(self, rate: float, burst: float) -> None:
+        self._interval = 1 / rate  # seconds
+        # Half an event more, since sums of floats round. Amounts need a unit of which half is negligible.
+        self._tolerance = (burst + 0.5) / rate
+        self._full = float("-inf")
+
+    def take(self, now: float, amount: float = 1) -> bool:
+        """Return True if that much more is within the limit; `now` in seconds on a monotonic clock."""
+        full = self._full
+        full = (full if full > now else now) + self._interval * amount
+        if full - now > self._tolerance:
+            return False
+        self._full = full
+        return True
+
+    def give_back(self, amount: float = 1) -> None:
+        """Undo the last :meth:`take` of that amount."""
+        self._full -= self._interval * amount
+
+    def is_full(self, now: float) -> bool:
+        """Return True if the whole burst is available."""
+        return self._full <= now

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import Enum
 from time import time_ns
-from typing import cast
+from typing import Final, cast
 
 from rwt_protocol.frames import Buffer, Burst, Frame, Framing
 from rwt_transports.background import ignore
@@ -22,12 +23,11 @@ from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
 
-SLICE_BYTES = 256 * 1024
-"""Maximum size of a slice: the rest of a larger piece stays shared and uncopied for a slow peer."""
+TAKE_BYTES = 256 * 1024
+"""Bytes of large pieces that a driver takes at once unless it asks for another number: the rest of a larger
+piece stays shared and uncopied for a slow peer."""
 ALONE_BYTES = 32 * 1024
 """Pieces of this size are not joined with others: copying them would cost more than another write."""
-GATHER_BYTES = 1024 * 1024
-"""Maximum total size of the pieces of one `writev`."""
 PIECES_BYTES = 256 * 1024
 """Frames from this size on are not joined with their own header."""
 
@@ -72,11 +72,13 @@ class OutboxFlow:
         outbox.bursts = True
         outbox.room = room - size
         outbox.messages += 1
+        # The burst reports its growth once, when it is sealed: frames join it without a call per client.
         burst.members.append(outbox.sealed)
         return True
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         outbox = self._outbox
+        # All or none: a receiver could not reassemble the rest of a fragmented message.
         if any(outbox.is_too_large(self._queue, frame) for frame in pieces):
             return
         if outbox.room <= 0:
@@ -96,19 +98,42 @@ class OutboxFlow:
         self._queue.on_drop = None
 
 
+class _OutboxState(Enum):
+    OPEN = "open"
+    STOPPED = "stopped"
+    LOST = "lost"
+
+
+_OPEN: Final = _OutboxState.OPEN
+
+_TRANSITIONS: Final = {
+    _OutboxState.OPEN: {_OutboxState.STOPPED},
+    _OutboxState.STOPPED: {_OutboxState.LOST},
+    _OutboxState.LOST: set[_OutboxState](),
+}
+
+
 class Outbox:
     """Sending side of one connection.
+
+    Life cycle::
+
+        OPEN ── finish(), stop_sending() ──> STOPPED ── discard() ──> LOST
+
+    * **OPEN**: frames are accepted.
+    * **STOPPED**: further frames are dropped, the lanes stay empty and ``room`` is 0. The ready bytes still
+      go out, and the protocol's own, which :meth:`push` adds.
+    * **LOST**: nothing is queued; the connection is gone.
 
     A frame passes three queues: a lane (``_control`` or ``_data``), the ``ready`` bytes, and ``_begun`` (the
     rest of pieces that were written in part). Invariants:
 
     * ``room`` > 0 only if the lanes and ``_begun`` are empty: frames then bypass the lanes.
     * The data lane waits for the control lane, and both wait for ``ready`` and ``_begun``.
-    * Once ``_closed``, ``room`` is 0 and the lanes stay empty; what is ready still goes out.
 
     Attributes by purpose:
 
-    * Lanes: ``_control``, ``_control_bytes``, ``_data``, ``_limits``, ``_overflow``, ``_closed``.
+    * Lanes: ``_control``, ``_control_bytes``, ``_data``, ``_limits``, ``_overflow``.
     * Ready: ``ready``, ``bursts``, ``room``, ``_large`` (pieces of at least `ALONE_BYTES` among them, which
       are not joined), ``_begun``.
     * Framing: ``_framing``, ``whole``, ``small``, ``burst_bytes``.
@@ -131,8 +156,8 @@ class Outbox:
     """
 
     __slots__ = (
-        "_begun", "_closed", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
-        "_on_empty", "_overflow", "burst_bytes", "bursts", "messages", "ready",
+        "_begun", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
+        "_on_empty", "_overflow", "_state", "burst_bytes", "bursts", "messages", "ready",
         "received", "room", "small", "taken", "wake", "whole",
     )  # fmt: skip
 
@@ -143,9 +168,11 @@ class Outbox:
         wake: Callable[[], None],
         overflow: Callable[[str], None],
     ) -> None:
+        self._state = _OPEN
         self._limits = limits
         self._framing = framing
         self.whole = framing.whole
+        # One comparison on the hot path stands for two: small enough to join, and within the size limit.
         self.small = min(ALONE_BYTES, limits.outgoing_bytes + 1) if framing.shared else 0
         # Frames that are added to a burst later are not checked.
         self.burst_bytes = self.small if self.small > Burst.LARGE else 0
@@ -163,14 +190,17 @@ class Outbox:
         self.received = 0
         self.taken = 0
         self._on_empty: Callable[[], None] | None = None
-        self._closed = False
+
+    def _become(self, state: _OutboxState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
         if self.room > 0:
             self.send_at_once(frame)
-        elif not self._closed:
+        elif self._state is _OPEN:
             self._queue_control(frame)
 
     def flow(
@@ -203,6 +233,7 @@ class Outbox:
 
     def is_too_large(self, queue: Queue, frame: Frame) -> bool:
         """Return True if a frame of the data lane is too large to be sent, and count and report the drop."""
+        # Only the data lane has this limit: a reply that is too large still answers its request.
         if frame.size <= self._limits.outgoing_bytes:
             return False
         self._data.count_drop(queue, DropReason.SIZE)
@@ -210,12 +241,12 @@ class Outbox:
 
     def send_later(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue a message in the data lane."""
-        if not self._closed:
+        if self._state is _OPEN:
             self._data.add(queue, pieces, expires_ns)
 
     def send_rest_later(self, queue: Queue, pieces: Sequence[Frame]) -> None:
         """Queue the rest of a message whose first frame is ready."""
-        if not self._closed:
+        if self._state is _OPEN:
             self._data.add_begun(queue, pieces)
 
     def configure(self, queue: Queue, rules: FlowRules) -> None:
@@ -289,7 +320,7 @@ class Outbox:
 
     def push_if_read(self, data: bytes) -> None:
         """Queue bytes of the protocol itself, unless the peer does not read."""
-        if self.room > -self._limits.ready_bytes and not self._closed:
+        if self.room > -self._limits.ready_bytes and self._state is _OPEN:
             self.push(data)
 
     def finish(self, last: bytes) -> None:
@@ -307,12 +338,14 @@ class Outbox:
         self._control_bytes = 0
         self._data.clear()
         self._settle_bursts()
-        self._closed = True
+        if self._state is _OPEN:
+            self._become(_OutboxState.STOPPED)
         self.room = 0
 
     def discard(self) -> None:
         """Drop everything: the connection is lost."""
         self.stop_sending()
+        self._become(_OutboxState.LOST)
         self.ready.clear()
         self._large = 0
         self._begun.clear()
@@ -325,19 +358,20 @@ class Outbox:
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
-    def take(self) -> Buffer | None:
-        if self._begun:
-            data: Buffer = self._slice(self._begun.popleft(), SLICE_BYTES)
+    def take(self, limit: int = TAKE_BYTES) -> tuple[Sequence[Buffer], bool]:
+        if not self.ready and not self._begun:
+            self._refill()
+            if not self.ready:
+                self._empty()
+                return (), False
+        pieces: Sequence[Buffer]
+        if self._large or self._begun:
+            pieces = self._gather(limit)
         else:
-            ready = self.ready
-            if not ready:
-                self._refill()
-                if not ready:
-                    self._empty()
-                    return None
-            data = self._take_mixed(self._settle_bursts(), SLICE_BYTES) if self._large else self._take_small()
-        self.taken += len(data)
-        return data
+            pieces = (self._take_small(),)
+            self.taken += len(pieces[0])
+        # There is room as long as nothing waits: then the driver is spared a call that returns nothing.
+        return pieces, self.room <= 0 or self._on_empty is not None
 
     def _take_small(self) -> Buffer:
         ready = self.ready
@@ -360,24 +394,9 @@ class Outbox:
                     ready[at] = piece.framed(self._framing)
         return cast("list[Buffer]", ready)
 
-    def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
-        if not self.ready and not self._begun:
-            self._refill()
-            if not self.ready:
-                self._empty()
-                return (), False
-        pieces: Sequence[Buffer]
-        if self._large or self._begun:
-            pieces = self._gather()
-        else:
-            pieces = (self._take_small(),)
-            self.taken += len(pieces[0])
-        # There is room as long as nothing waits.
-        return pieces, self.room <= 0 or self._on_empty is not None
-
-    def _gather(self) -> Sequence[Buffer]:
+    def _gather(self, limit: int) -> Sequence[Buffer]:
         pieces: list[Buffer] = []
-        left = GATHER_BYTES
+        left = limit
         while left > 0:
             if self._begun:
                 pieces.append(self._slice(self._begun.popleft(), left))
@@ -386,7 +405,7 @@ class Outbox:
             else:
                 break
             left -= len(pieces[-1])
-        self.taken += GATHER_BYTES - left
+        self.taken += limit - left
         if self.ready and not self._large and not self._begun:
             # The end of the last large message, and the small ones after it.
             pieces.append(self._take_small())
@@ -422,10 +441,11 @@ class Outbox:
     def _make_room(self) -> None:
         # Frames may bypass the lanes only while nothing waits in them, or they would overtake older ones.
         waiting = self.ready or self._begun or self._control or self._data.schedule
-        self.room = 0 if waiting or self._closed else self._limits.ready_bytes
+        self.room = 0 if waiting or self._state is not _OPEN else self._limits.ready_bytes
 
     def _empty(self) -> None:
         self._make_room()
+        # Cleared first: the callback may set another, or close the connection.
         callback, self._on_empty = self._on_empty, None
         if callback is not None:
             callback()
@@ -434,6 +454,7 @@ class Outbox:
         """Move frames from the lanes to the ready bytes, up to the size of one write."""
         room = self._limits.ready_bytes
         control = self._control
+        # Replies before samples, and no more than one write: what comes meanwhile can still go first.
         while control and room > 0:
             frame = control.popleft()
             self._control_bytes -= frame.size

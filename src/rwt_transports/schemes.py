@@ -17,7 +17,7 @@ from rwt_transports.api import BindAddress, Connector, Driver, RemoteAddress
 from rwt_transports.background import runs_asyncio
 from rwt_transports.connection import MakeWire
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
-from rwt_transports.errors import BadUrl, ConnectError
+from rwt_transports.errors import BadUrl
 from rwt_transports.limits import DATAGRAM_BYTES
 from rwt_transports.websocket.wire import WebSocketWire
 
@@ -35,7 +35,6 @@ _json_over_tcp = imported_on_call("rwt_transports.wires.json_stream:JsonStreamWi
 _json_lines = imported_on_call("rwt_transports.wires.json_stream:JsonLinesWire")
 _json_datagrams = imported_on_call("rwt_transports.wires.json_stream:JsonDatagramWire")
 _bson_documents = imported_on_call("rwt_transports.wires.bson_stream:BsonStreamWire")
-_whole_messages = imported_on_call("rwt_transports.wires.whole_messages:MessageWire")
 
 
 class StreamDriver(Driver, Connector, Protocol):
@@ -48,16 +47,6 @@ def stream_driver() -> StreamDriver:
         return AsyncioDriver()
     driver: StreamDriver = _anyio_driver()
     return driver
-
-
-def _data_channel() -> Connector:
-    try:
-        from rwt_webrtc.transport.connector import DataChannelConnector  # An optional dependency.
-    except ImportError as missing:
-        raise ConnectError(
-            f"webrtc+http(s):// needs aiortc: pip install 'robot-web-tools[webrtc]' ({missing})"
-        ) from missing
-    return DataChannelConnector()
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +69,7 @@ class Scheme:
         expires: True if a silent peer counts as lost after a time, because the transport has no connections.
         connect_port: default port of a URL to connect to.
         max_message_size: size of the largest message that can be sent, in bytes; 0 for any.
+        instead: how a server offers it, for a scheme that cannot be listened on.
     """
 
     example: str
@@ -96,6 +86,7 @@ class Scheme:
     expires: bool = False
     connect_port: int = DEFAULT_PORT
     max_message_size: int = 0
+    instead: str = ""
 
 
 SCHEMES = {
@@ -112,13 +103,6 @@ SCHEMES = {
     "udp": Scheme(
         "udp://127.0.0.1:9092", _json_datagrams, driver=_datagrams, expires=True,
         max_message_size=DATAGRAM_BYTES,
-    ),
-    "webrtc+http": Scheme(
-        "webrtc+http://127.0.0.1:9090", client_wire=_whole_messages, connector=_data_channel, binary=True
-    ),
-    "webrtc+https": Scheme(
-        "webrtc+https://robot.example", client_wire=_whole_messages, connector=_data_channel, binary=True,
-        tls=True, connect_port=443,
     ),
     "stdio": Scheme(
         "stdio:", _json_lines, _json_lines, _bson_documents, driver=_standard_streams,
@@ -197,10 +181,7 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
         example = SCHEMES["ws"].example
         raise BadUrl(f"cannot listen on {url!r}: {what}; use {_known_forms()}, for example {example}")
     if scheme.wire is None:
-        raise BadUrl(
-            f"cannot listen on {url!r}: WebRTC is reached through the port of ws:// or wss://, with the"
-            " setting `webrtc.enabled` (--webrtc)"
-        )
+        raise BadUrl(f"cannot listen on {url!r}: {scheme.instead or 'it is for connecting only'}")
     if scheme.tls and tls is None:
         raise BadUrl(
             f"cannot listen on {url!r}: it needs a certificate and a key "

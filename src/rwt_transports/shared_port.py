@@ -45,6 +45,7 @@ async def hold_port(url: str, tls: SSLContext | None = None) -> HeldPort:
         ListenError: the address is not available.
     """
     target = parse_listen_url(url, tls)
+    # Bound without listening: the system gives such a socket no connections.
     sockets = await bind_tcp(target.address.host, target.address.port)
     for each in sockets:
         # Set after binding, so that a port shared by other programs counts as in use.

@@ -11,11 +11,11 @@ from types import MappingProxyType
 from typing import Any
 
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Graph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_webrtc.settings import WebRtcSettings
 from tests.browser.driver import HERE, NODE
 
 REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_participant.qos import SENSOR_DATA
+from rwt_webrtc.settings import WebRtcSettings
 from tests.browser.driver import Browser, Page
 from tests.browser.stand import stand
 from tests.waiting import until

@@ -61,4 +61,4 @@ def test_the_folders_of_the_server_are_in_picture_and_table() -> None:
     drawn = set(re.findall(r"(\w+)/", section.split("```text\n")[1].split("```")[0])) - {"gate"}
     folders = {path.parent.name for path in (generate_rooms.ROOT / "src" / "rwt").glob("*/__init__.py")}
     assert drawn == folders
-    assert listed == folders - {"workers", "observability", "settings"}
+    assert listed == folders - {"observability", "settings"}

@@ -163,7 +163,7 @@ async def test_a_robot_that_floods_its_viewer_has_a_share_of_each_turn() -> None
     ):
         await until(lambda: program.clients)
         seconds = itertools.count(0, 0.0005)  # Each look at the clock takes half a millisecond.
-        hub.turns.monotonic = lambda: next(seconds)
+        hub.scheduler.monotonic = lambda: next(seconds)
         for _ in range(count):
             program.clients[0].sink.send(Frame(b"x"))
         most, before = 0, hub.bytes

@@ -12,8 +12,8 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_client import connect
+from rwt_webrtc.settings import WebRtcSettings
 from rwt_webrtc.transport.signalling import PeerBounds
 from tests.extensions.webrtc.peers import OtherSide, other_side
 from tests.waiting import until

@@ -1,37 +1,39 @@
-"""WebRTC peers of a server, from its settings. Needs the extra `webrtc`."""
+"""WebRTC peers of a server, and the media to and from them."""
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
+from rwt.access.decisions import declare
 from rwt.access.settings import SettingsError
 from rwt_transports.background import runs_asyncio
+from rwt_webrtc.media import AudioTopics, IncomingMedia, watch_routes
+from rwt_webrtc.transport.credentials import IceServers, IceSource
+from rwt_webrtc.transport.ice_servers import BadIceServer, check_ice_url
+from rwt_webrtc.transport.peer import PeerTerms
+from rwt_webrtc.transport.signalling import PeerBounds, data_routes, open_peers
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
-
-    from rwt.access.access import Access
     from rwt.access.graph_view import GraphView
+    from rwt.declarations import ServiceContext
     from rwt.extensions.video import WebVideoServer
-    from rwt.settings.models import WebRtcSettings
-    from rwt_graph.api import Graph
-    from rwt_transports.http.addresses import AddressCount
+    from rwt_transports.endpoint import Accept
     from rwt_transports.http.routes import Route
-    from rwt_transports.limits import Limits
-    from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-    from rwt_webrtc.media import AudioTopics, IncomingMedia
-    from rwt_webrtc.transport.signalling import Peers
+    from rwt_webrtc.settings import WebRtcSettings
+
+VIDEO_SERVER = "web_video_server"
+
+declare("whip", "publisher")
 
 
 @asynccontextmanager
-async def webrtc_peers(
-    settings: WebRtcSettings, limits: Limits, addresses: AddressCount, buffers: ReceiveBufferPool
-) -> AsyncIterator[Peers]:
+async def serve_webrtc(context: ServiceContext, settings: WebRtcSettings) -> AsyncIterator[None]:
     """Accept peers within the block.
 
     Raises:
-        SettingsError: aiortc is not installed, the event loop is not asyncio's, or a server's URL is invalid.
+        SettingsError: the event loop is not asyncio's, or a server's URL is invalid.
     """
     if not runs_asyncio():
         raise SettingsError(
@@ -39,23 +41,13 @@ async def webrtc_peers(
             " start the server on asyncio, or leave webrtc out"
         )
     try:
-        from rwt_webrtc.transport.credentials import IceServers, IceSource  # An extra that few need.
-        from rwt_webrtc.transport.ice_servers import BadIceServer, check_ice_url
-        from rwt_webrtc.transport.peer import PeerTerms
-        from rwt_webrtc.transport.signalling import PeerBounds, open_peers
-    except ImportError as missing:
-        raise SettingsError(
-            f"`webrtc.enabled` needs aiortc: pip install 'robot-web-tools[webrtc]' ({missing})"
-        ) from missing
-    try:
         urls = tuple(check_ice_url(url) for url in settings.servers)
     except BadIceServer as error:
         raise SettingsError(f"`webrtc.servers`: {error}") from error
-
     terms = PeerTerms(
-        limits,
-        buffers,
-        addresses,
+        context.limits,
+        context.buffers,
+        context.addresses,
         settings.channels,
         settings.candidates,
         settings.connect_seconds,
@@ -67,34 +59,21 @@ async def webrtc_peers(
         urls, settings.username, credential, settings.credential_command, settings.credential_url or ""
     )
     bounds = PeerBounds(settings.peers, settings.handshakes)
-    async with open_peers(terms, bounds, IceServers(source).find) as peers:
-        yield peers
+    async with AsyncExitStack() as stack:
+        # The peers have ended when what they publish on leaves the graph.
+        incoming = IncomingMedia(context.graph, context.access, context.linger)
+        stack.callback(incoming.close)
+        sound = AudioTopics(context.graph)
+        stack.callback(sound.close)
+        peers = await stack.enter_async_context(open_peers(terms, bounds, IceServers(source).find))
+        video = cast("WebVideoServer | None", context.nodes.get(VIDEO_SERVER))
+        media: list[Route[GraphView]] = [*watch_routes(peers, video, sound), *incoming.routes(peers)]
 
+        def make_routes(accept: Accept) -> Iterable[Route[GraphView]]:
+            yield from data_routes(peers, accept)
+            yield from media
 
-def webrtc_media(
-    graph: Graph, access: Access, linger: float, stack: AsyncExitStack
-) -> tuple[IncomingMedia, AudioTopics] | None:
-    """Return the publisher of clients' media and the audio topics, until `stack` is closed.
-
-    Returns None if aiortc is not installed; :func:`webrtc_peers` reports that."""
-    try:
-        from rwt_webrtc.media import AudioTopics, IncomingMedia  # An extra that few need.
-    except ImportError:
-        return None
-    incoming = IncomingMedia(graph, access, linger)
-    stack.callback(incoming.close)
-    sound = AudioTopics(graph)
-    stack.callback(sound.close)
-    return incoming, sound
-
-
-def media_routes(
-    peers: Peers, video: WebVideoServer | None, media: tuple[IncomingMedia, AudioTopics] | None
-) -> tuple[Route[GraphView], ...]:
-    """Return the routes of media to and from peers."""
-    if media is None:
-        return ()
-    from rwt_webrtc.media import watch_routes
-
-    incoming, sound = media
-    return (*watch_routes(peers, video, sound), *incoming.routes(peers))
+        context.add_routes(make_routes)
+        context.add_metrics(peers.metrics)
+        context.on_reload(incoming.reload_roles)
+        yield

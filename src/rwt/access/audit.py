@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from rwt.access.quotas import RateLimit
+from rwt_transports.limits import RateLimit
 
 logger: Final = logging.getLogger("rwt.bridge")
 

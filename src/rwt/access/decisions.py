@@ -26,7 +26,8 @@ VERBS: Final[Mapping[str, Act]] = {
 Parameters are set through services, which declare it (:mod:`rwt_graph.disclosure`).
 """
 
-_READS: Final = ("subscribe", "call_service")
+READS: Final = ("subscribe", "call_service")
+"""Verbs of clients that read."""
 
 #: Decisions by gateway.
 _GATEWAYS: Final[dict[str, Mapping[str, Act]]] = {}
@@ -48,13 +49,6 @@ def declare(gateway: str, *verbs: str) -> None:
     decisions = {verb: VERBS[verb] for verb in verbs}
     if _GATEWAYS.setdefault(gateway, decisions) != decisions:
         raise ValueError(f"{gateway}: declared before, with other verbs")
-
-
-declare("rosbridge", *VERBS)
-declare("foxglove", "advertise", "publisher", *_READS)
-declare("http", "publisher", *_READS, "send_goal", "cancel_goal")
-declare("mcp", "advertise", "publisher", *_READS, "send_goal", "cancel_goal")
-declare("whip", "publisher")
 
 
 def gateways() -> tuple[str, ...]:

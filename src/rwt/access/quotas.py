@@ -269,35 +269,3 @@ class ClientQuotas:
         self.advertisements.leave()
         self.kept.leave()
         self.parameters.leave()
-
-
-class RateLimit:
-    """Rate limit of events, or of amounts such as bytes: a burst, and `rate` per second in the long run.
-
-    The token bucket is stored as the time at which it is full again.
-    """
-
-    __slots__ = ("_full", "_interval", "_tolerance")
-
-    def __init__(self, rate: float, burst: float) -> None:
-        self._interval = 1 / rate
-        # Half an event more, since sums of floats round.
-        self._tolerance = (burst + 0.5) / rate
-        self._full = float("-inf")
-
-    def take(self, now: float, amount: int = 1) -> bool:
-        """Return True if that much more is within the limit; `now` in seconds on a monotonic clock."""
-        full = self._full
-        full = (full if full > now else now) + self._interval * amount
-        if full - now > self._tolerance:
-            return False
-        self._full = full
-        return True
-
-    def give_back(self, amount: int = 1) -> None:
-        """Undo the last :meth:`take` of that amount."""
-        self._full -= self._interval * amount
-
-    def is_full(self, now: float) -> bool:
-        """Return True if the whole burst is available."""
-        return self._full <= now

@@ -28,6 +28,7 @@ from rwt.cli.parser import (
     commands_of,
     leave_out_unavailable,
 )
+from rwt.parts import COMMANDS as PART_COMMANDS
 from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
@@ -35,26 +36,25 @@ __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command. The module ``rwt.cli.commands.NAME`` has a function ``add_NAME_command``, which adds the
-    parser; a command of another distribution is an entry point.
+    """One command.
 
     Attributes:
-        module: module below ``rwt.cli.commands``, if it has another name than the command.
+        reference: module and name of the function that adds the parser, as ``module:function``; by default
+            ``add_NAME_command`` of ``rwt.cli.commands.NAME``. Empty for an entry point.
         distribution: distribution that has the entry point; empty for a command of `rwt` itself.
     """
 
     name: str
     help: str
-    module: str = ""
+    reference: str = ""
     distribution: str = ""
 
     def add_to(self, commands: Commands) -> None:
         """Import the command and add its parser; one that cannot be imported is added as unavailable."""
         if not self.distribution:
-            module = importlib.import_module(
-                self.module if "rwt." in self.module else f"rwt.cli.commands.{self.module or self.name}"
-            )
-            getattr(module, f"add_{self.name}_command")(commands)
+            reference = self.reference or f"rwt.cli.commands.{self.name}:add_{self.name}_command"
+            module, _, function = reference.partition(":")
+            getattr(importlib.import_module(module), function)(commands)
         elif self.name not in extension_names(_GROUP):
             why = f"it needs {self.distribution}: pip install {self.distribution}"
             add_unavailable(commands, self.name, why)
@@ -73,12 +73,7 @@ _GROUP: Final = "rwt.commands"
 #: The commands of this project, in the order in which help lists them.
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
-    Command("web", "serve the dashboard without a robot, for any rosbridge server", "serve.web"),
-    Command("hub", "relay clients to robots behind a NAT", "rwt.extensions.hub.command"),
-    Command("master", "ROS 1 master without ROS", "rwt.extensions.ros1.command"),
-    Command("run", "run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
-    Command("launch", "start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
-    Command("lerobot", "LeRobot and MuJoCo arms: mujoco, serve, convert", distribution="rwt-lerobot"),
+    *(Command(name, *row) for name, row in PART_COMMANDS.items()),
     Command("topic", "topics: list, echo, pub, hz and more"),
     Command("service", "services: list, info, type, call, echo, find"),
     Command("action", "actions: list, info, type, find, send_goal"),
@@ -90,16 +85,19 @@ COMMANDS: Final = (
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
-    Command("stop", "press or release a robot's emergency stop", "gate"),
-    Command("approve", "list or answer requests for approval", "gate"),
-    Command("gate", "roles and gate rules of a server: explain, check", "gate.check"),
-    Command("audit", "read and verify the audit log of a robot's gate: show, verify", "gate.audit"),
-    Command("bag", "recordings: record, play, info, recover", "rwt.extensions.recording.commands"),
+    Command("stop", "press or release a robot's emergency stop", "rwt.cli.commands.gate:add_stop_command"),
+    Command("approve", "list or answer requests for approval", "rwt.cli.commands.gate:add_approve_command"),
     Command(
-        "mcp", "give an agent tools for a robot, over standard input and output", "rwt.extensions.mcp.command"
+        "gate",
+        "roles and gate rules of a server: explain, check",
+        "rwt.cli.commands.gate.check:add_gate_command",
+    ),
+    Command(
+        "audit",
+        "read and verify the audit log of a robot's gate: show, verify",
+        "rwt.cli.commands.gate.audit:add_audit_command",
     ),
     Command("doctor", "diagnose a connection"),
-    Command("ros2", "in place of rosbridge_suite: install, serve"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "print the settings in effect"),
     Command("completion", "set up shell completion"),

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt.access.settings import SettingsError
-from rwt.composition.extensions import extension_for
-from rwt.settings.models import GRAPHS, ROS1_GRAPHS, Settings
+from rwt.composition.starting import loaded
+from rwt.declarations import GraphContext, GraphPart
+from rwt.settings.models import MEMORY, Settings, distro_of_graph, name_of_graph
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from rwt.extensions.workers.worker import WorkerContext
+    from rwt.declarations import WorkerContext
     from rwt_graph.api import Graph
     from rwt_graph.clock import Clock
 
@@ -23,11 +23,17 @@ MakeGraph: TypeAlias = "Callable[[Registry, Clock | None], Graph]"
 """Factory of the graph of a server, such as :class:`~rwt_graph.memory.graph.MemoryGraph`."""
 
 
+def _part_of(graph: str) -> GraphPart | None:
+    """Return the declaration of a value of the setting `graph`; None for the graph of this process."""
+    return None if graph == MEMORY else loaded("graph", name_of_graph(graph), "graph", GraphPart)
+
+
 def make_registry(settings: Settings) -> Registry:
     """Return the interfaces of a distribution, and of the folders in the settings. Raises SettingsError."""
     registry = Registry(DISTROS[settings.distro])
-    if settings.graph == "ros2":
-        _ros2().add_installed(registry)
+    part = _part_of(settings.graph)
+    if part is not None and part.add_interfaces is not None:
+        part.add_interfaces(registry)
     for folder in settings.interfaces:
         try:
             registry.add_directory(folder)
@@ -51,58 +57,19 @@ def make_graph(
 
     Raises:
         SettingsError: its extra is not installed, or the settings contradict each other.
-        GraphError: Zenoh's options cannot be used.
+        GraphError: the options of the graph cannot be used.
     """
     if registry is None:
         registry = make_registry(settings)
     else:
         _check_registry(registry, settings)
-    zenoh = settings.zenoh
-    is_ros1 = settings.graph.partition(":")[0] in ROS1_GRAPHS
-    if (is_ros1 or settings.graph in ("memory", "ros2")) and (zenoh.listen or zenoh.connect):
-        raise SettingsError(
-            '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
-        )
-    if settings.graph == "memory":
+    part = _part_of(settings.graph)
+    if part is None:
         return (make or MemoryGraph)(registry, clock)
     if make is not None:
         raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
-    if settings.graph == "ros2":
-        joined: Graph = _ros2().Ros2Graph(
-            registry, clock, use_sim_time=settings.ros2.use_sim_time, remap=settings.ros2.remap
-        )
-        return joined
-    if is_ros1:
-        from rwt.extensions.ros1 import Ros1Graph  # Imported only if configured.
-
-        return Ros1Graph(registry, clock, master=settings.graph if settings.graph != "ros1" else None)
-    if settings.graph != "zenoh":
-        # An entry point is a factory, like the argument `graph` of `Server`.
-        make = extension_for("graph", "rwt.graphs", settings.graph, GRAPHS)
-        return make(registry, clock)
-    try:
-        from rwt.extensions.zenoh import ZenohGraph, ZenohOptions  # Optional: imported only if configured.
-    except ImportError as error:
-        raise SettingsError(
-            "`graph`: the graph over Zenoh needs more packages: pip install 'robot-web-tools[zenoh]'"
-        ) from error
-    options = ZenohOptions(
-        zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain
-    )
-    if worker is not None:
-        from rwt.extensions.zenoh.worker_mesh import mesh_options
-
-        options = mesh_options(options, worker.folder, worker.number, settings.workers)
-    return ZenohGraph(
-        registry,
-        clock,
-        listen=options.listen,
-        connect=options.connect,
-        mode=options.mode,
-        multicast=options.multicast,
-        config=options.config,
-        domain=options.domain,
-    )
+    context = GraphContext(registry, clock, settings.graph, worker, settings.workers)
+    return part.make(context, settings.of(part.settings))
 
 
 def bridged_graphs(settings: Settings, first: Graph) -> Iterator[Graph]:
@@ -112,8 +79,8 @@ def bridged_graphs(settings: Settings, first: Graph) -> Iterator[Graph]:
         SettingsError: see :func:`make_graph`.
     """
     for name in settings.bridge:
-        is_ros1 = name.partition(":")[0] in ROS1_GRAPHS
-        distro = NOETIC if is_ros1 else JAZZY if first.distro is NOETIC else first.distro
+        required = distro_of_graph(name)
+        distro = DISTROS[required] if required else JAZZY if first.distro is NOETIC else first.distro
         other = settings.model_copy(update={"graph": name, "distro": distro.name, "bridge": ()})
         yield make_graph(other, None, first.registry if distro is first.distro else None, None, None)
 
@@ -127,26 +94,15 @@ def relay_between(first: Graph, second: Graph) -> Callable[[], None]:
     return bridge.close
 
 
-def _ros2() -> ModuleType:
-    try:
-        import rwt.extensions.ros2  # Needs ROS 2, imported only if configured.
-    except ImportError as error:
-        raise SettingsError(
-            f"`graph`: ROS 2 is not available ({error}): source its setup.bash, for example that in"
-            " /opt/ros/jazzy, and use its Python"
-        ) from error
-    return rwt.extensions.ros2
-
-
 def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:
     """Raise SettingsError if an existing graph contradicts the other settings."""
     if registry is not None or clock is not None:
         raise SettingsError("registry, clock: the given graph has its own; leave them out")
     _check_registry(graph.registry, settings)
-    if settings.graph != "memory" or "zenoh" in settings.model_fields_set:
-        raise SettingsError(
-            "`graph`, `zenoh`: cannot change the given graph; leave out the settings, or the graph"
-        )
+    of_graphs = [each.key for each in type(settings).tables if each.kind == "graph"]
+    if settings.graph != MEMORY or of_graphs:
+        names = ", ".join(f"`{name}`" for name in ("graph", *of_graphs))
+        raise SettingsError(f"{names}: cannot change the given graph; leave out the settings, or the graph")
 
 
 def _check_registry(registry: Registry, settings: Settings) -> None:

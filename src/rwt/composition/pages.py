@@ -9,9 +9,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import Final, Generic, TypeVar
-
-import anyio
+from typing import TypeVar
 
 from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
@@ -33,7 +31,7 @@ from rwt_transports.http.routes import (
     page_policy,
     refusal_as_text,
 )
-from rwt_transports.turns import Turns
+from rwt_transports.scheduler import Scheduler
 
 T = TypeVar("T")
 
@@ -79,7 +77,7 @@ def routes(
     index = partial(_index, bridge, metrics, extensions)
     own: tuple[Route[GraphView], ...] = (
         Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
-        Route("/metrics", partial(_metrics, metrics, bridge.turns, gather), Audience.EVERY_TOPIC),
+        Route("/metrics", partial(_metrics, metrics, bridge.scheduler, gather), Audience.EVERY_TOPIC),
         Route("/index", index, Audience.ADMITTED),
     )
     brought = [route for extension in extensions for route in extension.routes]
@@ -95,7 +93,7 @@ def routes(
             route.audience,
             loopback=loopback,
             refusal=route.refusal,
-            turns=bridge.turns,
+            scheduler=bridge.scheduler,
             presses_stop=route.presses_stop,
         )
         routes.add(route.path, page, route.method)
@@ -161,7 +159,7 @@ def guarded(
     *,
     loopback: bool = True,
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
-    turns: Turns | None = None,
+    scheduler: Scheduler | None = None,
     presses_stop: Callable[[HttpRequest], bool] | None = None,
 ) -> Handler:
     """Return a page for its audience only, with the reader that the request proves to be. It is
@@ -201,8 +199,12 @@ def guarded(
             reader = _admitted(access, audience, request, presses)
         except Refused as refused:
             return refusal(request, refused)
-        if turns is not None and turns.is_full and not (access.is_stop_due(reader.role) and presses(request)):
-            return _answer_in_turn(turns, partial(answer_now, request, reader))
+        if (
+            scheduler is not None
+            and scheduler.is_full
+            and not (access.is_stop_due(reader.role) and presses(request))
+        ):
+            return _answer_in_turn(scheduler, partial(answer_now, request, reader))
         return answer_now(request, reader)
 
     def answer_now(request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
@@ -213,14 +215,14 @@ def guarded(
         finally:
             seconds = monotonic() - began
             reader.work.add(seconds, "pages")
-            if turns is not None:
-                turns.note(seconds)
+            if scheduler is not None:
+                scheduler.note(seconds)
 
     return handler
 
 
 async def _answer_in_turn(
-    turns: Turns, answer: Callable[[], HttpResponse | Awaitable[HttpResponse]]
+    scheduler: Scheduler, answer: Callable[[], HttpResponse | Awaitable[HttpResponse]]
 ) -> HttpResponse:
     """Respond in a later turn of the event loop, in order of arrival."""
 
@@ -228,50 +230,8 @@ async def _answer_in_turn(
         yield
         return answer()
 
-    answered = await _in_turns(turns, steps())
+    answered = await scheduler.finish(steps())
     return answered if isinstance(answered, HttpResponse) else await answered
-
-
-async def _in_turns(turns: Turns, steps: Steps[T]) -> T:
-    """Run each step in a later turn of the event loop, and return the result.
-
-    The steps run within the turn's budget: tasks that it wakes would all run in the same turn.
-    """
-    running = _InTurns(turns, steps)
-    turns.wait(running.step)
-    try:
-        await running.is_done.wait()
-    finally:
-        steps.close()
-    error, running.error = running.error, None
-    if error is not None:
-        try:
-            raise error
-        finally:
-            del error  # Its traceback refers to this frame.
-    return running.results[0]
-
-
-class _InTurns(Generic[T]):
-    """Steps that run each in a turn; holds no reference to itself."""
-
-    def __init__(self, turns: Turns, steps: Steps[T]) -> None:
-        self._turns, self._steps = turns, steps
-        self.is_done = anyio.Event()
-        self.results: list[T] = []
-        self.error: Exception | None = None
-
-    def step(self) -> None:
-        try:
-            next(self._steps)
-        except StopIteration as end:
-            self.results.append(end.value)
-        except Exception as error:
-            self.error = error
-        else:
-            self._turns.wait(self.step)
-            return
-        self.is_done.set()
 
 
 def _index(
@@ -312,9 +272,13 @@ def _host_and_port(address: str) -> tuple[str, str]:
 
 
 async def _metrics(
-    metrics: ServerMetrics, turns: Turns, gather: Gather | None, request: HttpRequest, reader: GraphView
+    metrics: ServerMetrics,
+    scheduler: Scheduler,
+    gather: Gather | None,
+    request: HttpRequest,
+    reader: GraphView,
 ) -> HttpResponse:
-    text = await _in_turns(turns, _charged(metrics.text_in_steps(), reader))
+    text = await scheduler.finish(_charged(metrics.text_in_steps(), reader))
     return HttpResponse(text if gather is None else await gather(text), content_type=CONTENT_TYPE)
 
 
@@ -340,13 +304,9 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
     return f"<tr><td><code>{rows}".replace(" ", "</code><td>").replace("\n", "<tr><td><code>")
 
 
-_FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip", "/recordings": "recordings"}
-
-
 def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
     """Return the features that pages check first, because a 404 response is an error on their console."""
-    paths = {route.path for route in routes}
-    return [name for path, name in _FEATURES.items() if path in paths]
+    return list(dict.fromkeys(route.feature for route in routes if route.feature))
 
 
 def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:

@@ -18,7 +18,7 @@ from rwt_interfaces.structs import MessageType
 from rwt_protocol.codecs import Encoding
 from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Burst, Frame
-from rwt_transports.turns import TOPIC_SECONDS, Turns
+from rwt_transports.scheduler import Scheduler
 
 logger = logging.getLogger(__name__)
 
@@ -27,35 +27,36 @@ _MAX_DEFERRED: Final = 8
 another program sends them."""
 
 
-class DeferredSends:
+class _DeferredSamples:
     """Samples of one topic to send, each after the steps that prepare it, in the order in which they were
     added.
 
-    Steps are taken in turns of the event loop, `TOPIC_SECONDS` in each. A program that causes them can take
-    them with :meth:`steps` instead, so that they are its work and delay only it.
+    The scheduler takes the steps. A program that causes them can take them with :meth:`steps` instead, so
+    that they are its work and delay only it.
 
-    Private attributes: ``_is_scheduled`` is True while a turn is requested; ``_is_stepping`` is True inside a
-    step, which may add samples.
+    Private attributes: ``_is_running`` is True from :meth:`add` until the scheduler has taken the last step.
+    ``_added`` and ``_sent`` count samples, dropped ones included; their difference is what waits.
 
     Attributes:
         waiting: steps and send function of each deferred sample; read-only.
     """
 
-    __slots__ = ("_added", "_has_failed", "_is_scheduled", "_is_stepping", "_sent", "_turns", "waiting")
+    __slots__ = ("_added", "_has_failed", "_is_running", "_scheduler", "_sent", "waiting")
 
-    def __init__(self, turns: Turns) -> None:
-        self._turns = turns
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._scheduler = scheduler
         self.waiting: deque[tuple[Iterator[None], Callable[[], None]]] = deque()
         self._added = self._sent = 0
-        self._has_failed = self._is_scheduled = self._is_stepping = False
+        self._has_failed = self._is_running = False
 
     def add(self, steps: Iterator[None], send: Callable[[], None]) -> None:
         """Call `send` after `steps` and all queued samples: before this returns, if that is
         fast."""
         self.waiting.append((steps, send))
         self._added += 1
-        if not self._is_scheduled and not self._is_stepping:
-            self._go_on()
+        if not self._is_running:
+            self._is_running = True
+            self._scheduler.run(self._run())
 
     def steps(self) -> Iterator[None]:
         """Run the steps of all samples queued now, and send them."""
@@ -83,7 +84,6 @@ class DeferredSends:
     def _step(self) -> object:
         """Take one step of the oldest sample, and send it after the last. Returns what is done with it."""
         steps, send = self.waiting[0]
-        self._is_stepping = True
         try:
             for _ in steps:
                 return None
@@ -99,27 +99,17 @@ class DeferredSends:
             if self.waiting and self.waiting[0][0] is steps:
                 self.waiting.popleft()
                 self._sent += 1
-        finally:
-            self._is_stepping = False
         return steps, send
 
-    def _go_on(self) -> None:
-        self._is_scheduled = False
-        monotonic = self._turns.monotonic
-        until = monotonic() + TOPIC_SECONDS
+    def _run(self) -> Iterator[None]:
         while self.waiting:
             done = self._step()
-            if done is not None and monotonic() > until:
-                # Freeing half a million numbers takes milliseconds: it has a turn of its own.
-                self._turns.wait(partial(_free, done))
-            if self.waiting and monotonic() > until:
-                self._is_scheduled = True
-                self._turns.wait(self._go_on)
-                return
-
-
-def _free(done: object) -> None:
-    """No-op: the caller drops the last reference."""
+            yield
+            # Freed in a step of its own: for half a million numbers, that takes milliseconds.
+            if done is not None:
+                del done
+                yield
+        self._is_running = False
 
 
 class _EncodedSample:
@@ -186,7 +176,7 @@ class EncodedStream:
         encode: PublishEncoder,
         counts: EncodingCounts,
         monotonic: Callable[[], float],
-        late: DeferredSends,
+        late: _DeferredSamples,
         form: Form = "json",
     ) -> None:
         self._encode = encode
@@ -364,7 +354,7 @@ class Fanout:
         type: MessageType,
         counts: TopicCounts,
         clock: Clock,
-        turns: Turns,
+        scheduler: Scheduler,
     ) -> None:
         self._participant = participant
         self._clock = clock
@@ -375,7 +365,7 @@ class Fanout:
         self._active: tuple[EncodedStream, ...] = ()
         self._takers: list[Callable[[Sample], None]] = []
         self._is_stepped = False
-        self.late = DeferredSends(turns)
+        self.late = _DeferredSamples(scheduler)
         self._late_samples = 0
         self._number = 0
         self._joined: dict[object, int] = {}

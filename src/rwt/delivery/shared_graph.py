@@ -12,7 +12,7 @@ from rwt_graph.api import Graph
 from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
 from rwt_interfaces.structs import MessageType
-from rwt_transports.turns import TOPICS_SECONDS, Turns
+from rwt_transports.scheduler import SAMPLES, Budget, Scheduler
 
 
 class SharedGraph:
@@ -30,7 +30,7 @@ class SharedGraph:
         self.participant = graph.participant(node)
         self.counters = Counters()
         self.publishers = SharedPublishers(self.participant, graph.clock, linger, self.counters, log)
-        self._turns = turns_of(graph.clock, TOPICS_SECONDS)  # of deferred samples
+        self._scheduler = scheduler_of(graph.clock, SAMPLES)
         self.fanouts: dict[str, Fanout] = {}
 
     def fanout(self, topic: str, type: MessageType) -> Fanout:
@@ -38,7 +38,12 @@ class SharedGraph:
         fanout = self.fanouts.get(topic)
         if fanout is None:
             fanout = self.fanouts[topic] = Fanout(
-                self.participant, topic, type, self.counters.use_topic(topic), self.graph.clock, self._turns
+                self.participant,
+                topic,
+                type,
+                self.counters.use_topic(topic),
+                self.graph.clock,
+                self._scheduler,
             )
         else:
             if type.name != fanout.type.name:
@@ -61,10 +66,10 @@ class SharedGraph:
         self.participant.close()
 
 
-def turns_of(clock: Clock, seconds: float, *, one_at_a_time: bool = False) -> Turns:
-    """Return turns of so many seconds, by the timers of a graph's clock, which may be simulated."""
-    return Turns(
-        seconds,
+def scheduler_of(clock: Clock, budget: Budget, *, one_at_a_time: bool = False) -> Scheduler:
+    """Return a scheduler that uses the timers of a graph's clock, which may be simulated."""
+    return Scheduler(
+        budget,
         partial(clock.call_later, 0.0),
         clock.call_later,
         clock.monotonic,

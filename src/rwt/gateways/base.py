@@ -20,17 +20,18 @@ from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
 from rwt.access.access import Access
 from rwt.access.audit import Audit, LineRate, is_written, one_line
 from rwt.access.client_graph import ClientGraph
+from rwt.access.decisions import declare
 from rwt.access.graph_view import GraphView
-from rwt.access.quotas import RateLimit
 from rwt.access.roles import Role
-from rwt.delivery.shared_graph import SharedGraph, turns_of
+from rwt.delivery.shared_graph import SharedGraph, scheduler_of
 from rwt_graph.api import Graph
 from rwt_graph.clock import Clock
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension
-from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS, STEP_SECONDS, Turns
+from rwt_transports.limits import RateLimit
+from rwt_transports.scheduler import MESSAGES, Scheduler
 from rwt_transports.websocket.close_codes import POLICY
 
 ALONE_BYTES: Final = 2 * 1024 * 1024
@@ -67,8 +68,8 @@ class Gateway(ABC):
     """Gateway of one protocol to the graph.
 
     Attributes:
-        name: name of the protocol, in metrics and for the gate (`rosbridge:3`). The verbs of clients that are
-            named so have to be declared (:func:`rwt.access.decisions.declare`).
+        name: name of the protocol, in metrics and for the gate (`rosbridge:3`).
+        verbs: verbs that its clients may request (:data:`rwt.access.decisions.VERBS`); others are rejected.
         shared: the gateway's part in the graph, which all of its clients share, and their counters.
         websockets: accept functions by WebSocket subprotocol.
         http: pages, section of the index page, and metrics of the gateway.
@@ -79,8 +80,11 @@ class Gateway(ABC):
     """
 
     name: ClassVar[str]
+    verbs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, graph: Graph, access: Access, node: str, linger: float) -> None:
+        if self.verbs:
+            declare(self.name, *self.verbs)
         self.access = access
         self.shared = SharedGraph(graph, node, linger, partial(access.audit.write, logging.INFO, "%s"))
         self.websockets: Mapping[str, AcceptPeer] = {}
@@ -108,14 +112,14 @@ MakeGateway = Callable[["Graph", "Access"], Gateway]
 """Factory of a gateway for a running graph."""
 
 
-def client_turns(clock: Clock) -> Turns:
-    """Return the turns that all clients of a gateway share.
+def client_scheduler(clock: Clock) -> Scheduler:
+    """Return the scheduler that all clients of a gateway share.
 
     Waiting work is done one client at a time, and so is the work of clients beyond their rate. So however
     many clients have much to do, one that sends a small message now and then waits for one of them at most.
     They lose nothing while no other client needs the server: turns follow each other at once.
     """
-    return turns_of(clock, CLIENTS_SECONDS, one_at_a_time=True)
+    return scheduler_of(clock, MESSAGES, one_at_a_time=True)
 
 
 class ConnectionGateway(Gateway, Generic[C]):
@@ -129,7 +133,7 @@ class ConnectionGateway(Gateway, Generic[C]):
 
     def __init__(self, graph: Graph, access: Access, node: str, linger: float) -> None:
         super().__init__(graph, access, node, linger)
-        self.turns = client_turns(graph.clock)
+        self.scheduler = client_scheduler(graph.clock)
         self._clients: dict[int, C] = {}
         self._count = 0
         graph.observers.add(self._on_connection)
@@ -256,10 +260,9 @@ class ConnectedClient(ABC, Generic[T]):
                     └─────┘
                 reload_role()
 
-    Messages wait beyond the client's share of a turn (`CLIENT_SECONDS`), in turns that all clients together
-    have filled (`CLIENTS_SECONDS`), and beyond the client's rate of work. While something waits, the client
-    is **held**: nothing is read from it. A client that exceeds its rate of messages, or is no longer
-    admitted, is disconnected.
+    Messages wait beyond the client's share of a turn (`MESSAGES`), in turns that all clients together
+    have filled, and beyond the client's rate of work. While something waits, the client is **held**: nothing
+    is read from it. A client that exceeds its rate of messages, or is no longer admitted, is disconnected.
 
     Attributes by purpose:
 
@@ -287,7 +290,7 @@ class ConnectedClient(ABC, Generic[T]):
         limits = gateway.access.limits
         rate = limits.messages_per_second
         self._gateway = gateway
-        self._turns = gateway.turns
+        self._turns = gateway.scheduler
         self._monotonic = graph.clock.monotonic
         self.number = number
         self.info = info
@@ -329,7 +332,7 @@ class ConnectedClient(ABC, Generic[T]):
             self._is_held
             or self._needs_turn
             or self._turns.is_full
-            or self._worked - self._turn_began > CLIENT_SECONDS
+            or self._worked - self._turn_began > MESSAGES.share
         ) and self._must_wait(size):
             if not self._stop_ahead(data, binary):
                 self._wait_unread(data, binary)
@@ -342,7 +345,7 @@ class ConnectedClient(ABC, Generic[T]):
             if binary or not self._run_usual(data):
                 self._decode(data, binary, now)
         self._worked += self._monotonic() - now
-        if self._worked - self._counted > CLIENT_SECONDS:
+        if self._worked - self._counted > MESSAGES.share:
             self._count_work()
 
     def _run_usual(self, data: bytes) -> bool:
@@ -418,7 +421,7 @@ class ConnectedClient(ABC, Generic[T]):
         worked = self._worked - self._turn_began
         if (
             self._waiting
-            or worked > CLIENT_SECONDS
+            or worked > MESSAGES.share
             or (self._turns.is_full and (worked or size > _SMALL_BYTES))
         ):
             return True
@@ -430,7 +433,7 @@ class ConnectedClient(ABC, Generic[T]):
 
     def _has_time(self) -> bool:
         """Return True if another step of a large message may begin in this turn."""
-        return self._worked - self._turn_began + self._monotonic() - self._began <= STEP_SECONDS
+        return self._worked - self._turn_began + self._monotonic() - self._began <= MESSAGES.steps
 
     def _count_work(self) -> None:
         """Charge the work since the last call; too slow for every message."""
@@ -475,7 +478,7 @@ class ConnectedClient(ABC, Generic[T]):
         self._turn_began = self._worked
         try:
             while waiting and not (self._waiting or self._over):
-                if self._worked - self._turn_began > CLIENT_SECONDS:
+                if self._worked - self._turn_began > MESSAGES.share:
                     break
                 what = waiting.popleft()
                 now = self._began = self._monotonic()

@@ -29,7 +29,7 @@ from rwt_transports.http.routes import Work
 
 T = TypeVar("T")
 
-logger = logging.getLogger("rwt.extensions.video")
+logger = logging.getLogger("rwt.media")
 
 #: Images of a video that may wait for a viewer. An image by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4

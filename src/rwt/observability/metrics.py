@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.access.quotas import WorkTotals
     from rwt.delivery.counters import EncodingCounts, TopicCounts
-    from rwt.extensions.hub.relay.dial import RelayStatus
     from rwt.gateways.base import ConnectedClient, Gateway
     from rwt.rosbridge.bridge import Bridge
     from rwt_graph.clock import Clock
@@ -43,7 +42,6 @@ class ServerMetrics:
         self._gateways: tuple[Gateway, ...] = (bridge, *gateways)
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
-        self.dials: list[RelayStatus] = []
 
     def include(self, count: Callable[[], Iterable[MetricFamily]]) -> None:
         """Add the metrics that `count` returns."""
@@ -66,7 +64,6 @@ class ServerMetrics:
         _write_work(page, bridge)
         if bridge.access.gate is not None:
             _write_gate(page, bridge.access.gate)
-        _write_dials(page, self.dials)
         page.histogram(
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
             LAG_BUCKETS, self._loop_lag.counts, self._loop_lag.total,
@@ -174,16 +171,6 @@ def _write_gate(page: PrometheusText, gate: Gate) -> None:
     page.single("rwt_gate_stopped", "gauge", "1 while the emergency stop is on.", int(bool(gate.stopped_by)))
     help_ = "Lines of the audit that were not written: its queue was full, or the disk."
     page.single("rwt_gate_audit_dropped_lines_total", "counter", help_, gate.recorder.dropped_lines)
-
-
-def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:
-    families: tuple[tuple[str, str, Callable[[RelayStatus], int]], ...] = (
-        ("rwt_dial_waiting_connections", "Connections that wait at a hub for a client.", lambda it: it.idle),
-        ("rwt_dial_clients", "Clients that came through a hub.", lambda it: it.clients),
-        ("rwt_dial_failures", "Attempts in a row that a hub did not answer.", lambda it: it.failures),
-    )
-    for name, help_, value in families:
-        page.family(name, "gauge", help_, [({"hub": relay.url}, value(relay)) for relay in dials])
 
 
 _OF_TOPIC: Final[tuple[tuple[str, str, Callable[[TopicCounts], int]], ...]] = (

@@ -8,6 +8,7 @@ from typing import Final, Never, TypeVar
 
 from rwt.access.access import Access
 from rwt.access.admission import Admission
+from rwt.access.decisions import VERBS
 from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.access.roles import Role
 from rwt.access.settings import SettingsError
@@ -79,6 +80,7 @@ class Bridge(ConnectionGateway[Peer]):
     """
 
     name = "rosbridge"
+    verbs = tuple(VERBS)
 
     def __init__(
         self,

@@ -20,7 +20,7 @@ from rwt_protocol.codecs.quick_frames import PUBLISH_STARTS, UsualCall, split_ca
 from rwt_protocol.errors import ProtocolError, Refused
 from rwt_protocol.ops import OPS, Auth, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal, Session
-from rwt_transports.turns import CLIENT_SECONDS
+from rwt_transports.scheduler import MESSAGES
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class Peer(ConnectedClient[_Waiting]):
             if number:
                 if (
                     self._waiting
-                    or self._worked - self._turn_began + self._monotonic() - now > CLIENT_SECONDS
+                    or self._worked - self._turn_began + self._monotonic() - now > MESSAGES.share
                 ):
                     for later in items[number:]:
                         self._wait(later)

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from copy import copy
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, NamedTuple, Self, TypeVar, cast
 
-from pydantic import AfterValidator, Field, SecretStr, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, create_model, model_validator
 
+from rwt import parts
 from rwt.access.settings import (
-    BUILT_IN_ROLES,
     MIB,
     Bytes,
     ClientLimits,
     Count,
-    PlainToken,
     Seconds,
     SecondsOrNone,
     SettingsError,
     Table,
     TlsSettings,
 )
-from rwt.extensions.foxglove.settings import FoxgloveSettings
-from rwt.extensions.http.settings import HttpSettings
-from rwt.extensions.mcp.settings import McpSettings
 from rwt.rosbridge.settings import BridgeSettings
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
 from rwt_transports.limits import Limits
+
+if TYPE_CHECKING:
+    from rwt.declarations import Part
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
@@ -38,21 +39,21 @@ def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
     return networks
 
 
-T = TypeVar("T", str, tuple[str, ...])
+MEMORY: Final = "memory"
+"""Name of the graph of this process."""
 
-NODES: Final = ("rosapi", "tf2_web_republisher", "web_video_server")
-GATEWAYS: Final = ("foxglove", "http", "mcp")
-GRAPHS: Final = ("memory", "ros1", "ros1-master", "ros2", "zenoh")
-ROS1_GRAPHS: Final = ("ros1", "ros1-master")
+M = TypeVar("M", bound=Table)
+T = TypeVar("T", str, tuple[str, ...])
 
 
 def _either(names: Iterable[str]) -> str:
     return " or ".join(f'"{name}"' for name in names)
 
 
-_NODES_EXPECTED: Final = Expected(f"a list of {_either(NODES)}")
-_GATEWAYS_EXPECTED: Final = Expected(f"a list of {_either(GATEWAYS)}")
-_GRAPH_EXPECTED: Final = Expected(_either(GRAPHS))
+_GRAPHS: Final = (MEMORY, *parts.names("graph"))
+_NODES_EXPECTED: Final = Expected(f"a list of {_either(parts.names('node'))}")
+_GATEWAYS_EXPECTED: Final = Expected(f"a list of {_either(parts.names('gateway'))}")
+_GRAPH_EXPECTED: Final = Expected(_either(_GRAPHS))
 
 
 def _named(group: str, builtin: tuple[str, ...], expected: Expected) -> AfterValidator:
@@ -128,149 +129,54 @@ class LimitSettings(ClientLimits):
     )
 
 
-class DialSettings(Table):
-    """Hubs that the robot connects to, so that clients outside of its network reach it."""
+class SettingsOfPart(NamedTuple):
+    """Part whose settings a :class:`Settings` has.
 
-    urls: tuple[str, ...] = Field((), description="hubs, as `wss://HUB/robots/NAME` with the robot's name")
-    token: PlainToken | None = Field(
-        None, description="token for the hubs: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"
-    )
-    cafile: Path | None = Field(
-        None,
-        description="PEM file with the authority of the hubs' certificates; not set: the system's"
-        " authorities",
-    )
+    Attributes:
+        key: name of its table; empty if its settings are at the top level.
+        keys: its names at the top level.
+    """
 
-
-class ZenohSettings(Table):
-    """Connection to other processes over Zenoh. Used with `graph = "zenoh"`."""
-
-    listen: tuple[str, ...] = Field((), description="endpoints to listen on, such as `tcp/0.0.0.0:7447`")
-    connect: tuple[str, ...] = Field(
-        (), description="endpoints of peers or routers; unreachable ones are retried"
-    )
-    mode: Literal["peer", "client", "router"] | None = Field(
-        None,
-        description="`client` communicates only through the router it is connected to; not set: the mode in"
-        " `config`, or peer",
-    )
-    multicast: bool | None = Field(
-        None, description="discover peers on the local network; not set: as in `config`, or no"
-    )
-    config: Path | None = Field(
-        None, description="Zenoh's own configuration file (JSON5), for example for TLS and access control"
-    )
-    domain: int = Field(
-        0, ge=0, le=2**32 - 1, description="ROS_DOMAIN_ID: graphs of different domains are separate"
-    )
-
-
-class Ros2Settings(Table):
-    """Connection to the installed ROS 2. Used with `graph = "ros2"`."""
-
-    use_sim_time: bool = Field(False, description="take ROS time from the topic `/clock`")
-    remap: tuple[str, ...] = Field(
-        (),
-        description="remapping rules, such as `/cmd_vel:=/input/cmd_vel`, `__ns:=/robot1` for all nodes of"
-        " the server, or `rosapi:__node:=api`",
-    )
-
-
-class RecorderSettings(Table):
-    """Recordings that clients start and end, by `/recorder/start` and `/recorder/stop`. Needs the extra
-    `mcap`."""
-
-    folder: Path | None = Field(None, description="folder for recordings; not set: the services do not exist")
-    recording_bytes: Bytes = Field(
-        1024 * MIB, description="largest recording in bytes before compression; it ends there"
-    )
-    folder_bytes: Bytes = Field(
-        8 * 1024 * MIB,
-        description="largest size of all files in the folder; recordings end there, and none starts",
-    )
-
-
-class WebSettings(Table):
-    """The dashboard, served at `/`."""
-
-    enabled: bool = Field(
-        True, description="serve the dashboard if it was built; otherwise `/` is a plain list"
-    )
-    layouts: Path | None = Field(
-        None, description="folder of layouts, `NAME.json`, which every visitor can open with `?layout=NAME`"
-    )
-    embed: tuple[str, ...] = Field(
-        (),
-        description="origins of pages that may embed the dashboard in a frame, such as `https://example.org`",
-    )
-
-
-class WebRtcSettings(Table):
-    """WebRTC through the port of `ws://` and `wss://` listeners. Needs the extra `webrtc`, and asyncio."""
-
-    enabled: bool = Field(False, description="accept offers at `/webrtc`: rosbridge over data channels")
-    servers: tuple[str, ...] = Field(
-        (),
-        max_length=8,
-        description="STUN and TURN servers, such as `stun:stun.example.org` and"
-        " `turn:turn.example.org:3478?transport=udp`; none for peers in one network",
-    )
-    username: str = Field("", description="user name for the TURN servers")
-    credential: SecretStr | None = Field(
-        None, description="password for the TURN servers, sent to clients with each answer"
-    )
-    credential_command: tuple[str, ...] = Field(
-        (),
-        description="command that prints a temporary TURN credential as JSON: `username`, `password`, `ttl`"
-        " in seconds, and optionally `uris`",
-    )
-    credential_url: str | None = Field(
-        None, pattern=r"^https?://", description="URL that returns such a credential"
-    )
-    addresses: Literal["auto", "all", "relay"] = Field(
-        "auto",
-        description="addresses that peers are told and that are tried: `auto`, private ones only for"
-        " clients with private addresses; `all`, private ones for every client, such as one in the robot's"
-        " network that comes through a hub; `relay`, only those of a TURN server",
-    )
-    peers: Count = Field(32, description="open peer connections")
-    handshakes: Count = Field(
-        8, description="peer connections that are still connecting; offers wait up to 5 s for one"
-    )
-    channels: Count = Field(16, description="data channels per peer; each is a client")
-    candidates: Count = Field(64, description="candidate addresses per peer")
-    connect_seconds: Seconds = Field(
-        15.0, description="seconds from the offer until the connection must be established"
-    )
-
-    @model_validator(mode="after")
-    def _one_credential(self) -> WebRtcSettings:
-        if sum(map(bool, (self.credential, self.credential_command, self.credential_url))) > 1:
-            raise ValueError(
-                "expected at most one of `credential`, `credential_command` and `credential_url`"
-            )
-        if self.addresses == "relay" and not self.servers and not self.credential_command:
-            raise ValueError('`addresses = "relay"` needs a TURN server in `servers`')
-        return self
+    kind: parts.Kind
+    name: str
+    part: Part
+    key: str
+    keys: tuple[str, ...]
 
 
 class Settings(BridgeSettings):
-    """All settings of a server.
+    """All settings of a server: those of the core, and the tables of the parts that are named or set.
+
+    The class of an object is a subclass with these tables (:func:`settings_type`). Tables that nothing names
+    have their defaults: :meth:`of` returns them.
+
+    Attributes:
+        tables: parts whose settings this class has.
 
     Raises:
         SettingsError: a setting is unknown, or a value is invalid.
     """
 
-    if not TYPE_CHECKING:  # Checkers know the arguments from the fields.
+    tables: ClassVar[tuple[SettingsOfPart, ...]] = ()
 
-        def __init__(self, **values: object) -> None:
-            try:
-                super().__init__(**values)
-            except ValidationError as error:
-                from rwt.settings.errors import explain  # It needs this class.
+    def __new__(cls, **values: object) -> Self:
+        """Return an empty object of the class with the tables of `values`."""
+        if cls is Settings:
+            cls = cast("type[Self]", settings_type(frozenset(_parts_in(values))))
+        return super().__new__(cls)
 
-                key, text = explain(error)
-                raise SettingsError(text, key) from None
+    def __init__(self, **values: object) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            from rwt.settings.errors import explain  # It needs this class.
+
+            key, text = explain(error, type(self))
+            raise SettingsError(text, key) from None
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle the values that were set: the class is made again from their names."""
+        return _restored, ({name: getattr(self, name) for name in self.model_fields_set},)
 
     listen: tuple[str, ...] = Field(
         ("ws://127.0.0.1:9090",),
@@ -280,30 +186,21 @@ class Settings(BridgeSettings):
         "jazzy", description="ROS distribution that determines names, times, parameters and actions"
     )
     interfaces: tuple[Path, ...] = Field((), description="folders of `.msg`, `.srv` and `.action` files")
-    packages: tuple[Path, ...] = Field(
-        (), description="folders of ROS packages whose meshes are served under `/packages/`"
-    )
-    package_links: bool = Field(
-        False,
-        description="serve files outside of the folders of `packages` that links in them lead to, after"
-        " `colcon build --symlink-install`; anyone who can write there can publish any mesh or image",
-    )
-    demo: bool = Field(False, description="add the demo robot")
     nodes: Annotated[
         tuple[str, ...],
-        _named("rwt.nodes", NODES, _NODES_EXPECTED),
+        _named("rwt.nodes", parts.names("node"), _NODES_EXPECTED),
         _NODES_EXPECTED,
         Field(description="nodes to run in the server; `[]`: none"),
-    ] = NODES
+    ] = parts.defaults("node")
     gateways: Annotated[
         tuple[str, ...],
-        _named("rwt.gateways", GATEWAYS, _GATEWAYS_EXPECTED),
+        _named("rwt.gateways", parts.names("gateway"), _GATEWAYS_EXPECTED),
         _GATEWAYS_EXPECTED,
         Field(
             description="protocols beside rosbridge on the same port; `[]`: none; `mcp` (agents) needs the"
             " extra `mcp`"
         ),
-    ] = ("foxglove", "http")
+    ] = parts.defaults("gateway")
     encodings: Annotated[
         tuple[str, ...],
         _named("rwt.codecs", (), Expected("a list of names of installed encodings")),
@@ -328,16 +225,9 @@ class Settings(BridgeSettings):
     access_log: bool = Field(False, description="log each HTTP request")
     limits: LimitSettings = LimitSettings()
     tls: TlsSettings = TlsSettings()
-    dial: DialSettings = DialSettings()
-    recorder: RecorderSettings = RecorderSettings()
-    web: WebSettings = WebSettings()
-    foxglove: FoxgloveSettings = FoxgloveSettings()
-    api: HttpSettings = HttpSettings()
-    mcp: McpSettings = McpSettings()
-    webrtc: WebRtcSettings = WebRtcSettings()
     graph: Annotated[
         str,
-        _named("rwt.graphs", GRAPHS, _GRAPH_EXPECTED),
+        _named("rwt.graphs", _GRAPHS, _GRAPH_EXPECTED),
         _GRAPH_EXPECTED,
         Field(
             description="`zenoh` shares the graph with other processes and needs the extra `zenoh`;"
@@ -345,35 +235,65 @@ class Settings(BridgeSettings):
             " `ros1` that of ROS_MASTER_URI, and `ros1-master://0.0.0.0:11311` is a master itself, all with"
             ' `distro = "noetic"` by default'
         ),
-    ] = "memory"
-    bridge: Annotated[tuple[str, ...], _named("rwt.graphs", GRAPHS, _GRAPH_EXPECTED)] = Field(
+    ] = MEMORY
+    bridge: Annotated[tuple[str, ...], _named("rwt.graphs", _GRAPHS, _GRAPH_EXPECTED)] = Field(
         (),
         description="other graphs with which the server exchanges topics and services, named as in `graph`;"
         " clients use `graph`",
     )
-    zenoh: ZenohSettings = ZenohSettings()
-    ros2: Ros2Settings = Ros2Settings()
     workers: Count = Field(
         1,
         description="processes that serve the same ports and share one graph over Zenoh; more than one"
         " needs Linux and the extra `zenoh`",
     )
 
+    def of(self, model: type[M]) -> M:
+        """Return the settings of the part with this model; its defaults if none are set."""
+        for each in type(self).tables:
+            if each.part.settings is model:
+                if each.key:
+                    return cast("M", getattr(self, each.key))
+                given = model.model_fields.keys() & self.model_fields_set
+                return model(**{name: getattr(self, name) for name in given})
+        return model()
+
+    def active(self, *kinds: parts.Kind) -> Iterator[tuple[SettingsOfPart, Table]]:
+        """Yield the parts of some kinds that their own settings turn on, in the order of their table."""
+        for kind in kinds:
+            given = {each.name: each for each in type(self).tables if each.kind == kind}
+            for name in parts.names(kind, by_name=False):
+                if name in given:
+                    each = given[name]
+                elif name in parts.defaults(kind, by_name=False):
+                    each = _settings_of(kind, name)
+                else:
+                    continue
+                table = self.of(each.part.settings)
+                is_on = getattr(each.part, "is_on", None)
+                if is_on is not None and is_on(table):
+                    yield each, table
+
     @model_validator(mode="before")
     @classmethod
-    def _ros1_is_noetic(cls, given: object) -> object:
-        if isinstance(given, dict) and str(given.get("graph")).partition(":")[0] in ROS1_GRAPHS:
-            return {"distro": "noetic", **given}
+    def _distro_of_graph(cls, given: object) -> object:
+        """Use the distribution of the graph, unless another is given."""
+        if isinstance(given, dict) and isinstance(given.get("graph"), str):
+            distro = distro_of_graph(given["graph"])
+            if distro:
+                return {"distro": distro, **given}
         return given
 
     @model_validator(mode="after")
     def _fits_together(self) -> Settings:
-        if self.graph.partition(":")[0] in ROS1_GRAPHS and self.distro != "noetic":
-            raise ValueError(f'`distro`: {self.distro!r} cannot join ROS 1: expected "noetic"')
-        role, known = self.mcp.default_role, (*BUILT_IN_ROLES, *self.roles)
-        if role not in known:
-            raise ValueError(f"`mcp.default_role`: there is no role {role!r}; known are {', '.join(known)}")
-        if not self.listen and not self.dial.urls:
+        distro = distro_of_graph(self.graph)
+        if distro and self.distro != distro:
+            raise ValueError(
+                f'`distro`: {self.distro!r} cannot be used with `graph = {self.graph!r}`: expected "{distro}"'
+            )
+        for each in type(self).tables:
+            if each.part.check is not None:
+                each.part.check(self, self.of(each.part.settings))
+        if not self.listen and not self.brings_clients:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
         if self.gate.audit.stdout and any(url.lower().startswith("stdio:") for url in self.listen):
             raise ValueError(
@@ -381,12 +301,131 @@ class Settings(BridgeSettings):
             )
         if self.workers == 1:
             return self
-        if self.recorder.folder is not None:
-            raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
-        if self.graph not in ("memory", "zenoh"):
+        if not is_shared_graph(self.graph):
             raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
         if self.bridge:
             raise ValueError("`bridge`: each process would be a bridge of its own: expected `workers = 1`")
         if self.gate.rules or self.gate.audit.is_on:
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self
+
+    @property
+    def brings_clients(self) -> bool:
+        """True if clients can connect without a URL to listen on."""
+        return any(getattr(each.part, "brings_clients", False) for each, _ in self.active("service"))
+
+
+def _restored(values: Mapping[str, object]) -> Settings:
+    return Settings(**values)
+
+
+def name_of_graph(graph: str) -> str:
+    """Return the name of the part in a value of the setting `graph`, which may have an address behind it."""
+    return graph.partition("://")[0]
+
+
+def distro_of_graph(graph: str) -> str:
+    """Return the distribution that a graph requires; empty for any."""
+    name = name_of_graph(graph)
+    return str(getattr(parts.load("graph", name), "distro", "")) if name in parts.names("graph") else ""
+
+
+def is_shared_graph(graph: str) -> bool:
+    """Return True if several worker processes can join such a graph, or replace it by one that they can."""
+    name = name_of_graph(graph)
+    return graph == MEMORY or (
+        name in parts.names("graph") and bool(getattr(parts.load("graph", name), "is_shared", False))
+    )
+
+
+def _settings_of(kind: parts.Kind, name: str) -> SettingsOfPart:
+    part = parts.load(kind, name)
+    keys = parts.row(kind, name).settings
+    return SettingsOfPart(kind, name, part, "" if part.at_top_level else next(iter(keys), ""), keys)
+
+
+_NAMED_BY: Final[tuple[tuple[parts.Kind, str], ...]] = (
+    ("gateway", "gateways"),
+    ("node", "nodes"),
+    ("graph", "graph"),
+)
+"""Settings that name parts, by kind."""
+
+
+def _parts_in(values: Mapping[str, object]) -> Iterator[tuple[parts.Kind, str]]:
+    """Yield the parts whose settings are given, and those of other distributions that are named."""
+    for key in values:
+        owner = None if key in Settings.model_fields else parts.owner_of(key)
+        if owner is not None:
+            yield owner
+    kinds: tuple[tuple[parts.Kind, str], ...] = (
+        ("gateway", "gateways"),
+        ("node", "nodes"),
+        ("graph", "graph"),
+    )
+    for kind, setting in kinds:
+        given = values.get(setting, ())
+        for name in (given,) if isinstance(given, str) else given if isinstance(given, list | tuple) else ():
+            if isinstance(name, str) and name not in parts.names(kind) and name in parts.installed(kind):
+                yield kind, name
+
+
+def settings_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
+    """Return the class of settings with the tables of some parts.
+
+    Raises:
+        SettingsError: the distribution of a part is not installed.
+    """
+    if not owners:
+        return Settings
+    if all(name in parts.BUILT_IN[kind] for kind, name in owners):
+        return _type_of_built_in(owners)
+    return _made_type(owners)
+
+
+@cache
+def _type_of_built_in(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
+    return _made_type(owners)
+
+
+def _made_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
+    order = [(kind, name) for kind, rows in parts.BUILT_IN.items() for name in rows]
+    listed = sorted(owners, key=lambda each: (order.index(each) if each in order else len(order), each))
+    found: list[SettingsOfPart] = []
+    fields: dict[str, object] = {}
+    for kind, name in listed:
+        try:
+            each = _settings_of(kind, name)
+        except parts.PartError as error:
+            # A part of another distribution is named by a setting; a built-in one has a table here.
+            built_in = name in parts.BUILT_IN[kind]
+            setting = parts.row(kind, name).settings[0] if built_in else dict(_NAMED_BY).get(kind, name)
+            raise SettingsError(f"`{setting}`: {error}") from error
+        found.append(each)
+        if each.key:
+            fields[each.key] = (each.part.settings, each.part.settings())
+        else:
+            for field, info in each.part.settings.model_fields.items():
+                fields[field] = (info.annotation, copy(info))
+    made = create_model("Settings", __base__=Settings, __module__=__name__, **fields)  # type: ignore[call-overload]
+    made.tables = tuple(found)
+    return cast("type[Settings]", made)
+
+
+def full_type() -> type[Settings]:
+    """Return the class of settings with the tables of all built-in parts that are installed."""
+    owners = {(kind, name) for _, kind, name in parts.settings_keys() if parts.is_available(kind, name)}
+    return settings_type(frozenset(owners))
+
+
+def with_all_tables(settings: Settings) -> Settings:
+    """Return the same settings with the tables of all parts, those that are not set with their defaults."""
+    owners = {(each.kind, each.name) for each in (*full_type().tables, *type(settings).tables)}
+    values = {name: getattr(settings, name) for name in settings.model_fields_set}
+    return settings_type(frozenset(owners))(**values)
+
+
+def type_with(key: str) -> type[Settings]:
+    """Return the class of settings that has a name at the top level; that of the core for unknown names."""
+    owner = None if key in Settings.model_fields else parts.owner_of(key)
+    return Settings if owner is None else settings_type(frozenset({owner}))

@@ -130,6 +130,17 @@ def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Se
     return Settings(**{**{name: getattr(given, name) for name in given.model_fields_set}, **changes})
 
 
+def changed_names(before: Settings, after: Settings) -> list[str]:
+    """Return the names at the top level whose values differ; one that is not set has its default."""
+    fields = type(before).model_fields | type(after).model_fields
+
+    def value(settings: Settings, name: str) -> object:
+        default = fields[name].get_default(call_default_factory=True)
+        return getattr(settings, name) if name in type(settings).model_fields else default
+
+    return [name for name in fields if value(before, name) != value(after, name)]
+
+
 def read_settings(path: Path) -> Settings:
     """Read a single TOML file.
 

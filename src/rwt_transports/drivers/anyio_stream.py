@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
-from typing import Final
-from weakref import WeakValueDictionary
 
 import anyio
-import anyio.lowlevel
 from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
@@ -31,7 +28,7 @@ from rwt_transports.drivers.sockets import (
 from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES
 from rwt_transports.errors import log_exception
-from rwt_transports.turns import READ_SECONDS, Turns, loop_turns
+from rwt_transports.scheduler import READING, Scheduler
 
 logger = logging.getLogger("rwt_transports")
 
@@ -42,32 +39,23 @@ GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
 """Exceptions of a stream whose other end is gone. Under TLS, a writer can get `EndOfStream`, too."""
 
 
-_turns: Final[WeakValueDictionary[tuple[object, Callable[[], bool]], Turns]] = WeakValueDictionary()
-"""Turns in which large messages are received, by event loop and hold-back function."""
-
-
-def _turns_of(is_held_back: Callable[[], bool]) -> Turns:
-    key = (anyio.lowlevel.current_token(), is_held_back)
-    return _turns.setdefault(key, loop_turns(READ_SECONDS, is_held_back=is_held_back))
-
-
 class _StreamLink(TaskLink):
     """Stream of one peer.
 
     Attributes by purpose, beside those of `TaskLink`:
 
     * Stream: ``_stream``, ``_socket`` (None if it has none).
-    * Reading: ``_turns`` (turns in which large messages are received).
+    * Reading: ``_scheduler`` (of the receiving of large messages).
     * Writing: ``_finishing`` (True if the stream is to be half-closed once everything is written).
     """
 
-    __slots__ = ("_finishing", "_socket", "_stream", "_turns")
+    __slots__ = ("_finishing", "_scheduler", "_socket", "_stream")
 
-    def __init__(self, stream: ByteStream, turns: Turns) -> None:
+    def __init__(self, stream: ByteStream, scheduler: Scheduler) -> None:
         super().__init__()
         self._stream = stream
         self._socket: socket.socket | None = stream.extra(SocketAttribute.raw_socket, None)
-        self._turns = turns
+        self._scheduler = scheduler
         self._finishing = False
 
     def hang_up(self) -> HangUp:
@@ -96,39 +84,43 @@ class _StreamLink(TaskLink):
                 if self._callbacks.get_buffer() is None:
                     self._callbacks.receive(data)
                 else:
+                    # Awaited: the next read has to wait for the turn of this one, which holds the peer back.
                     await self._receive_large(data)
         except anyio.EndOfStream:
             self._callbacks.eof()
         except GONE:
+            # The writer, too: its send to a peer that is gone may never return.
             self._scope.cancel()
 
     async def _receive_large(self, data: bytes) -> None:
         """Deliver a part of a large message, in a turn that has time for it."""
-        if not self._turns.must_wait:
-            self._turns.do(partial(self._callbacks.receive, data))
+        if not self._scheduler.must_wait:
+            self._scheduler.do(partial(self._callbacks.receive, data))
             return
         taken = anyio.Event()
 
         def deliver_late() -> None:
             try:
-                self._turns.do(partial(self._callbacks.receive, data))
+                self._scheduler.do(partial(self._callbacks.receive, data))
             finally:
                 taken.set()
 
-        self._turns.wait(deliver_late)
+        self._scheduler.wait(deliver_late)
         await taken.wait()
 
     async def _write(self) -> None:
         try:
             while not self._closing:
                 await self._woken()
-                more = False
-                while (data := self._callbacks.take()) is not None:
-                    if more:
-                        # The network accepted the data before it, so the peer is reading.
-                        self._callbacks.progress()
-                    await self._send(data)
-                    more = True
+                more, is_first = True, True
+                while more:
+                    pieces, more = self._callbacks.take()
+                    for data in pieces:
+                        if not is_first:
+                            # The network accepted the data before it, so the peer is reading.
+                            self._callbacks.progress()
+                        await self._send(data)
+                        is_first = False
                 if self._finishing:
                     self._finishing = False
                     await self._stream.send_eof()
@@ -137,6 +129,7 @@ class _StreamLink(TaskLink):
 
     async def _send(self, data: Buffer) -> None:
         if not isinstance(self._stream, TLSStream):
+            # anyio takes bytes only: a slice of a large message is copied here, `TAKE_BYTES` at most.
             await self._stream.send(data if isinstance(data, bytes) else bytes(data))
             return
         with memoryview(data) as view:  # The buffer for encrypted bytes never shrinks.
@@ -149,16 +142,16 @@ class AnyioDriver:
     :class:`rwt_transports.api.Connector`."""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        turns = _turns_of(address.is_held_back)
-        tasks.start_soon(serve_stream, attach, await _connected(address), turns)
+        scheduler = Scheduler.of_loop(READING, address.is_held_back)
+        tasks.start_soon(serve_stream, attach, await _connected(address), scheduler)
 
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         sockets, port = await bind(address)
-        turns = _turns_of(address.is_held_back)
-        serve = partial(serve_stream, attach, turns=turns)
+        scheduler = Scheduler.of_loop(READING, address.is_held_back)
+        serve = partial(serve_stream, attach, scheduler=scheduler)
         if address.tls is not None:
-            serve = partial(_serve_in_tls, address, address.tls, attach, turns, Handshakes())
+            serve = partial(_serve_in_tls, address, address.tls, attach, scheduler, Handshakes())
         try:
             async with AsyncExitStack() as listeners, background_tasks() as tasks:
                 for each in sockets:
@@ -171,15 +164,15 @@ class AnyioDriver:
                 remove_unix(address.path)
 
 
-async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None = None) -> None:
+async def serve_stream(attach: Attach, stream: ByteStream, scheduler: Scheduler | None = None) -> None:
     """Serve the one peer at the other end of `stream`, until its connection ends.
 
     Args:
-        turns: turns in which large messages are received; None if the peer is the only one.
+        scheduler: scheduler of the receiving of large messages; None if the peer is the only one.
     """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
-    link = _StreamLink(stream, turns or loop_turns(READ_SECONDS))
+    link = _StreamLink(stream, scheduler or Scheduler.of_loop(READING))
     try:
         attach(link, host, port)
         await link.run()
@@ -192,7 +185,7 @@ async def _serve_in_tls(
     address: BindAddress,
     tls: SSLContext,
     attach: Attach,
-    turns: Turns,
+    scheduler: Scheduler,
     handshakes: Handshakes,
     stream: ByteStream,
 ) -> None:
@@ -204,7 +197,7 @@ async def _serve_in_tls(
     finally:
         address.addresses.leave(host)
     if encrypted is not None:
-        await serve_stream(attach, encrypted, turns)
+        await serve_stream(attach, encrypted, scheduler)
 
 
 async def _shake_hands(

@@ -26,7 +26,6 @@ from rwt_transports.api import (
     BindAddress,
     Delivery,
     DriverCallbacks,
-    Gathering,
     HangUp,
     Link,
     RemoteAddress,
@@ -45,14 +44,8 @@ from rwt_transports.drivers.sockets import (
 )
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, forget_protocol, spare_buffers
 from rwt_transports.errors import log_exception
-from rwt_transports.turns import (
-    ENCRYPT_SECONDS,
-    READ_SECONDS,
-    WRITE_SECONDS,
-    Turns,
-    loop_batches,
-    loop_turns,
-)
+from rwt_transports.outbox import TAKE_BYTES
+from rwt_transports.scheduler import READING, WRITING, Scheduler
 
 logger = logging.getLogger("rwt_transports")
 
@@ -60,6 +53,8 @@ READ_BYTES = 64 * 1024
 """Maximum size of one read: holds hundreds of small messages, and is cheap to copy when a large message
 begins."""
 BACKLOG = 512
+GATHER_BYTES = 1024 * 1024
+"""Bytes of large messages in one `writev`."""
 GATHERED_BYTES = 64 * 1024
 """Minimum size for `writev`, bypassing asyncio's transport; for smaller data the gain is negligible."""
 
@@ -78,8 +73,8 @@ class _LoopShare:
 
     Attributes:
         buffer: receive buffer for small messages.
-        reading: turns in which large messages are received.
-        writing: turns in which links are flushed.
+        reading: scheduler of the receiving of large messages.
+        writing: scheduler of the flushing of links.
     """
 
     __slots__ = ("__weakref__", "buffer", "loop", "reading", "writing")
@@ -87,8 +82,8 @@ class _LoopShare:
     def __init__(self, is_held_back: Callable[[], bool] = bool) -> None:
         self.loop = asyncio.get_running_loop()
         self.buffer = bytearray(READ_BYTES)
-        self.reading = loop_turns(READ_SECONDS, is_held_back=is_held_back)
-        self.writing = Turns(WRITE_SECONDS, loop_batches().call_soon, self.loop.call_later)
+        self.reading = Scheduler.of_loop(READING, is_held_back)
+        self.writing = Scheduler.of_loop(WRITING)
 
 
 _shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _LoopShare]] = (
@@ -140,8 +135,7 @@ class _SocketLink(asyncio.BufferedProtocol):
 
     Attributes by purpose:
 
-    * Wiring: ``_attach``, ``_callbacks``, ``_gathering`` (the callbacks again, if they can gather pieces for
-      `writev`), ``_share``, ``wake`` (schedules :meth:`flush`).
+    * Wiring: ``_attach``, ``_callbacks``, ``_share``, ``wake`` (schedules :meth:`flush`).
     * Socket: ``_transport``, ``_tls`` (True under TLS), ``_socket`` (file descriptor), ``_file`` (the
       descriptor if reads and writes may bypass the transport, else -1), ``_bounded`` (the socket if the
       kernel bounds its unsent bytes).
@@ -151,7 +145,7 @@ class _SocketLink(asyncio.BufferedProtocol):
     """
 
     __slots__ = (
-        "_attach", "_bounded", "_callbacks", "_direct", "_file", "_gathering", "_is_paused", "_late",
+        "_attach", "_bounded", "_callbacks", "_direct", "_file", "_is_paused", "_late",
         "_resuming", "_share", "_since", "_socket", "_state", "_tls", "_transport", "_view", "_writable",
         "wake",
     )  # fmt: skip
@@ -160,7 +154,6 @@ class _SocketLink(asyncio.BufferedProtocol):
         self._state = _LinkState.NEW
         self._attach = attach
         self._callbacks: DriverCallbacks = NO_CALLBACKS
-        self._gathering: Gathering | None = None
         self._share = share
         self.wake: Callable[[], None] = ignore
         self._socket = self._file = -1
@@ -208,12 +201,14 @@ class _SocketLink(asyncio.BufferedProtocol):
             return self._view
         self._direct = True
         self._since = monotonic()
+        # A full turn bounds what may wait as late bytes: one short read for each connection.
         return space[:READ_BYTES] if self._share.reading.must_wait else space
 
     def buffer_updated(self, nbytes: int) -> None:
         """Deliver `nbytes` received into the buffer from :meth:`get_buffer`, or queue for a later turn."""
         if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
+            # A full buffer most likely ends within a large message, whose rest has arrived as well.
             if nbytes == READ_BYTES and self._file >= 0:
                 self._read_on()
         elif self._share.reading.must_wait:
@@ -241,6 +236,7 @@ class _SocketLink(asyncio.BufferedProtocol):
             self._share.reading.note(monotonic() - began)
 
     def _take_late(self) -> None:
+        # 0 if the connection was lost meanwhile.
         nbytes, self._late = self._late, 0
         if not nbytes:
             return
@@ -281,7 +277,7 @@ class _SocketLink(asyncio.BufferedProtocol):
     def _lose(self) -> None:
         """Report the loss and drop all references: a cycle would live until a full garbage collection."""
         self._become(_LinkState.LOST)
-        callbacks, self._callbacks, self._gathering = self._callbacks, NO_CALLBACKS, None
+        callbacks, self._callbacks = self._callbacks, NO_CALLBACKS
         self.wake = ignore
         if self._tls:
             forget_protocol(self._transport)
@@ -306,31 +302,28 @@ class _SocketLink(asyncio.BufferedProtocol):
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
         self._callbacks = callbacks
-        self._gathering = callbacks if self._file >= 0 and isinstance(callbacks, Gathering) else None
 
     def flush(self) -> None:
         """Write pending data until the socket accepts no more; close the link if that fails."""
         try:
-            if self._gathering is not None:
-                self._flush_gathered(self._gathering)
-            elif self._tls and isinstance(self._callbacks, Gathering):
-                self._flush_encrypted(self._callbacks)
+            # Only asyncio's own transport without TLS lets others write to its socket.
+            if self._file >= 0:
+                self._flush_gathered()
             else:
-                while self._writable and (data := self._callbacks.take()) is not None:
-                    self._transport.write(data)
+                self._flush_in_chunks(ENCRYPTED_BYTES if self._tls else TAKE_BYTES)
         except Exception:
             log_exception("writing to a connection failed; cutting it")
             self.abort()
 
-    def _flush_gathered(self, gathering: Gathering) -> None:
+    def _flush_gathered(self) -> None:
         """Write small data through the transport, and large data with one `writev`.
 
         `transport.writelines` copies the pieces before Python 3.12, and always copies what the socket does
         not accept.
         """
-        transport, more = self._transport, True
+        transport, callbacks, more = self._transport, self._callbacks, True
         while more and self._writable:
-            pieces, more = gathering.take_pieces()
+            pieces, more = callbacks.take(GATHER_BYTES)
             size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
             if (
                 size >= GATHERED_BYTES
@@ -341,28 +334,30 @@ class _SocketLink(asyncio.BufferedProtocol):
                 if left:
                     # The transport watches the socket: it reports when it is writable again, or fails.
                     first = memoryview(left[0])
-                    gathering.put_back((first[WATCHED_BYTES:], *left[1:]))
+                    callbacks.put_back((first[WATCHED_BYTES:], *left[1:]))
                     transport.write(first[:WATCHED_BYTES])
                     more = True
             else:
                 for piece in pieces:
                     transport.write(piece)
 
-    def _flush_encrypted(self, gathering: Gathering) -> None:
-        """Write in small chunks: the buffer for encrypted bytes never shrinks.
+    def _flush_in_chunks(self, chunk_bytes: int) -> None:
+        """Write in chunks, as long as the transport accepts more. Under TLS they are small: the buffer for
+        encrypted bytes never shrinks.
 
-        Beyond `ENCRYPT_SECONDS`, a batch in progress is completed, and the rest waits for the next turn.
+        Beyond the share of `WRITING`, pieces that were taken are written, and the rest waits for the next
+        turn.
         """
-        write, over, more = self._transport.write, monotonic() + ENCRYPT_SECONDS, True
+        write, over, more = self._transport.write, monotonic() + WRITING.share, True
         while more and self._writable:
-            pieces, more = gathering.take_pieces()
+            pieces, more = self._callbacks.take()
             for at, piece in enumerate(pieces):
                 view = memoryview(piece)
-                for start in range(0, len(view), ENCRYPTED_BYTES):
+                for start in range(0, len(view), chunk_bytes):
                     if not self._takes_more():
-                        gathering.put_back((view[start:], *pieces[at + 1 :]))
+                        self._callbacks.put_back((view[start:], *pieces[at + 1 :]))
                         return
-                    write(view[start : start + ENCRYPTED_BYTES])
+                    write(view[start : start + chunk_bytes])
             if more and monotonic() > over:
                 self.wake()
                 return

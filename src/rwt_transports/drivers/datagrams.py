@@ -113,8 +113,11 @@ class _DatagramLink:
 
     async def flush(self, socket: UDPSocket) -> None:
         host, port = self.address
-        while not self.over and (data := self.callbacks.take()) is not None:
-            for message in bytes(data).split(END):
+        more = True
+        while more and not self.over:
+            pieces, more = self.callbacks.take()
+            # The outbox joins small frames, and each has to be a datagram of its own.
+            for message in b"".join(pieces).split(END):
                 if message:
                     await self._send(socket, message, host, port)
         if self.closing:

@@ -194,6 +194,7 @@ async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket
     sockets: list[socket.socket] = []
     try:
         for family, address in dict.fromkeys((entry[0], entry[4][:2]) for entry in found):
+            # Port 0: the first address picks a free port, and the others of the host use the same one.
             chosen = sockets[0].getsockname()[1] if sockets else port
             sockets.append(_bind(family, (str(address[0]), int(chosen)), shared=shared))
     except OSError as error:
@@ -209,6 +210,7 @@ def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.sock
     try:
         bound.setblocking(False)
         if os.name == "posix":
+            # On Windows, this option would let two servers share a port.
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if shared:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
@@ -217,6 +219,7 @@ def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.sock
             bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         detect_lost_peers(bound)
         if family == socket.AF_INET6:
+            # A socket for each family: with both in one, IPv4 addresses would appear as mapped ones.
             bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         bound.bind(address)
     except OSError:

@@ -67,6 +67,7 @@ class TaskLink(ABC):
                 async with anyio.create_task_group() as tasks:
                     tasks.start_soon(self._read)
                     await self._write()
+                    # The reader would wait for a peer that has no more to be written to.
                     tasks.cancel_scope.cancel()
         finally:
             self._callbacks.lost()

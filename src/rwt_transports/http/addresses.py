@@ -32,6 +32,7 @@ class AddressCount:
     def leave(self, address: str) -> None:
         if key := self._key(address):
             self._open[key] -= 1
+            # Entries of absent addresses are removed, or the counter would grow with every address ever seen.
             if not self._open[key]:
                 del self._open[key]
 

@@ -68,8 +68,8 @@ class HttpConnection(UnbufferedCallbacks):
 
     Attributes by purpose:
 
-    * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take`` (of the
-      outbox, for the driver).
+    * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take``
+      and ``put_back`` (of the outbox, for the driver).
     * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
       ``_refused`` (answer to every request of this address, or None).
     * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
@@ -87,7 +87,8 @@ class HttpConnection(UnbufferedCallbacks):
         self._limits = limits = state.limits
         self._link = link
         self.outbox = Outbox(SERVER_FRAMING, limits, link.wake, self._overflow)
-        self.take: Callable[[], Buffer | None] = self.outbox.take
+        self.take = self.outbox.take
+        self.put_back = self.outbox.put_back
         self._peer = self.address = address
         self._port = port
         self._refused: HttpResponse | None = None
@@ -180,6 +181,7 @@ class HttpConnection(UnbufferedCallbacks):
         """Check the timeouts; `now` is monotonic, in seconds. Bytes that trickle in do not extend them."""
         limits = self._limits
         if self.outbox.is_waited_for:
+            # Progress counts, not duration: a slow peer may take a long response for as long as it reads.
             if self._taken != self.outbox.taken or self._stalled is None:
                 self._taken = self.outbox.taken
                 self._stalled = now + limits.stalled_http_seconds
@@ -188,6 +190,7 @@ class HttpConnection(UnbufferedCallbacks):
             self._deadline = None
             return
         self._stalled = None
+        # The time of a handler is its own: only the network and the peer have timeouts.
         if self._is_answering:
             return
         if self._deadline is None:
@@ -208,12 +211,12 @@ class HttpConnection(UnbufferedCallbacks):
     # -- reading -------------------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        turns = self._listener.requests
-        if turns.must_wait:
+        scheduler = self._listener.requests
+        if scheduler.must_wait:
             self._become(_HttpState.WAITING)
-            turns.wait(self._take_waiting)
+            scheduler.wait(self._take_waiting)
         else:
-            turns.do(self._take_requests)
+            scheduler.do(self._take_requests)
 
     def _take_waiting(self) -> None:
         if self._is_over:
@@ -281,6 +284,7 @@ class HttpConnection(UnbufferedCallbacks):
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
+        # Behind a proxy, each request of a connection may come from another client.
         if address != self.address:
             self._listener.addresses.leave(self.address)
             self.address = address
@@ -342,8 +346,10 @@ class HttpConnection(UnbufferedCallbacks):
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
         # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
-        while (data := self.take()) is not None:
-            unsent.append(data)
+        more = True
+        while more:
+            pieces, more = self.take()
+            unsent += pieces
         for data in (*unsent, answer.head):
             connection.outbox.push(data)
         try:
@@ -358,11 +364,13 @@ class HttpConnection(UnbufferedCallbacks):
             self._log_access(101, None)
             state.replace(self, connection, self._link)
             rest = self._h11.trailing_data[0]
+            # Bytes behind the request are received once more below.
             connection.outbox.received = self.outbox.received - len(rest)
             self.outbox.discard()  # Break the cycle: it refers to this connection.
             if rest:
                 connection.receive(rest)
             return None
+        # Taken for the WebSocket that was refused: earlier answers still come before the refusal.
         for data in unsent:
             self.outbox.push(data)
         return refusal
@@ -387,6 +395,7 @@ class HttpConnection(UnbufferedCallbacks):
                 self._become(_HttpState.ANSWERING)
                 self.outbox.when_empty(self._taken_whole)
         else:
+            # Handlers that await need a task; all others are answered within the call that received them.
             tasks = self._listener.tasks
             if tasks is None:
                 raise RuntimeError("the listener is not open")
@@ -406,6 +415,7 @@ class HttpConnection(UnbufferedCallbacks):
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         with anyio.CancelScope() as self._scope:
+            # Ended between start_soon() and the start of the task: nothing else would cancel it.
             if self._is_over:
                 self._scope.cancel()
             try:

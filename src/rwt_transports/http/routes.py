@@ -154,6 +154,7 @@ class Route(Generic[AnyReader]):
             other method only where they may connect by WebSocket (the setting `origins`).
         refusal: builds the response to a request that is refused before it reaches the page.
         presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
+        feature: name under which ``/role`` lists it, for pages that check first whether a server has it.
     """
 
     path: str
@@ -162,6 +163,7 @@ class Route(Generic[AnyReader]):
     method: str = "GET"
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
     presses_stop: Callable[[HttpRequest], bool] | None = None
+    feature: str = ""
 
 
 class MetricFamily(NamedTuple):
@@ -242,6 +244,7 @@ class Routes:
         handler = handlers.get("GET" if method == "HEAD" else method) or handlers.get("*")
         if handler is not None:
             return handler
+        # HEAD is served wherever GET is (RFC 9110 section 9.1), though no route names it.
         allowed = ", ".join(sorted(handlers.keys() | ({"HEAD"} if "GET" in handlers else set())))
         text = f"{method} is not possible for {path}; use {allowed}\n"
         return HttpResponse(text.encode(), 405, headers={"Allow": allowed})
@@ -309,6 +312,7 @@ class Proxies:
         # Each proxy appends its peer: the last address that is not a proxy is the client.
         for client in reversed(clients):
             named = host_name(client.strip().strip('"')) or client.strip()
+            # An obfuscated or unknown hop (RFC 7239 section 6): what is before it cannot be verified.
             if _address(named) is None:
                 break
             address = named

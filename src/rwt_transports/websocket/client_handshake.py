@@ -57,6 +57,7 @@ class ClientHandshake:
             if len(head) > _MOST_HEAD_BYTES:
                 raise ConnectError(f"{self._where} does not speak WebSocket: its answer has no end")
             return None
+        # The library gets the head alone: it would read the frames behind it, which belong to the wire.
         if head.split(b" ", 2)[1:2] == [_SWITCHING]:
             self._protocol.receive_data(head + found)
             if self._protocol.handshake_exc is not None:
@@ -82,6 +83,7 @@ class ClientHandshake:
     def _refused(self) -> None:
         for event in self._protocol.events_received():
             if isinstance(event, Response):
+                # A server of any kind may answer: 200 characters of it are enough for one line of an error.
                 said = (event.body or b"").decode("utf-8", "replace").strip()[:200]
                 text = f": {said}" if said else f" {event.reason_phrase}".rstrip()
                 cause = ConnectError.cause_of(event.status_code)

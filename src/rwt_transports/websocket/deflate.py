@@ -71,6 +71,7 @@ class _Deflater:
         return packed[: -len(_TAIL)]
 
     def whole(self, frame: Frame) -> bytes:
+        # Permitted within a compressed connection: RSV1 says for each message whether it is compressed.
         if frame.size > LARGEST_BYTES:
             return server_whole(frame)
         return _compressed_frame(self.pack(frame), frame.binary)
@@ -80,6 +81,7 @@ def _compressed_frame(packed: bytes, binary: bool) -> bytes:
     return pack(_COMPRESSED | (BINARY if binary else TEXT), packed, masked=False)
 
 
+# One framing per window size: connections with the same object share the compressed bytes of a frame.
 @cache
 def shared_framing(bits: int) -> Framing:
     """Framing of messages compressed without context in a window of that many bits; shared by all peers."""
@@ -115,6 +117,7 @@ class _Inflater:
     def __init__(self, keep: bool, most: int) -> None:
         self._keep = keep
         self._most = most
+        # Negative: raw DEFLATE. The window of 15 bits reads what peers compress with any smaller one.
         self._unpacker = zlib.decompressobj(-15)
 
     def unpack(self, payload: bytes) -> Generator[None, None, bytes]:
@@ -122,6 +125,7 @@ class _Inflater:
             self._unpacker = zlib.decompressobj(-15)
         packed = memoryview(payload + _TAIL)
         found: list[bytes] = []
+        # One byte more, so that a message of exactly the limit is not mistaken for a larger one.
         left, blocks, place = self._most + 1, 1, 0
         piece: bytes | memoryview = b""
         is_full = False
@@ -194,11 +198,13 @@ class DeflateWire(WebSocketWire):
     def _check(self, first: int, size: int, *, masked: bool) -> None:
         if first & _COMPRESSED and first & 0x0F in (TEXT, BINARY):
             first &= ~_COMPRESSED
+        # RSV1 is permitted on the first frame of a data message only; the base rejects it elsewhere.
         super()._check(first, size, masked=masked)
 
     def _admit(self, first: int, size: int) -> bool:
         total = len(self._parts) + size
         if (first & _COMPRESSED or self._compressed) and total > self._max_size:
+            # Not skipped, as an uncompressed one is: the context of later messages would be incomplete.
             raise ProtocolViolation(
                 TOO_BIG,
                 f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
@@ -224,6 +230,7 @@ class DeflateWire(WebSocketWire):
                 super()._deliver(end.value, binary)
                 return
         assert take is not None  # Else all steps are taken.
+        # Later messages must not overtake this one, and may need its context.
         self._is_held = True
         self._buffers.count_unread(self, len(payload))
         take(self._deliver_later(steps, binary), partial(self._buffers.may_inflate, self, self._max_size))

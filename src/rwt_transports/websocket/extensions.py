@@ -35,6 +35,7 @@ def extension_factories(deflate: Deflate) -> Sequence[ServerExtensionFactory] | 
     if deflate is Deflate.OFF:
         return None
     if deflate is Deflate.SHARED:
+        # Without takeover, the compressed bytes of a message do not depend on the connection.
         return [ServerPerMessageDeflateFactory(server_no_context_takeover=True)]
     return [ServerPerMessageDeflateFactory(server_max_window_bits=WINDOW_BITS)]
 

@@ -123,6 +123,7 @@ def close_payload(code: int, reason: str) -> bytes:
     """Return the body of a close frame; the reason is cut to 123 bytes (RFC 6455 section 5.5.1)."""
     if not may_travel(code):
         return b""
+    # The cut may fall within a character: decoding drops its rest, since a reason must be UTF-8.
     text = reason.encode("utf-8", "replace")[:123]
     return _UINT16.pack(code) + text.decode("utf-8", "ignore").encode()
 
@@ -143,6 +144,7 @@ def pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
     return b"".join((header, key, apply_mask(payload, key)))
 
 
+# Shared by all connections: a key is used once, and each is as unpredictable as the next.
 _keys: list[bytes] = []
 
 
@@ -327,6 +329,7 @@ class WebSocketWire:
                 self._tail = b""
             end = len(data)
             while position < end and self._state is not _WireState.ENDED:
+                # Kept here, since the driver keeps nothing: up to one read.
                 if self._is_held:
                     self._tail = data[position:]
                     return
@@ -366,6 +369,7 @@ class WebSocketWire:
         staged = self._staged
         if staged is None:
             return
+        # The driver has written into the buffer itself: no bytes are copied here.
         staged.filled += count
         if staged.filled == staged.size:
             try:
@@ -385,6 +389,7 @@ class WebSocketWire:
         # close frame.
         answer = self.close(code, reason)
         self._become(_WireState.ENDED)
+        # The incomplete message is never delivered: it must not count towards the limit of the pool.
         self._buffers.release(self)
         self._staged = None
         self._parts = bytearray()
@@ -395,6 +400,7 @@ class WebSocketWire:
     def _read_usual(self, data: bytes, position: int, end: int) -> int:
         """Read whole, masked, small messages, nearly all that clients send. Returns the position of anything
         else, or the end."""
+        # Local names, and no calls but those of C and of the endpoint: the loop runs once per message.
         most = self._max_size
         while end - position >= _LONGEST_USUAL_HEADER and self._is_usual and not self._is_held:
             first = data[position]
@@ -417,6 +423,7 @@ class WebSocketWire:
             if self._strict:
                 self._deliver(payload, first == 0x82)
             else:
+                # Without `_deliver`: messages of less than 64 KiB do not matter to the pool.
                 self.message(payload, first == 0x82)
         return position
 
@@ -471,6 +478,7 @@ class WebSocketWire:
 
     def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
         """Read a checked frame of any kind. Returns the position of the next one, or the end of `data`."""
+        # Control frames have no limit but 125 bytes, and may come between the frames of a skipped message.
         if first & 0x0F < CLOSE and not self._admit(first, size):
             self._skip = size
             self._skip_last = first > 127
@@ -480,6 +488,7 @@ class WebSocketWire:
                 self._skipped()
             return start
         if start + size > len(data):
+            # Small payloads have a buffer of exactly their size: they are not worth a place in the pool.
             buffer = self._buffers.take(size) if size >= DIRECT_BYTES else bytearray(size)
             self._staged = _Staged(first, key, size, buffer)
             if size >= DIRECT_BYTES:
@@ -505,6 +514,7 @@ class WebSocketWire:
                 TOO_BIG,
                 f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
             )
+        # Earlier fragments count as the head: the op and the id are usually in the first bytes.
         self._head = _SkippedHead(total, bytes(self._parts[:HEAD_BYTES]))
         self._begin(first, _Progress.SKIPPED)
         self._parts = bytearray()
@@ -578,11 +588,13 @@ class WebSocketWire:
         if len(self._parts) >= DIRECT_BYTES:
             self._buffers.hold(self, len(self._parts))
         if last:
+            # The parts are dropped before the endpoint runs, so that a large message is in memory once.
             whole = bytes(self._parts)
             self._end_message()
             self._deliver(whole, self._parts_binary)
 
     def _begin(self, first: int, progress: _Progress) -> None:
+        # Continuation frames do not repeat the kind of their message (RFC 6455 section 5.4).
         if self._progress is _Progress.NONE:
             self._parts_binary = first & 0x0F == BINARY
         self._progress = progress

@@ -61,6 +61,7 @@ class BsonStreamWire(StreamWire):
             return False
         if length > self._max_size:
             return self._skip(length)
+        # The buffer grows with received bytes, not to the announced length, which costs the sender nothing.
         if len(buffer) < length:
             return False
         document = bytes(buffer[:length])
@@ -71,6 +72,7 @@ class BsonStreamWire(StreamWire):
     def _skip(self, length: int) -> bool:
         if self._events.oversized(length):
             self._events.oversized_head(length, bytes(self._buffer[:HEAD_BYTES]))
+            # Includes the four bytes of the length, which are still in the buffer.
             self._to_skip = length
             return True
         self._end(

@@ -93,8 +93,10 @@ class JsonStreamWire(StreamWire):
         self._buffer += data
         while not self._over and self._step():
             pass
+        # What follows the end is dropped, and its memory freed before the link is gone.
         if self._over:
             self._buffer.clear()
+        # Checked while the object is incomplete: its end may never come.
         elif self._depth and len(self._buffer) > self._max_size:
             self._too_large()
         self._count_held()
@@ -109,6 +111,7 @@ class JsonStreamWire(StreamWire):
         found = self._buffer[match.start()]
         if found == _BACKSLASH:
             self._scanned = match.start()
+            # The escaped character has not arrived: wait at the backslash, so that a quote is not missed.
             if match.end() == len(self._buffer):
                 return False
             self._scanned = match.end() + 1
@@ -142,12 +145,14 @@ class JsonStreamWire(StreamWire):
 
     def _hand_over(self, end: int) -> None:
         message = bytes(self._buffer[:end])
+        # Cheap: CPython advances the start of a bytearray, and moves no bytes.
         del self._buffer[:end]
         self._scanned = 0
         if self._skipping:
             self._skipping = False
         elif len(message) > self._max_size:
             self._report(len(message), message)
+        # Only the first message: later ones come from a peer that has sent JSON, as no browser does first.
         elif self._fresh and _HTTP_REQUEST.match(message):
             self._end(POLICY, "this port speaks JSON, not HTTP: web pages use ws://")
         elif message.strip():
@@ -159,6 +164,7 @@ class JsonStreamWire(StreamWire):
         if not self._skipping:
             self._report(len(self._buffer), bytes(self._buffer[:HEAD_BYTES]))
             self._skipping = True
+        # Nesting and string state are kept in attributes, so scanned bytes are not needed to find the end.
         del self._buffer[: self._scanned]
         self._scanned = 0
 
@@ -187,6 +193,7 @@ class JsonDatagramWire(JsonStreamWire):
 
     def feed(self, data: bytes) -> None:
         """Read one datagram; an object that is not whole is delivered, so that the endpoint can reject it."""
+        # State ends with the datagram: datagrams may be lost, so the rest of an object may never come.
         super().feed(data)
         if self._buffer and not self._over:
             self._hand_over(len(self._buffer))

@@ -49,9 +49,11 @@ class StreamWire(ABC):
     def _count_held(self) -> None:
         size = len(self._buffer)
         if size >= STAGING_BYTES:
+            # From this size on, the driver receives into a buffer of this wire, in turns of the scheduler.
             self._part = self._part or bytearray(PART_BYTES)
             self._buffers.hold(self, size)
         elif self._part is not None:
+            # Freed between large messages: a connection that is idle holds no buffer.
             self._part = None
             self._buffers.release(self)
 
@@ -64,6 +66,7 @@ class StreamWire(ABC):
 
     def buffer_updated(self, count: int) -> None:
         if self._part is not None:
+            # A copy: the driver writes the next bytes to the same place.
             self.feed(bytes(memoryview(self._part)[:count]))
 
     def feed(self, data: bytes) -> None:

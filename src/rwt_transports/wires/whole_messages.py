@@ -10,7 +10,7 @@ A message that is larger than the limit is announced by its header, and what fol
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from struct import Struct
 from typing import Final
 
@@ -67,6 +67,7 @@ class MessageWire(StreamWire):
         self._kind, self._size = HEADER.unpack(data)
         self._wanted = self._size
         if self._size > self._max_size:
+            # The driver has dropped the rest, see the module.
             self._wanted = min(self._size, HEAD_BYTES)
             if not self._events.oversized(self._size):
                 reason = f"a message of {self._size} bytes; the limit is {self._max_size} (max_message_size)"
@@ -85,12 +86,12 @@ class MessageCutter:
     """Splits the connection's bytes into messages for its driver.
 
     Args:
-        take: returns the next bytes of the connection, None if there are none now.
+        take: returns the next pieces of the connection; see :class:`~rwt_transports.api.DriverCallbacks`.
     """
 
     __slots__ = ("_buffer", "_kind", "_size", "_take", "_wanted")
 
-    def __init__(self, take: Callable[[], Buffer | None]) -> None:
+    def __init__(self, take: Callable[[], tuple[Sequence[Buffer], bool]]) -> None:
         self._take = take
         self._buffer: deque[memoryview] = deque()
         self._size = 0
@@ -117,18 +118,18 @@ class MessageCutter:
 
     def _read(self, count: int) -> bytes | None:
         while self._size < count:
-            data = self._take()
-            if data is None:
+            pieces, _ = self._take()
+            if not pieces:
                 return None
-            self._buffer.append(memoryview(data))
-            self._size += len(data)
+            self._buffer.extend(map(memoryview, pieces))
+            self._size += sum(map(len, pieces))
         self._size -= count
-        pieces = []
+        read = []
         while count:
             first = self._buffer.popleft()
             if len(first) > count:
                 self._buffer.appendleft(first[count:])
                 first = first[:count]
-            pieces.append(first)
+            read.append(first)
             count -= len(first)
-        return b"".join(pieces)
+        return b"".join(read)

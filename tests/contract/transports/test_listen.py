@@ -40,6 +40,7 @@ from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.standard_streams import DescriptorStream, StandardStreamsDriver
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.listener import Listener
+from rwt_transports.scheduler import Budget
 
 pytestmark = pytest.mark.anyio
 
@@ -440,7 +441,7 @@ async def all_but_the_end_of_large_messages(
 ) -> AsyncIterator[tuple[TurnsOfMessages, list[ByteStream], bytes]]:
     """Clients of which each has sent a large message up to its last byte, where a turn is full at once."""
     for driver in ("asyncio_protocol", "anyio_stream"):
-        monkeypatch.setattr(f"rwt_transports.drivers.{driver}.READ_SECONDS", 0.0)
+        monkeypatch.setattr(f"rwt_transports.drivers.{driver}.READING", Budget(turn=0.0, share=0.0))
     site.hub = hub = TurnsOfMessages()
     message = json.dumps({"data": "x" * 1_100_000}).encode()
     header = struct.pack(">BBQ", 0x81, 0xFF, len(message)) + bytes(4)

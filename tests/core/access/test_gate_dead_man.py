@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt.settings.models import WebRtcSettings
 from rwt_graph.api import Sample
+from rwt_webrtc.settings import WebRtcSettings
 from tests.core.access.network import Cable, why_no_cables
 from tests.processes import LONGEST
 from tests.waiting import until

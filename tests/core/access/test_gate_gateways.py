@@ -13,7 +13,6 @@ import pytest
 
 from rwt import Server, connect
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
-from rwt.extensions.foxglove.settings import FoxgloveSettings
 from rwt.extensions.http.clients import MAX_SESSIONS
 from rwt_client import Robot
 from rwt_graph import Node
@@ -34,7 +33,7 @@ def robot() -> GatedRobot:
 @pytest.fixture
 def viewer(robot: GatedRobot) -> Iterator[Viewer]:
     """A client over Foxglove's protocol, which advertises velocities."""
-    gateway = FoxgloveGateway(robot.graph, robot.access, FoxgloveSettings())
+    gateway = FoxgloveGateway(robot.graph, robot.access)
     viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
     viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
     viewer.heard()
@@ -297,7 +296,7 @@ async def _count(goal: Any) -> dict[str, list[int]]:
 
 def test_a_foxglove_client_is_told_what_was_clamped() -> None:
     robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}})
-    gateway = FoxgloveGateway(robot.graph, robot.access, FoxgloveSettings())
+    gateway = FoxgloveGateway(robot.graph, robot.access)
     viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
     viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
     viewer.heard()

@@ -33,7 +33,7 @@ from hypothesis.stateful import (
 from rwt import Settings
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.gateway import HttpGateway
-from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.http.part import HttpSettings
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi

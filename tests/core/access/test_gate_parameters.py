@@ -11,7 +11,7 @@ import pytest
 from rwt.access.disclosure import affected_parameters
 from rwt.access.gate import gate
 from rwt.extensions.http.gateway import HttpGateway
-from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.http.part import HttpSettings
 from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
 from rwt_transports.http.routes import HttpRequest

@@ -21,7 +21,7 @@ from rwt.access.settings import GateSettings
 from rwt.composition.pages import guarded
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.gateway import HttpGateway
-from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.http.part import HttpSettings
 from rwt.extensions.mcp.gateway import McpGateway
 from rwt.extensions.mcp.settings import McpSettings
 from rwt.gateways.visitors import peer_of

@@ -24,11 +24,13 @@ from rwt.access.audit import Audit
 from rwt.access.gate.record import Recorder
 from rwt.access.settings import AuditSettings, GateSettings
 from rwt.extensions.hub.hub import open_hub
-from rwt.settings.models import DialSettings, Settings, WebRtcSettings
+from rwt.extensions.hub.part import DialSettings
+from rwt.settings.models import Settings
 from rwt_client import connect
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_participant.errors import RobotError
 from rwt_participant.timers import Timer
+from rwt_webrtc.settings import WebRtcSettings
 from tests.core.access.gate_model import LIMITS
 from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, settings_of, token
 from tests.core.access.test_gate_interleavings import CREDENTIALS, EXAMPLES, GateMachine, Wire

@@ -13,7 +13,7 @@ import pytest
 from rwt.access.access import Access
 from rwt.access.quotas import Work
 from rwt.composition.pages import guarded
-from rwt.gateways.base import client_turns
+from rwt.gateways.base import client_scheduler
 from rwt.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph.api import Sample
@@ -23,7 +23,7 @@ from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
-from rwt_transports.turns import CLIENT_SECONDS
+from rwt_transports.scheduler import MESSAGES
 from tests.core.rosbridge.recording_client import Client
 
 ADDRESS = "192.0.2.1"
@@ -62,7 +62,7 @@ class Server:
     def _work(self, sample: Sample) -> None:
         string: Any = sample.payload.value()
         text: str = string.data
-        self.clock.worked += 0.4 * CLIENT_SECONDS if text.startswith("short") else LONG
+        self.clock.worked += 0.4 * MESSAGES.share if text.startswith("short") else LONG
         self.heard.append(text)
 
     def client(self, address: str = ADDRESS) -> Client:
@@ -113,10 +113,10 @@ def test_small_work_is_counted_with_the_next_and_at_the_end() -> None:
     _read(client, "short")
     assert client.peer.graph.work.seconds == 0.0
     _read(client, "short", "short")
-    assert client.peer.graph.work.seconds == pytest.approx(1.2 * CLIENT_SECONDS)
+    assert client.peer.graph.work.seconds == pytest.approx(1.2 * MESSAGES.share)
     _read(client, "short")
     client.leave()
-    assert server.work_of(ADDRESS).seconds == pytest.approx(1.6 * CLIENT_SECONDS)
+    assert server.work_of(ADDRESS).seconds == pytest.approx(1.6 * MESSAGES.share)
 
 
 def test_beyond_its_rate_one_client_of_them_all_has_a_turn() -> None:
@@ -251,13 +251,13 @@ def test_pages_are_counted_and_refused_beyond_the_rate() -> None:
 @pytest.mark.anyio
 async def test_a_page_waits_for_a_turn_that_is_not_full() -> None:
     server = Server()
-    turns = client_turns(server.clock)
+    scheduler = client_scheduler(server.clock)
     handler = guarded(
-        server.access, lambda request, reader: HttpResponse(b"page"), Audience.ADMITTED, turns=turns
+        server.access, lambda request, reader: HttpResponse(b"page"), Audience.ADMITTED, scheduler=scheduler
     )
     request = HttpRequest("GET", "/", address=ADDRESS)
     assert isinstance(handler(request), HttpResponse)
-    turns.note(1.0)
+    scheduler.note(1.0)
     waiting = handler(request)
     assert not isinstance(waiting, HttpResponse)
     answers: list[HttpResponse] = []

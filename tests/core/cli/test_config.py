@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rwt.access.settings import SettingsError
 from rwt.cli import main
 from rwt.cli.commands.config import show
+from rwt.extensions.demo.part import DemoSettings
 from rwt.settings.errors import known_settings
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, line_of, load_settings, read_settings
@@ -49,10 +50,10 @@ def test_the_command_line_wins_over_the_environment_and_that_over_the_file(tmp_p
 
 def test_the_environment_may_name_the_file(tmp_path: Path) -> None:
     path = _file(tmp_path, "demo = true")
-    assert load_settings(environment={"RWT_CONFIG": str(path)}).settings.demo
+    assert load_settings(environment={"RWT_CONFIG": str(path)}).settings.of(DemoSettings).demo
     other = tmp_path / "other.toml"
     other.write_text("demo = false")
-    assert not load_settings(other, {"RWT_CONFIG": str(path)}).settings.demo
+    assert not load_settings(other, {"RWT_CONFIG": str(path)}).settings.of(DemoSettings).demo
 
 
 @pytest.mark.parametrize("text", ["ws://a:1,ws://b:2", "ws://a:1, ws://b:2", '["ws://a:1", "ws://b:2"]'])
@@ -229,7 +230,7 @@ def test_origins(tmp_path: Path, origin: str) -> None:
 @pytest.mark.parametrize(("text", "demo"), [("true", True), ("0", False), ("False", False), ("1", True)])
 def test_text_stands_for_booleans_and_numbers_in_the_environment(text: str, demo: bool) -> None:
     settings = load_settings(environment={"RWT_DEMO": text, "RWT_LIMITS__CALLS": "7"}).settings
-    assert (settings.demo, settings.limits.calls) == (demo, 7)
+    assert (settings.of(DemoSettings).demo, settings.limits.calls) == (demo, 7)
     with pytest.raises(SettingsError, match="RWT_DEMO: `demo`: expected true or false, got 'yes'"):
         load_settings(environment={"RWT_DEMO": "yes"})
 

@@ -102,7 +102,7 @@ class Wire:
 def _pieces(reader: Connection) -> Iterator[Buffer]:
     more = True
     while more:
-        pieces, more = reader.take_pieces()
+        pieces, more = reader.take()
         yield from pieces
 
 

@@ -6,11 +6,12 @@ import logging
 
 import pytest
 
-from rwt.delivery.fanout import DeferredSends
-from rwt.delivery.shared_graph import turns_of
+from rwt.delivery.fanout import Fanout
+from rwt.delivery.shared_graph import SharedGraph
 from rwt_graph.clock import SimulatedClock
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.dispatcher import Steps
-from rwt_transports.turns import TOPIC_SECONDS, TOPICS_SECONDS
+from rwt_transports.scheduler import SAMPLES
 
 
 class SlowClock(SimulatedClock):
@@ -22,11 +23,13 @@ class SlowClock(SimulatedClock):
 
     def monotonic(self) -> float:
         self.looks += 1
-        return super().monotonic() + self.looks * TOPIC_SECONDS / 3
+        return super().monotonic() + self.looks * SAMPLES.share / 3
 
 
-def _deferred(clock: SimulatedClock) -> DeferredSends:
-    return DeferredSends(turns_of(clock, TOPICS_SECONDS))
+def _fanout(clock: SimulatedClock) -> Fanout:
+    graph = MemoryGraph(clock=clock)
+    shared = SharedGraph(graph, "/gateway", 0.0, lambda line: None)
+    return shared.fanout("/topic", graph.registry.message("std_msgs/String"))
 
 
 def _steps(count: int) -> Steps:
@@ -36,14 +39,14 @@ def _steps(count: int) -> Steps:
 
 def test_what_is_quick_is_sent_at_once() -> None:
     sent: list[int] = []
-    late = _deferred(SimulatedClock())
+    late = _fanout(SimulatedClock()).late
     late.add(_steps(100), lambda: sent.append(1))
     assert sent == [1] and not late.waiting
 
 
 def test_a_turn_takes_its_share_and_keeps_the_order() -> None:
     clock, sent = SlowClock(), list[int]()
-    late = _deferred(clock)
+    late = _fanout(clock).late
     late.add(_steps(30), lambda: sent.append(1))
     late.add(_steps(0), lambda: sent.append(2))
     assert sent == [], "the rest waits for a later turn"
@@ -54,7 +57,7 @@ def test_a_turn_takes_its_share_and_keeps_the_order() -> None:
 
 def test_whoever_caused_it_may_take_the_steps() -> None:
     clock, sent = SlowClock(), list[int]()
-    late = _deferred(clock)
+    late = _fanout(clock).late
     late.add(_steps(30), lambda: sent.append(1))
     own = late.steps()
     next(own)
@@ -66,7 +69,7 @@ def test_whoever_caused_it_may_take_the_steps() -> None:
 
 def test_what_is_asked_for_while_something_is_sent_comes_behind_it() -> None:
     clock, sent = SlowClock(), list[int]()
-    late = _deferred(clock)
+    late = _fanout(clock).late
 
     def first() -> None:
         sent.append(1)
@@ -87,7 +90,7 @@ def test_what_fails_is_logged_and_passed_over(caplog: pytest.LogCaptureFixture) 
         raise ValueError("no")
 
     sent: list[int] = []
-    late = _deferred(SimulatedClock())
+    late = _fanout(SimulatedClock()).late
     with caplog.at_level(logging.ERROR):
         late.add(failing(), lambda: sent.append(1))
     late.add(_steps(1), lambda: sent.append(2))

@@ -15,17 +15,15 @@ from websockets.asyncio.client import connect as connect_websocket
 
 from rwt import Server, Settings
 from rwt.access.quotas import WORK_KINDS
-from rwt.composition.pages import _in_turns, routes
+from rwt.composition.pages import routes
 from rwt.delivery.counters import MAX_TOPICS, Counters, TopicCounts
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import PrometheusText
 from rwt.rosbridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_interfaces.steps import Steps
 from rwt_transports.endpoint import DropReason, PeerInfo, Traffic
 from rwt_transports.http.routes import HttpRequest, HttpResponse
-from rwt_transports.turns import Turns
 from tests.core.rosbridge.recording_client import Client
 
 INT = "std_msgs/Int32"
@@ -316,31 +314,3 @@ def test_the_page_is_made_in_steps(client: Client, metrics: ServerMetrics) -> No
     for number in range(20):
         _publish(client, 1, f"/topic{number}")
     assert len([*metrics.text_in_steps()]) > 10
-
-
-@pytest.mark.anyio
-async def test_pages_that_wait_share_the_budget_of_a_turn() -> None:
-    now, taken, calls = 0.0, 0, list[Callable[[], None]]()
-    turns = Turns(0.010, calls.append, lambda _, call: calls.append(call), lambda: now)
-
-    def page() -> Steps[str]:
-        nonlocal now, taken
-        for _ in range(3):
-            now, taken = now + 0.006, taken + 1
-            yield
-        return "page"
-
-    results: list[str] = []
-
-    async def read() -> None:
-        results.append(await _in_turns(turns, page()))
-
-    async with anyio.create_task_group() as group:
-        for _ in range(10):
-            group.start_soon(read)
-        await anyio.wait_all_tasks_blocked()
-        while calls:
-            before = taken
-            calls.pop(0)()
-            assert taken - before <= 2
-    assert results == ["page"] * 10

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from rwt import Settings
-from rwt.access.quotas import RateLimit
 from rwt.rosbridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
+from rwt_transports.limits import RateLimit
 from tests.core.rosbridge.recording_client import Client, Message
 
 

@@ -170,7 +170,10 @@ class Wired(Outbox):
 
     def numbers(self) -> list[int]:
         """Return the published messages sent to this client since the last call."""
-        data = b"".join(iter(self.take, None))
+        data, more = b"", True
+        while more:
+            pieces, more = self.take()
+            data += b"".join(pieces)
         return [int(found) for found in re.findall(rb'"data": ?(\d+)', data)]
 
 

@@ -13,7 +13,7 @@ import pytest
 from rwt import Settings
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
-from rwt.gateways.base import ALONE_BYTES, client_turns
+from rwt.gateways.base import ALONE_BYTES, client_scheduler
 from rwt.rosbridge.bridge import Bridge
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
@@ -22,7 +22,7 @@ from rwt_participant.handles import Publisher
 from rwt_participant.qos import LATCHED
 from rwt_protocol.codecs import png
 from rwt_transports.api import FlowControl
-from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS
+from rwt_transports.scheduler import MESSAGES
 from tests.core.rosbridge.recording_client import Client
 
 
@@ -64,7 +64,7 @@ def heard(graph: MemoryGraph, clock: BusyClock) -> list[str]:
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
-        clock.worked += 0.4 * CLIENT_SECONDS
+        clock.worked += 0.4 * MESSAGES.share
         string: Any = sample.payload.value()
         heard.append(string.data)
 
@@ -147,7 +147,7 @@ def test_a_thousand_messages_in_one_frame_are_not_one_turn(
 def test_a_turn_that_many_have_filled_takes_small_messages_and_no_more(
     clock: BusyClock, connect: Callable[[], Client], heard: list[str]
 ) -> None:
-    many = round(CLIENTS_SECONDS / CLIENT_SECONDS)
+    many = round(MESSAGES.turn / MESSAGES.share)
     clients = [connect() for _ in range(many + 3)]
     for number, client in enumerate(clients):
         _read(client, *(_publish(f"{number}{letter}") for letter in "abcd"))
@@ -165,10 +165,10 @@ def test_a_turn_that_many_have_filled_takes_small_messages_and_no_more(
 
 
 def test_those_who_wait_have_a_turn_each(clock: BusyClock, connect: Callable[[], Client]) -> None:
-    turns = client_turns(clock)
+    scheduler = client_scheduler(clock)
     done: list[str] = []
     for name in "abc":
-        turns.wait(partial(done.append, name))
+        scheduler.wait(partial(done.append, name))
     clock.call_later(0.0, partial(done.append, "another timer"))
     clock.advance(0.0)
     assert done[:2] == ["a", "another timer"]
@@ -203,7 +203,7 @@ class SteppingClock(SimulatedClock):
 
     def monotonic(self) -> float:
         self.looks += 1
-        return super().monotonic() + 1.01 * CLIENT_SECONDS * self.looks
+        return super().monotonic() + 1.01 * MESSAGES.share * self.looks
 
 
 def _long_path(**first: object) -> dict[str, object]:

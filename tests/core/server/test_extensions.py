@@ -13,9 +13,6 @@ import pytest
 
 from rwt import Server, SettingsError, connect
 from rwt.cli import main
-from rwt.composition.gateways import GATEWAYS
-from rwt.composition.nodes import NODES
-from rwt.settings import models
 from rwt_client import Robot
 from rwt_protocol import codecs
 from rwt_transports import BadUrl
@@ -28,14 +25,15 @@ faint = stage.commands:missing
 serve = stage.commands:add_dance_command
 
 [rwt.gateways]
-shouting = tests.core.server.test_gateways:Shouting
+shouting = stage.shouting:PART
+old = tests.core.server.test_gateways:Shouting
 fainting = stage.missing:Gateway
 
 [rwt.nodes]
-lamp = stage.lamp:Lamp
+lamp = stage.lamp:PART
 
 [rwt.graphs]
-stage = stage.graph:StageGraph
+stage = stage.graph:PART
 
 [rwt.codecs]
 msgpack = stage.msgpack:ENCODING
@@ -55,19 +53,52 @@ def add_dance_command(commands):
     verbs = parser.add_subparsers()
     verbs.add_parser("waltz").set_defaults(run=lambda arguments: print("waltz", arguments.times) or 0)
 """,
+    "shouting": """
+from pydantic import Field
+from rwt.access.settings import Count, Table
+from rwt.declarations import GatewayPart
+from tests.core.server.test_gateways import Shouting
+
+class ShoutingSettings(Table):
+    '''A protocol of capitals.'''
+
+    times: Count = Field(1, description="repetitions of each word")
+
+class Repeating(Shouting):
+    def __init__(self, context, settings):
+        super().__init__(context.graph, context.access)
+        made.append((context.server, settings.times))
+
+def check(settings, own):
+    if own.times > 3 and settings.distro == "noetic":
+        raise ValueError("`shouting.times`: too loud for noetic")
+
+made = []
+PART = GatewayPart(summary="capitals", settings=ShoutingSettings, check=check, make=Repeating)
+""",
     "lamp": """
+from rwt.declarations import NodePart
+
 class Lamp:
     def __init__(self, graph):
         self._node = graph.participant("/lamp")
         self._node.advertise("/light", graph.registry.message("std_msgs/Bool"))
     def close(self):
         self._node.close()
+
+PART = NodePart(summary="a lamp", make=lambda context, settings: Lamp(context.graph))
 """,
     "graph": """
+from rwt.declarations import GraphPart
 from rwt_graph import MemoryGraph
 
 class StageGraph(MemoryGraph):
     pass
+
+def make(context, settings):
+    return StageGraph(context.registry, context.clock)
+
+PART = GraphPart(summary="a stage", make=make)
 """,
     "msgpack": """
 from dataclasses import replace
@@ -138,10 +169,6 @@ def server(*urls: str, **changes: Any) -> Server:
     return made
 
 
-def test_the_names_of_settings_are_those_of_the_tables() -> None:
-    assert (tuple(NODES), tuple(GATEWAYS)) == (models.NODES, models.GATEWAYS)
-
-
 @pytest.mark.anyio
 async def test_nothing_is_imported_because_it_is_installed(stage: Path) -> None:
     async with server() as running, connect(running.urls[0]) as robot:
@@ -160,6 +187,45 @@ async def test_a_gateway(stage: Path) -> None:
     ):
         await client.send("ho")
         assert await client.recv() == "HO"
+
+
+@pytest.mark.anyio
+async def test_a_gateway_has_settings_like_a_built_in_one(stage: Path) -> None:
+    async with server(gateways=["http", "shouting"], shouting={"times": 2}):
+        info, times = sys.modules["stage.shouting"].made[0]
+    assert (info.gateways, times) == (("rosbridge", "http", "shouting"), 2)
+    with pytest.raises(SettingsError, match=r"`shouting.times`: too loud for noetic"):
+        Server(gateways=["shouting"], shouting={"times": 4}, distro="noetic")
+
+
+def test_faults_in_the_table_of_an_extension_name_file_and_line(
+    stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = stage / "robot.toml"
+    file.write_text('gateways = ["shouting"]\n\n[shouting]\ntimes = 0\n')
+    assert main(["serve", "--config", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert f"{file}:4: `shouting.times`: expected a whole number of at least 1" in error
+    file.write_text('gateways = ["shouting"]\n\n[shouting]\ntime = 1\n')
+    assert main(["serve", "--config", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert f"{file}:4: unknown setting `shouting.time`; did you mean `shouting.times`?" in error
+
+
+def test_the_table_of_an_extension_is_shown_with_its_sources(
+    stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    set_ = ["--set", "gateways=shouting", "--set", "shouting.times=3"]
+    assert main(["config", "show", *set_]) == 0
+    shown = capsys.readouterr().out
+    assert "[shouting]\ntimes = 3" in shown and "# --set shouting.times" in shown
+
+
+@pytest.mark.anyio
+async def test_a_factory_of_version_0_1_works_with_a_warning(stage: Path) -> None:
+    with pytest.warns(DeprecationWarning, match="'old' of the group rwt.gateways is a factory"):
+        async with server(gateways=["old"]) as running:
+            assert running.running
 
 
 @pytest.mark.anyio

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.frames import Burst, Frame, GapFrame
+from rwt_protocol.frames import Buffer, Burst, Frame, GapFrame
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Flow, FlowRules
 from rwt_transports.limits import READY_BYTES, Limits
-from rwt_transports.outbox import GATHER_BYTES, SLICE_BYTES, Outbox
+from rwt_transports.outbox import TAKE_BYTES, Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING
 
 FILLER = b"f" * READY_BYTES
@@ -71,11 +71,21 @@ def data(box: Box, topic: str, payload: bytes) -> None:
     box.topic(topic).send(Frame(payload))
 
 
+def take(box: Outbox) -> bytes:
+    pieces, _ = box.take()
+    return b"".join(pieces)
+
+
+def drain_pieces(box: Outbox) -> list[Buffer]:
+    taken, more = list[Buffer](), True
+    while more:
+        pieces, more = box.take()
+        taken += pieces
+    return taken
+
+
 def drain(box: Outbox) -> bytes:
-    taken = []
-    while (piece := box.take()) is not None:
-        taken.append(bytes(piece))
-    return b"".join(taken)
+    return b"".join(drain_pieces(box))
 
 
 def stalled(limits: Limits | None = None) -> Box:
@@ -93,8 +103,7 @@ def test_small_frames_of_one_turn_are_one_write() -> None:
     data(box, "/a", b"1")
     box.send(Frame(b"2"))
     data(box, "/b", b"3")
-    assert box.take() == framed(b"1", b"2", b"3")
-    assert box.take() is None
+    assert box.take() == ((framed(b"1", b"2", b"3"),), False)
 
 
 def test_waking_once_is_enough() -> None:
@@ -112,8 +121,8 @@ def test_a_frame_is_made_into_bytes_once_for_all_connections() -> None:
     boxes = [outbox() for _ in range(5)]
     for box in boxes:
         box.topic("/a").send(frame)
-    taken = [box.take() for box in boxes]
-    assert all(each is taken[0] for each in taken)
+    taken = [piece for box in boxes for piece in drain_pieces(box)]
+    assert len(taken) == len(boxes) and all(each is taken[0] for each in taken)
 
 
 def test_a_large_frame_goes_in_slices_without_a_copy() -> None:
@@ -121,11 +130,9 @@ def test_a_large_frame_goes_in_slices_without_a_copy() -> None:
     box = outbox()
     box.send(Frame(b"{", payload, b"}"))
     box.send(Frame(b"after"))
-    pieces = []
-    while (piece := box.take()) is not None:
-        pieces.append(piece)
+    pieces = drain_pieces(box)
     assert b"".join(pieces) == framed(b"{" + payload + b"}", b"after")
-    assert max(map(len, pieces)) <= SLICE_BYTES
+    assert max(map(len, pieces)) <= TAKE_BYTES
     shared = [piece for piece in pieces if isinstance(piece, memoryview)]
     assert sum(map(len, shared)) == len(payload) and all(piece.obj is payload for piece in shared)
 
@@ -135,7 +142,7 @@ def test_a_large_frame_is_gathered_in_one_go_without_a_copy() -> None:
     box = outbox()
     box.send(Frame(b"before"))
     box.send(Frame(b"{", payload, b"}"))
-    pieces, more = box.take_pieces()
+    pieces, more = box.take(2 * len(payload))
     assert b"".join(pieces) == framed(b"before", b"{" + payload + b"}")
     assert [getattr(piece, "obj", None) is payload for piece in pieces] == [False, True, False]
     assert not more and box.backlog == 0
@@ -143,28 +150,28 @@ def test_a_large_frame_is_gathered_in_one_go_without_a_copy() -> None:
 
 def test_the_driver_comes_again_only_for_what_waits() -> None:
     box, ends = outbox(), []
-    assert box.take_pieces() == ((), False)
+    assert box.take() == ((), False)
     box.send(Frame(b"1"))
-    assert box.take_pieces() == ((framed(b"1"),), False)
+    assert box.take() == ((framed(b"1"),), False)
     box.send(Frame(FILLER))
     data(box, "/a", b"2")
     box.when_empty(lambda: ends.append(box.backlog))
-    assert box.take_pieces()[1]
-    assert box.take_pieces() == ((framed(b"2"),), True)
+    assert box.take()[1]
+    assert box.take() == ((framed(b"2"),), True)
     assert not ends
-    assert box.take_pieces() == ((), False)
+    assert box.take() == ((), False)
     assert ends == [0]
 
 
 def test_no_more_is_gathered_than_one_call_is_to_take() -> None:
     box = outbox()
-    box.send(Frame(bytes(3 * GATHER_BYTES)))
+    box.send(Frame(bytes(3 * TAKE_BYTES)))
     sizes, more = [], True
     while more:
-        pieces, more = box.take_pieces()
+        pieces, more = box.take(TAKE_BYTES // 2)
         sizes.append(sum(map(len, pieces)))
-    assert max(sizes) == GATHER_BYTES
-    assert sum(sizes) == len(framed(bytes(3 * GATHER_BYTES)))
+    assert max(sizes) == TAKE_BYTES // 2
+    assert sum(sizes) == len(framed(bytes(3 * TAKE_BYTES)))
 
 
 @given(
@@ -182,7 +189,7 @@ def test_what_the_network_leaves_goes_first_next_time(
         for each in (box, other):
             (each.topic(topic).send if topic else each.send)(frame)
         for _ in range(3):
-            pieces, _ = box.take_pieces()
+            pieces, _ = box.take()
             whole = b"".join(pieces)
             taken = takes[turn % len(takes)] + 1
             turn += 1
@@ -205,10 +212,7 @@ def test_middle_sized_frames_are_not_joined_with_others() -> None:
     box = outbox()
     for payload in (b"a", b"B" * 40_000, b"c", b"d"):
         box.send(Frame(payload))
-    sizes = []
-    while (piece := box.take()) is not None:
-        sizes.append(len(piece))
-    assert sizes == [3, 40_004, 6]
+    assert [len(piece) for piece in drain_pieces(box)] == [3, 40_004, 6]
 
 
 # -- order and turns ---------------------------------------------------------------------------------------
@@ -277,12 +281,12 @@ def test_a_small_frame_passes_every_large_one_but_the_one_being_written() -> Non
     for name in ("/map", "/cloud", "/image"):
         for at in range(3):
             data(box, name, b"%s%d" % (name.encode(), at) + bytes(1_000_000))
-    written = bytes(box.take() or b"")
-    while (piece := box.take()) is not None:
+    written = take(box)
+    while taken := take(box):
         # Whatever is being written now, what comes now is next.
         mark = b"odom at %d." % len(written)
-        written += piece
-        if len(piece) < SLICE_BYTES:
+        written += taken
+        if len(taken) < TAKE_BYTES:
             continue
         data(box, "/odom", mark)
     marks = [int(text.split(b".")[0]) for text in written.split(b"odom at ")[1:]]
@@ -400,7 +404,7 @@ def test_what_has_outlived_its_lifespan_is_not_sent() -> None:
     flow.send_message([Frame(b"old")], expires_ns=100)
     flow.send_message([Frame(b"new")], expires_ns=200)
     flow.send_message([Frame(b"for ever")])
-    assert box.take() == framed(FILLER)
+    assert take(box) == framed(FILLER)
     box.now_ns = 101
     assert drain(box) == framed(b"new", b"for ever")
     assert box.drops == {("/tf", DropReason.LIFESPAN): 1}
@@ -412,7 +416,7 @@ def test_nothing_but_expired_frames_leaves_the_way_open() -> None:
     box.now_ns = 2
     assert drain(box) == framed(FILLER) and box.backlog == 0
     data(box, "/tf", b"next")
-    assert box.take() == framed(b"next")
+    assert take(box) == framed(b"next")
 
 
 def test_a_message_in_pieces_is_sent_whole_or_not_at_all() -> None:
@@ -464,7 +468,7 @@ def test_whatever_comes_memory_is_bounded_and_order_holds(
         assert box.traffic.queued_messages <= limits.data_frames + 3
         assert box.backlog <= READY_BYTES + len(FILLER) + limits.data_bytes + 6 * 3 * 9100
         if reads:
-            written += bytes(box.take() or b"")
+            written += take(box)
     written += drain(box)
     for topic in (b"/a", b"/b", b"/c"):
         seen = [part.split(b">")[0] for part in written.split(b"<%s:" % topic)[1:]]
@@ -526,14 +530,14 @@ def test_finish_keeps_control_throws_data_away_and_lets_nothing_follow() -> None
     data(box, "/a", b"late")
     assert drain(box) == framed(FILLER, b"control") + b"<close>"
     box.send(Frame(b"later"))
-    assert box.take() is None and box.backlog == 0
+    assert not take(box) and box.backlog == 0
 
 
 def test_abandon_frees_everything() -> None:
     box = stalled()
     data(box, "/a", b"data")
     box.discard()
-    assert box.backlog == 0 and box.take() is None
+    assert box.backlog == 0 and not take(box)
 
 
 def test_when_empty_is_called_once_and_after_the_last_byte() -> None:
@@ -582,21 +586,21 @@ def test_a_burst_is_one_object_for_all_and_takes_frames_until_it_is_sent() -> No
     boxes = [outbox() for _ in range(3)]
     burst = burst_in(*boxes)
     assert burst.add(Frame(b"2"))
-    taken = [box.take() for box in boxes]
+    taken = [piece for box in boxes for piece in drain_pieces(box)]
     assert taken == [framed(b"1", b"2")] * 3
     assert taken[0] is taken[1] is taken[2]
     assert not burst.add(Frame(b"3"))
     assert [box.traffic.messages for box in boxes] == [2] * 3
-    assert [box.take() for box in boxes] == [None] * 3
+    assert [take(box) for box in boxes] == [b""] * 3
 
 
 def test_a_burst_keeps_its_place_among_other_frames() -> None:
     box = outbox()
     box.send(Frame(b"before"))
     burst = burst_in(box)
-    box.send(Frame(b"x" * SLICE_BYTES))
+    box.send(Frame(b"x" * TAKE_BYTES))
     burst.add(Frame(b"2"))
-    assert drain(box) == framed(b"before", b"1", b"2", b"x" * SLICE_BYTES)
+    assert drain(box) == framed(b"before", b"1", b"2", b"x" * TAKE_BYTES)
 
 
 def test_what_a_burst_has_grown_by_is_counted_when_it_is_sealed() -> None:

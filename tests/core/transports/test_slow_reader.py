@@ -13,7 +13,7 @@ from rwt_transports.drivers.sockets import UNSENT_BYTES
 from rwt_transports.endpoint import Endpoint, Flow, PeerInfo, Sink
 from rwt_transports.limits import READY_BYTES
 from rwt_transports.listener import Listener
-from rwt_transports.outbox import SLICE_BYTES
+from rwt_transports.outbox import TAKE_BYTES
 
 pytestmark = [pytest.mark.anyio, pytest.mark.parametrize("anyio_backend", ["asyncio", "trio"])]
 
@@ -90,7 +90,7 @@ async def test_behind_many_maps_a_small_message_waits_for_the_one_being_written(
             assert sink.traffic.queued_messages > 40
             sink.flow("/odom").send(Frame(b"odometry"))
             before = await _read_until(stream, b"odometry")
-    assert before < len(MAP) + READY_BYTES + SLICE_BYTES + 2 * UNSENT_BYTES + RECEIVE_WINDOW
+    assert before < len(MAP) + READY_BYTES + TAKE_BYTES + 2 * UNSENT_BYTES + RECEIVE_WINDOW
 
 
 async def test_the_healthy_lose_nothing_while_a_stopped_reader_loses_its_oldest() -> None:
@@ -106,7 +106,7 @@ async def test_the_healthy_lose_nothing_while_a_stopped_reader_loses_its_oldest(
                     flow.send(frame)
                 await _read_until(healthy, b"<%d>" % at)
             slow, fast = hub.sinks
-            assert slow.backlog < limits.data_bytes + READY_BYTES + SLICE_BYTES + 40_000
+            assert slow.backlog < limits.data_bytes + READY_BYTES + TAKE_BYTES + 40_000
             assert not fast.traffic.dropped and sum(slow.traffic.dropped.values()) > 100
             await _read_until(stopped, b"<399>")
             assert hub.closings == []

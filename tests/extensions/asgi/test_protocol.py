@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from rwt import Server, SettingsError
-from rwt.extensions.asgi.application import AsgiApplication
+from rwt.declarations import HostedApp
 from rwt.extensions.asgi.messages import close_bytes, close_of
 from rwt_protocol.frames import Frame
 from rwt_transports.wires.whole_messages import BINARY, CLOSE, TEXT, WHOLE_MESSAGES, MessageCutter
@@ -81,7 +81,7 @@ async def server() -> AsyncIterator[Server]:
         yield server
 
 
-async def get(app: AsgiApplication, path: str, **others: object) -> tuple[int, dict[bytes, bytes], bytes]:
+async def get(app: HostedApp, path: str, **others: object) -> tuple[int, dict[bytes, bytes], bytes]:
     """Status, headers and body of a request."""
     socket = Socket(scope("http", path, **others))
     socket.feed(type="http.request", body=b"", more_body=False)
@@ -241,8 +241,8 @@ def test_messages_keep_their_boundaries_however_they_are_cut() -> None:
     data = b"".join(WHOLE_MESSAGES.whole(frame) for frame in frames)
     assert data == b"".join(part for frame in frames for part in map(bytes, WHOLE_MESSAGES.pieces(frame)))
     for size in (1, 3, 7, 2000):
-        pieces = iter([data[at : at + size] for at in range(0, len(data), size)])
-        cutter = MessageCutter(partial(next, pieces, None))
+        pieces = iter([((data[at : at + size],), True) for at in range(0, len(data), size)])
+        cutter = MessageCutter(partial(next, pieces, ((), False)))
         expected = [(b"a", TEXT), (b"", BINARY), (b"b" * 1000 + b"c", BINARY)]
         assert [cutter.next() for _ in range(4)] == [*expected, None]
     assert close_of(close_bytes(1001, "é" * 100))[1] == "é" * 61

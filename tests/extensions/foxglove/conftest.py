@@ -36,7 +36,7 @@ def make(graph: MemoryGraph) -> MakeGateway:
     def make(*, pages: Any = None, **settings: object) -> FoxgloveGateway:
         given = Settings.model_validate(settings)
         access = Access(graph, given, DISCLOSURES)
-        return FoxgloveGateway(graph, access, given.foxglove, pages=pages)
+        return FoxgloveGateway(graph, access, pages=pages)
 
     return make
 

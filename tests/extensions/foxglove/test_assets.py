@@ -9,8 +9,8 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt.composition.gateways import package_pages
 from rwt.extensions.demo.model.meshes import mesh_pages
+from rwt.extensions.foxglove.assets import package_pages
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.meshes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph, SimulatedClock

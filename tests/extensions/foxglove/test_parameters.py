@@ -11,7 +11,6 @@ import pytest
 from rwt import Settings
 from rwt.access.access import Access
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
-from rwt.extensions.foxglove.settings import FoxgloveSettings
 from rwt.rosapi import DISCLOSURES, Rosapi
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
@@ -56,7 +55,7 @@ Connect = Callable[..., Viewer]
 def connect(robot: Node) -> Connect:
     def connect(**settings: Any) -> Viewer:
         given = Settings.model_validate(settings)
-        gateway = FoxgloveGateway(robot.graph, Access(robot.graph, given, DISCLOSURES), given.foxglove)
+        gateway = FoxgloveGateway(robot.graph, Access(robot.graph, given, DISCLOSURES))
         viewer = Viewer(gateway)
         viewer.heard()
         return viewer
@@ -236,7 +235,7 @@ async def test_of_ros_1_all_parameters_are_in_one_tree() -> None:
         with Rosapi(graph):
             graph.parameters.set("/robot/speed", 1.0)
             settings = Settings(distro="noetic")
-            gateway = FoxgloveGateway(graph, Access(graph, settings, DISCLOSURES), FoxgloveSettings())
+            gateway = FoxgloveGateway(graph, Access(graph, settings, DISCLOSURES))
             viewer = Viewer(gateway)
             viewer.heard()
             viewer.say("getParameters", parameterNames=["/robot/speed"])

@@ -56,7 +56,7 @@ class Stand:
         self.graph = MemoryGraph(Registry(opened.distro), self.clock)
         self.player = Player(self.graph, opened, PlayOptions(paused=True))
         given = Settings.model_validate(settings)
-        self.gateway = FoxgloveGateway(self.graph, Access(self.graph, given), given.foxglove)
+        self.gateway = FoxgloveGateway(self.graph, Access(self.graph, given))
 
     def close(self) -> None:
         self.gateway.close()

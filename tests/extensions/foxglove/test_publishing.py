@@ -18,7 +18,7 @@ from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
-from rwt_transports.turns import CLIENT_SECONDS
+from rwt_transports.scheduler import MESSAGES
 from tests.conftest import START_NS
 from tests.core.rosbridge.recording_client import Client
 from tests.extensions.foxglove.conftest import MakeGateway, guest
@@ -184,7 +184,7 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
-        clock.worked += 0.6 * CLIENT_SECONDS
+        clock.worked += 0.6 * MESSAGES.share
         heard.append(str(sample.payload.json()))
 
     graph.participant("/l").subscribe("/t", work, graph.registry.message("std_msgs/String"))
@@ -209,7 +209,7 @@ def test_a_text_about_many_things_is_done_in_turns(
     original = viewer.client.subscriptions.unsubscribe
 
     def work(id: int) -> None:
-        clock.worked += 0.6 * CLIENT_SECONDS
+        clock.worked += 0.6 * MESSAGES.share
         original(id)
 
     monkeypatch.setattr(viewer.client.subscriptions, "unsubscribe", work)

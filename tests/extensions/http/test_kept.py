@@ -9,7 +9,6 @@ import pytest
 
 from rwt.access.errors import QuotaExceeded
 from rwt.extensions.http.calls import Kept, KeptTable
-from rwt.extensions.http.settings import HttpSettings
 from rwt_graph import SimulatedClock
 
 
@@ -33,7 +32,7 @@ def kept(client: Any, id: str, *, ended: bool = False) -> Kept:
 
 def test_a_client_at_its_limit_loses_the_oldest_that_has_ended() -> None:
     client: Any = Client()
-    table: KeptTable[Kept] = KeptTable(HttpSettings(goals=1), "calls wait")
+    table: KeptTable[Kept] = KeptTable(1, "calls wait")
     table.add(kept(client, "a", ended=True))
     table.make_room(client)
     second = kept(client, "b")
@@ -48,7 +47,7 @@ def test_a_client_at_its_limit_loses_the_oldest_that_has_ended() -> None:
 
 def test_what_has_ended_is_forgotten_after_a_while() -> None:
     client: Any = Client()
-    table: KeptTable[Kept] = KeptTable(HttpSettings(goal_seconds=5), "calls wait")
+    table: KeptTable[Kept] = KeptTable(100, "calls wait", seconds=5)
     call = kept(client, "a")
     table.end(call)  # It is not kept.
     table.add(call)

@@ -20,7 +20,6 @@ from rwt import Server, Settings
 from rwt.access.access import Access
 from rwt.extensions.http.openapi import describe
 from rwt.extensions.http.schemas import Schemas, document
-from rwt.extensions.http.settings import HttpSettings
 from rwt_interfaces import standard
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
@@ -125,7 +124,7 @@ async def test_names_that_look_alike_have_operations_of_their_own(robot: Robot, 
     access = Access(server.graph, Settings())
     client = access.nobody
     client.role = access.admission.roles["admin"]
-    paths: Any = describe(client, HttpSettings(), "/robot", "a robot")["paths"]
+    paths: Any = describe(client, "/robot", "a robot")["paths"]
     operations = [
         operation["operationId"]
         for item in paths.values()

@@ -7,9 +7,9 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt import MemoryGraph, Node, PlaybackServer, Settings, SettingsError, SimulatedClock, connect
+from rwt import MemoryGraph, Node, Settings, SettingsError, SimulatedClock, connect
 from rwt.extensions.recording import open_recording, record_graph
-from rwt.extensions.recording.playback import PlayOptions
+from rwt.extensions.recording.playback import PlaybackServer, PlayOptions
 from rwt_graph import NotRunning
 
 URL = "ws://127.0.0.1:0"

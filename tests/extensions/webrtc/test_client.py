@@ -6,12 +6,12 @@ import pytest
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, SettingsError, TokenSettings
-from rwt.settings.models import WebRtcSettings
 from rwt_client import connect
 from rwt_client.errors import ClientError
 from rwt_transports import BadUrl
 from rwt_transports.errors import ConnectError
 from rwt_transports.schemes import parse_listen_url
+from rwt_webrtc.settings import WebRtcSettings
 
 WEBRTC = WebRtcSettings(enabled=True)
 

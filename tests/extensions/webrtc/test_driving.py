@@ -14,7 +14,8 @@ import pytest
 from aiortc import RTCDataChannel
 
 from rwt import Server
-from rwt.settings.models import Settings, WebRtcSettings
+from rwt.settings.models import Settings
+from rwt_webrtc.settings import WebRtcSettings
 from tests.extensions.webrtc.peers import OtherSide, other_side
 from tests.waiting import until
 

@@ -15,9 +15,9 @@ import pytest
 
 from bench.network.nat import StunServer
 from rwt import Server
-from rwt.cli.commands.doctor import examine_ice_servers
-from rwt.settings.models import WebRtcSettings
 from rwt_transports.errors import ConnectError
+from rwt_webrtc.diagnosis import examine_ice_servers
+from rwt_webrtc.settings import WebRtcSettings
 from rwt_webrtc.transport import ice_servers
 from rwt_webrtc.transport.ice_servers import BadIceServer, IceServer, probe, read_configuration
 

@@ -9,10 +9,12 @@ import pytest
 
 from rwt import Server
 from rwt.extensions.hub.hub import open_hub
+from rwt.extensions.hub.part import DialSettings
 from rwt.extensions.hub.relay.protocol import decode_assignment, encode_request
-from rwt.settings.models import DialSettings, Settings, WebRtcSettings
+from rwt.settings.models import Settings
 from rwt_client import connect
 from rwt_transports.http.routes import HttpRequest
+from rwt_webrtc.settings import WebRtcSettings
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio

@@ -35,9 +35,9 @@ from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.video import VideoEncoder
-from rwt.settings.models import WebRtcSettings
 from rwt_graph import Node
 from rwt_interfaces.payload import Payload
+from rwt_webrtc.settings import WebRtcSettings
 from rwt_webrtc.transport.congestion.paced_sender import PacedSender
 from tests.waiting import until
 

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
-from rwt.settings.models import WebRtcSettings
 from rwt_interfaces import JAZZY
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_webrtc.media import audio_topics
 from rwt_webrtc.media.audio import DATA, INFO, SAMPLE_FORMATS, AudioFormat, AudioUnreadable, read_info
 from rwt_webrtc.media.opus_encoder import OpusEncoder
+from rwt_webrtc.settings import WebRtcSettings
 from tests.extensions.webrtc.sounds import pitch, sound_peer, tone
 from tests.extensions.webrtc.test_whep import Camera
 from tests.waiting import until

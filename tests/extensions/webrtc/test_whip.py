@@ -18,9 +18,9 @@ from websockets.asyncio.client import connect
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
-from rwt.settings.models import WebRtcSettings
 from rwt_participant.qos import LATCHED
 from rwt_webrtc.media.whip import SENDERS_TOPIC
+from rwt_webrtc.settings import WebRtcSettings
 from tests.extensions.webrtc.test_frame_size import vp8_header
 from tests.extensions.webrtc.test_whep import _post
 from tests.waiting import until

@@ -10,8 +10,8 @@ from av import AudioFrame
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
-from rwt.settings.models import WebRtcSettings
-from rwt_webrtc.media.audio import AudioBudget
+from rwt_webrtc.media.audio import audio_limit
+from rwt_webrtc.settings import WebRtcSettings
 from tests.extensions.webrtc.sounds import Singer, pitch, sound_peer
 from tests.extensions.webrtc.test_whip import Picture
 from tests.waiting import until
@@ -129,12 +129,12 @@ async def test_an_offer_without_opus_is_refused() -> None:
 
 def test_no_more_sound_is_taken_than_time_has_passed_for() -> None:
     now = 100.0
-    allowance = AudioBudget(lambda: now)
-    assert sum(allowance.take(0.0625) for _ in range(1000)) == 16  # a second at once
+    limit = audio_limit()
+    assert sum(limit.take(now, 62.5) for _ in range(1000)) == 16  # a second at once
     now += 0.5
-    assert sum(allowance.take(0.0625) for _ in range(1000)) == 8
+    assert sum(limit.take(now, 62.5) for _ in range(1000)) == 8
     now += 1000
-    assert sum(allowance.take(0.0625) for _ in range(1000)) == 16
+    assert sum(limit.take(now, 62.5) for _ in range(1000)) == 16
 
 
 async def test_what_waits_too_long_is_left_out_from_its_beginning() -> None:
@@ -151,7 +151,7 @@ async def test_what_waits_too_long_is_left_out_from_its_beginning() -> None:
         Client(),  # type: ignore[arg-type]  # Microphone only requests a publisher
         MicrophoneRequest(TOPIC),
         ended.append,
-        AudioBudget(lambda: 0.0),
+        lambda: 0.0,
     )
     frames = []
     for number in range(40):

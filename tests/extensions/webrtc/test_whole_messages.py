@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,8 +70,12 @@ def test_a_driver_cuts_the_messages_out_of_what_a_connection_has(
         pieces.append(memoryview(data[:size]))
         data = data[size:]
     pieces.append(data)
-    waiting = iter(pieces)
-    cutter = MessageCutter(lambda: next(waiting, None))
+    waiting = deque(pieces)
+
+    def take() -> tuple[Sequence[Buffer], bool]:
+        return ((waiting.popleft(),), True) if waiting else ((), False)
+
+    cutter = MessageCutter(take)
     got = []
     while (message := cutter.next()) is not None:
         got.append(message)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -12,6 +10,7 @@ from av import AudioFrame
 
 from rwt.media.errors import VideoError
 from rwt_participant.messages import Message
+from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,25 +48,9 @@ class AudioUnreadable(VideoError):
     """The audio cannot be decoded; the text gives the reason."""
 
 
-class AudioBudget:
-    """Rate limit for audio: real time, and a burst.
-
-    Args:
-        now: returns the seconds of a steady clock.
-    """
-
-    def __init__(self, now: Callable[[], float] = monotonic) -> None:
-        self._now = now
-        self._paid_until = float("-inf")
-
-    def take(self, seconds: float) -> bool:
-        """Return True if that much audio is within the limit, and count it."""
-        now = self._now()
-        paid_until = max(self._paid_until, now - BURST_SECONDS) + seconds
-        if paid_until > now:
-            return False
-        self._paid_until = paid_until
-        return True
+def audio_limit() -> RateLimit:
+    """Return a rate limit for audio, which counts milliseconds: real time, and a burst."""
+    return RateLimit(1000, 1000 * BURST_SECONDS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt_interfaces.payload import Payload
 from rwt_transports.errors import log_exception
-from rwt_webrtc.media.audio import CODING, DATA, INFO, INFO_SUFFIX, SAMPLE_BYTES, AudioBudget
+from rwt_webrtc.media.audio import CODING, DATA, INFO, INFO_SUFFIX, SAMPLE_BYTES, audio_limit
 
 RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)
 """Supported sample rates: those of Opus (RFC 6716 section 2.1.3)."""
@@ -71,7 +71,7 @@ class Microphone:
 
     Args:
         end: called with the reason when the microphone has ended.
-        allowance: rate limit of the audio.
+        monotonic: returns the seconds of a steady clock.
 
     Raises:
         AccessError: the client may not publish on one of the two topics.
@@ -83,12 +83,13 @@ class Microphone:
         client: ClientGraph,
         wanted: MicrophoneRequest,
         end: Callable[[str], None],
-        allowance: AudioBudget | None = None,
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._client = client
         self._wanted = wanted
         self._end = end
-        self._allowance = allowance or AudioBudget()
+        self._limit = audio_limit()
+        self._monotonic = monotonic
         self._data: ClientPublisher
         self._info: ClientPublisher
         self.renew()
@@ -126,7 +127,7 @@ class Microphone:
     def put(self, frame: AudioFrame) -> None:
         """Queue audio, or drop it over the rate limit; drop the oldest audio of a full queue."""
         seconds = frame.samples / frame.sample_rate
-        if seconds > MAX_PACKET_SECONDS or not self._allowance.take(seconds):
+        if seconds > MAX_PACKET_SECONDS or not self._limit.take(self._monotonic(), 1000 * seconds):
             return
         self._waiting.append(frame)
         self._waiting_samples += _length(frame)

@@ -10,7 +10,7 @@ from typing import Any, Final
 from av import AudioFrame, AudioResampler, CodecContext
 
 from rwt_interfaces.payload import Payload
-from rwt_webrtc.media.audio import INFO, AudioBudget, AudioFormat, AudioUnreadable, read_info
+from rwt_webrtc.media.audio import INFO, AudioFormat, AudioUnreadable, audio_limit, read_info
 
 RATE: Final = 48_000
 """Clock rate of RTP time stamps of Opus, whatever the sample rate (RFC 7587 section 4.1)."""
@@ -40,16 +40,17 @@ class OpusEncoder:
 
     Args:
         samples: format of the samples until another `AudioInfo` arrives.
-        now: returns the seconds of a steady clock.
+        monotonic: returns the seconds of a steady clock.
 
     Attributes:
         complaint: error of the last message that could not be decoded; None if there was none.
     """
 
-    def __init__(self, samples: AudioFormat, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, samples: AudioFormat, monotonic: Callable[[], float] = time.monotonic) -> None:
         self.complaint: AudioUnreadable | None = None
         self._format = samples
-        self._allowance = AudioBudget(now)
+        self._limit = audio_limit()
+        self._monotonic = monotonic
         self._at = 0
         self._heard = False
         self._begin()
@@ -91,7 +92,9 @@ class OpusEncoder:
                 if not self._heard:
                     raise
                 continue
-            if frame is not None and self._allowance.take(frame.samples / frame.sample_rate):
+            if frame is not None and self._limit.take(
+                self._monotonic(), 1000 * frame.samples / frame.sample_rate
+            ):
                 self._heard = True
                 packets.extend(self._packets(came, frame))
         return packets

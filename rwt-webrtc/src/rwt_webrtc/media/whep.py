@@ -54,7 +54,7 @@ def watch_routes(
     def page(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
         return answering(request, SDP, partial(source.offered, reader))
 
-    return (Route(PATH, page, Audience.ADMITTED, "POST"), *resource_routes(peers, PATH))
+    return (Route(PATH, page, Audience.ADMITTED, "POST", feature="whep"), *resource_routes(peers, PATH))
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,7 @@ class IncomingMedia:
         def page(request: HttpRequest, reader: GraphView) -> Awaitable[HttpResponse]:
             return answering(request, SDP, partial(self._offered, peers, reader))
 
-        return (Route(PATH, page, Audience.ADMITTED, "POST"), *resource_routes(peers, PATH))
+        return (Route(PATH, page, Audience.ADMITTED, "POST", feature="whip"), *resource_routes(peers, PATH))
 
     async def _offered(self, peers: Peers, reader: GraphView, request: HttpRequest) -> HttpResponse:
         description = read_description(request.body, peers.terms.candidates)

@@ -13,18 +13,19 @@ import logging
 import random
 from collections.abc import Coroutine, Sequence
 from struct import Struct
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from aioice import Candidate, Connection, TransportPolicy, stun, turn
 from aioice.ice import StunProtocol, relayed_candidate, server_reflexive_candidate
 
+from rwt_transports.limits import RateLimit
 from rwt_webrtc.transport.ice_guard import (
     DATAGRAM_BYTES,
     EARLY_DATAGRAMS,
     WAITING_DATAGRAMS,
     IceGuard,
     Reach,
-    TokenBucket,
     is_unicast,
 )
 from rwt_webrtc.transport.stun_messages import TURN_METHODS, BadStun, StunClass, check_stun
@@ -252,7 +253,7 @@ class _GuardedTurn(turn.TurnClientMixin):
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._requests = TokenBucket(TURN_REQUESTS_PER_SECOND, TURN_REQUESTS)
+        self._requests = RateLimit(TURN_REQUESTS_PER_SECOND, TURN_REQUESTS)
 
     def datagram_received(self, data: bytes | str, addr: tuple[str, int]) -> None:
         """Hand over a message of the server, or drop it unless it is valid."""
@@ -266,7 +267,7 @@ class _GuardedTurn(turn.TurnClientMixin):
 
     def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
         """Send a request; one beyond the rate counts as lost."""
-        if self._requests.take():
+        if self._requests.take(monotonic()):
             super().send_stun(message, addr)
 
 

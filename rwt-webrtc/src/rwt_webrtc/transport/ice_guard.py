@@ -15,6 +15,7 @@ from time import monotonic
 from typing import Final
 
 from rwt_transports.http.routes import is_local
+from rwt_transports.limits import RateLimit
 from rwt_webrtc.transport.rtp_packets import RTP_HEADER_BYTES
 
 Address = tuple[str, int]
@@ -82,49 +83,20 @@ def _parsed(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     return (found.ipv4_mapped or found) if isinstance(found, ipaddress.IPv6Address) else found
 
 
-class TokenBucket:
-    """Rate limit that allows a burst.
-
-    Args:
-        rate: tokens per second.
-        burst: maximum number of tokens.
-    """
-
-    __slots__ = ("_at", "_burst", "_rate", "tokens")
-
-    def __init__(self, rate: float, burst: float) -> None:
-        self._rate, self._burst = rate, burst
-        self.tokens = burst
-        self._at = monotonic()
-
-    def take(self) -> bool:
-        now = monotonic()
-        self.tokens = min(self._burst, self.tokens + (now - self._at) * self._rate)
-        self._at = now
-        if self.tokens < 1:
-            return False
-        self.tokens -= 1
-        return True
-
-    @property
-    def is_full(self) -> bool:
-        """True if nothing was taken for so long that the bucket may be forgotten."""
-        return self.tokens + (monotonic() - self._at) * self._rate >= self._burst
-
-
 class CheckRates:
     """Rate limit of checks by network of the peers that cause them."""
 
     def __init__(self) -> None:
-        self._buckets: dict[str, TokenBucket] = {}
+        self._buckets: dict[str, RateLimit] = {}
 
     def take(self, network: str) -> bool:
         """Count a check for a network. Returns False if it exceeds the rate."""
+        now = monotonic()
         bucket = self._buckets.get(network)
         if bucket is None:
-            self._buckets = {name: each for name, each in self._buckets.items() if not each.is_full}
-            bucket = self._buckets[network] = TokenBucket(CHECKS_PER_SECOND, CHECKS)
-        return bucket.take()
+            self._buckets = {name: each for name, each in self._buckets.items() if not each.is_full(now)}
+            bucket = self._buckets[network] = RateLimit(CHECKS_PER_SECOND, CHECKS)
+        return bucket.take(now)
 
 
 class IceGuard:
@@ -144,7 +116,7 @@ class IceGuard:
         self._take_check = take_check
         self._checks_left = CHECKS
         self._bytes_left = 0
-        self._requests = TokenBucket(REQUESTS_PER_SECOND, 2 * REQUESTS_PER_SECOND)
+        self._requests = RateLimit(REQUESTS_PER_SECOND, 2 * REQUESTS_PER_SECOND)
         self._credits: Counter[Address] = Counter()
         self._sources: set[Address] = set()
         self._answered: set[Address] = set()
@@ -159,7 +131,7 @@ class IceGuard:
 
     def admit_request(self, address: Address, size: int) -> bool:
         """Count a request with valid credentials. Returns False if it is not to be answered."""
-        if not self._requests.take() or not self._add(address):
+        if not self._requests.take(monotonic()) or not self._add(address):
             return False
         self._credits[address] = min(self._credits[address] + SENT_PER_RECEIVED * size, CREDIT_BYTES)
         return True

@@ -281,7 +281,7 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
 
     return (
         Route("/webrtc", configured, Audience.ADMITTED),
-        Route("/webrtc", posted, Audience.ADMITTED, "POST"),
+        Route("/webrtc", posted, Audience.ADMITTED, "POST", feature="webrtc"),
         *resource_routes(peers, "/webrtc"),
     )
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.audit import Audit, one_line
 from rwt.access.gate.audit.file import AuditFile, encode
-from rwt.access.quotas import RateLimit
 from rwt_transports.http.addresses import network_of
+from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
     from rwt.access.gate.topic import GuardedTopic

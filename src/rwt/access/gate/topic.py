@@ -9,9 +9,9 @@ from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField, has_lists, without_repeats
 from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
-from rwt.access.quotas import RateLimit
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
+from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -14,6 +14,7 @@ from rwt.access.settings import SettingsError
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import add_commands
 from rwt.settings.errors import Key, is_secret
+from rwt.settings.models import with_all_tables
 from rwt.settings.sources import DEFAULT, Given, LoadedSettings, from_text, load_settings
 
 _EXAMPLES = """\
@@ -88,7 +89,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def show(loaded: LoadedSettings) -> Iterator[str]:
     """Yield the lines of a TOML file with these settings, each with the source of its value."""
-    yield from _table(loaded, (), loaded.settings)
+    yield from _table(loaded, (), with_all_tables(loaded.settings))
 
 
 def _table(loaded: LoadedSettings, above: Key, table: BaseModel) -> Iterator[str]:

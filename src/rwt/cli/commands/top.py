@@ -73,7 +73,7 @@ class _Watch:
     """Subscriptions to all topics of a robot, undecoded, updated as topics come and go."""
 
     def __init__(self, robot: Robot, globs: list[str]) -> None:
-        from rwt.extensions.recording import TopicSelection
+        from rwt_graph.topic_selection import TopicSelection
 
         self.clients: int | None = None
         self._robot = robot

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from urllib.parse import quote
 
 import anyio
 
+from rwt.declarations import HostedApp, PortOptions
 from rwt.extensions.asgi.messages import AsgiWire, close_bytes, close_of
 from rwt.extensions.asgi.types import Receive, Scope, Send
 from rwt_transports.connection import Connection, ListenerState
@@ -354,7 +355,7 @@ Lifespan = Callable[[], AbstractAsyncContextManager[object]]
 """Factory of the context in which an app runs."""
 
 
-class AsgiApplication:
+class AsgiApplication(HostedApp):
     """ASGI 3 application of a server: HTTP, server-sent events and WebSocket, below any path.
 
     It serves while it has listeners. If it is the whole app, the lifespan protocol starts and stops its
@@ -366,20 +367,19 @@ class AsgiApplication:
 
     def __init__(self, lifespan: Lifespan) -> None:
         self._lifespan = lifespan
-        self._listeners: Mapping[bool, AsgiListener] = {}
+        self._listeners: dict[bool, AsgiListener] = {}
 
-    @contextmanager
-    def serve(self, listeners: Mapping[bool, AsgiListener]) -> Iterator[None]:
-        """Serve within the block.
-
-        Args:
-            listeners: by True the listener for clients on this machine, by False that for others.
-        """
-        self._listeners = listeners
-        try:
-            yield
-        finally:
-            self._listeners = {}
+    @asynccontextmanager
+    async def serving(self, port: Callable[[bool], tuple[Accept, PortOptions]]) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            for loopback in (True, False):
+                accept, options = port(loopback)
+                listener = asgi_listener(accept, **options._asdict(), loopback=loopback)
+                self._listeners[loopback] = await stack.enter_async_context(listener)
+            try:
+                yield
+            finally:
+                self._listeners.clear()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         kind = scope["type"]

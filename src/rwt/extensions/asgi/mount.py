@@ -5,18 +5,21 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from typing import Final
 
 import anyio
 
+from rwt.access.settings import SettingsError
+from rwt.declarations import Mounts
 from rwt.extensions.asgi.exchange import Exchange, scope_of
 from rwt.extensions.asgi.types import App, Event, Scope
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.background import TaskStarter, background_tasks
-from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
-from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.websocket.close_codes import INTERNAL_ERROR, NORMAL
 
 logger = logging.getLogger("rwt.extensions.asgi")
@@ -102,6 +105,41 @@ class AsgiMount:
         socket = _Socket(self._app, scope, sink)
         self._tasks.start_soon(socket.run)
         return socket
+
+
+class AsgiMounts(Mounts):
+    """Apps by path; of nested paths, the longest counts."""
+
+    def __init__(self, apps: Mapping[str, App]) -> None:
+        mounts = (AsgiMount(path, app) for path, app in apps.items())
+        self._mounts = sorted(mounts, key=lambda mount: len(mount.path), reverse=True)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            for mount in reversed(self._mounts):
+                await stack.enter_async_context(mount.running())
+            yield
+
+    def wrap(self, accept: Accept) -> Accept:
+        def accept_any(sink: Sink, info: PeerInfo) -> Endpoint:
+            for mount in self._mounts:
+                if mount.serves(info.path):
+                    return mount.accept(sink, info)
+            return accept(sink, info)
+
+        return accept_any
+
+    def add_to(self, routes: Routes, *, secure: bool) -> None:
+        for mount in self._mounts:
+            taken = [path for path in routes.paths if mount.serves(path)]
+            if taken:
+                raise SettingsError(
+                    f"mounts: {mount.path!r} is taken by this server's {taken[0]}: choose another path"
+                )
+            for method in METHODS:
+                routes.add(mount.path, partial(mount.handle, secure=secure), method)
+                routes.add(f"{mount.path}/*", partial(mount.handle, secure=secure), method)
 
 
 class _Lifespan:

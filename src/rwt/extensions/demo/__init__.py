@@ -1,5 +1,15 @@
 """A simulated robot, written on the public graph API as a user would write one."""
 
-from rwt.extensions.demo.robot import DemoRobot
+from typing import TYPE_CHECKING
 
-__all__ = ["DemoRobot"]
+from rwt_protocol.extensions import exports
+
+if TYPE_CHECKING:
+    from rwt.extensions.demo.robot import DemoRobot as DemoRobot
+
+__all__, __getattr__, __dir__ = exports(
+    __name__,
+    {
+        "rwt.extensions.demo.robot": ("DemoRobot"),
+    },
+)

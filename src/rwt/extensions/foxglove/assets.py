@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
 from typing import Final
 from urllib.parse import quote
 
@@ -11,13 +11,18 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.graph_view import GraphView
 from rwt.extensions.foxglove.errors import NotPossible
 from rwt.extensions.foxglove.replies import StatusLane
-from rwt.extensions.foxglove.settings import FoxgloveSettings
 from rwt.extensions.foxglove.wire.client_messages import FetchAsset
 from rwt.extensions.foxglove.wire.server_messages import asset, asset_failure
-from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpExtension, HttpRequest, HttpResponse
 
 SCHEME: Final = "package://"
 PATH: Final = "/packages/"
+
+MAX_BYTES: Final = 64 * 1024 * 1024
+"""Maximum size of a file that a client may fetch, in bytes."""
+
+MAX_WAITING: Final = 256
+"""Maximum number of pending requests of a client."""
 
 _UNREAD: Final = 1024 * 1024
 """Bytes that may wait for the client before the next file is read for it."""
@@ -32,13 +37,10 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 class Assets:
     """Files that one client has requested, sent one at a time."""
 
-    def __init__(
-        self, graph: ClientGraph, replies: StatusLane, pages: Pages, settings: FoxgloveSettings, address: str
-    ) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, pages: Pages, address: str) -> None:
         self._graph = graph
         self._replies = replies
         self._pages = pages
-        self._settings = settings
         self._address = address
         self._asked: deque[FetchAsset] = deque()
         self._runs = False
@@ -50,8 +52,8 @@ class Assets:
         if not uri.startswith(SCHEME):
             self._fail(id, f"{uri[:200]!r}: only files of packages are served, {SCHEME}NAME/PATH")
             return
-        if len(self._asked) >= self._settings.waiting_assets:
-            self._fail(id, f"{len(self._asked)} files are waited for already (foxglove.waiting_assets)")
+        if len(self._asked) >= MAX_WAITING:
+            self._fail(id, f"{len(self._asked)} files are waited for already, which is the limit")
             return
         self._asked.append(asked)
         if not self._runs:
@@ -102,9 +104,8 @@ class Assets:
         return chunks
 
     def _check(self, size: int) -> None:
-        most = self._settings.asset_bytes
-        if size > most:
-            raise NotPossible(f"the file is larger than {most} bytes (foxglove.asset_bytes)")
+        if size > MAX_BYTES:
+            raise NotPossible(f"the file is larger than {MAX_BYTES} bytes")
         if reason := self._replies.too_large(size):
             raise NotPossible(reason)
 
@@ -117,3 +118,24 @@ class Assets:
         """Discard all requests."""
         self._closed = True
         self._asked.clear()
+
+
+def package_pages(http: Sequence[HttpExtension]) -> Pages | None:
+    """Return the page that serves files of packages, from the pages of nodes; None if no node has any."""
+    found = {
+        route.path: route.page
+        for extension in http
+        for route in extension.routes
+        if route.path.startswith(PATH) and route.path.endswith("/*") and route.method == "GET"
+    }
+    if not found:
+        return None
+
+    def answer(request: HttpRequest, view: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        fitting = [path for path in found if request.path.startswith(path[:-1])]
+        if not fitting:
+            known = " ".join(sorted(found))
+            return HttpResponse(f"{request.path} is below none of {known}\n".encode(), 404)
+        return found[max(fitting, key=len)](request, view)
+
+    return answer

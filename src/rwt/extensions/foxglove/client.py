@@ -69,7 +69,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         replies = StatusLane(gateway, number, sink)
         super().__init__(gateway, number, info, graph, replies)
         structure = gateway.access.limits.structure_bytes
-        settings, pages, playback = gateway.settings, gateway.pages, gateway.playback
+        pages, playback = gateway.pages, gateway.playback
         self._foxglove = gateway
         self.listing = listing
         self.connections: Connections | None = None
@@ -79,8 +79,8 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self._gate_notices, self._gate_notice = NoticeFlow(sink, "commands"), ""
         graph.tell_notices(self._tell_notice)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
-        self.parameters = ParameterRequests(graph, replies, settings.parameter_names, gateway.turns)
-        self.assets = None if pages is None else Assets(graph, replies, pages, settings, info.address)
+        self.parameters = ParameterRequests(graph, replies, gateway.scheduler)
+        self.assets = None if pages is None else Assets(graph, replies, pages, info.address)
         self.playback = None if playback is None else PlaybackControl(graph, replies, playback)
 
     # -- from the client -----------------------------------------------------------------------------------

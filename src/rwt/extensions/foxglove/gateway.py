@@ -10,6 +10,7 @@ from typing import Final
 from uuid import uuid4
 
 from rwt.access.access import Access
+from rwt.access.decisions import READS
 from rwt.access.graph_view import GraphView
 from rwt.access.roles import Role
 from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
@@ -18,7 +19,6 @@ from rwt.extensions.foxglove.catalogue import Catalogue, RoleListing
 from rwt.extensions.foxglove.client import FoxgloveClient
 from rwt.extensions.foxglove.parameters import GET, ParameterFeed
 from rwt.extensions.foxglove.playback import PlaybackState, state_frame, state_of
-from rwt.extensions.foxglove.settings import FoxgloveSettings
 from rwt.extensions.foxglove.wire.payloads import encodings
 from rwt.extensions.foxglove.wire.server_messages import server_info, time
 from rwt.gateways.base import ConnectionGateway
@@ -43,13 +43,16 @@ _LOOK_SECONDS: Final = 0.1
 _MAX_SHARE: Final = 0.1
 """Maximum share of time for announcing changes of the graph; beyond it, announcements are delayed."""
 
+TIME_HZ: Final = 20.0
+"""Rate at which simulated time is sent to clients, in Hz."""
+
 
 class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     """Foxglove's WebSocket protocol in front of a graph, as the node `/foxglove_bridge`.
 
     Attributes by purpose:
 
-    * Settings: ``settings``, ``call_timeout``, ``pages``, ``playback``.
+    * Settings: ``call_timeout``, ``pages``, ``playback``.
     * Announcements: ``_catalogue`` (ids of channels and services), ``_listings`` (what each role sees),
       ``_seen`` (version of the graph that all clients know), ``_look_timer`` (runs while clients are
       connected).
@@ -60,26 +63,24 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     Args:
         graph: the robot.
         access: access rules of the server.
-        settings: settings of the operator.
         call_timeout: seconds that a service call may take; None: no timeout.
         linger: seconds that a publisher outlives its last user among the clients.
         pages: answers requests for files of packages; None without files.
     """
 
     name = "foxglove"
+    verbs = ("advertise", "publisher", *READS)
     log_prefix = "foxglove "
 
     def __init__(
         self,
         graph: Graph,
         access: Access,
-        settings: FoxgloveSettings | None = None,
         call_timeout: float | None = CALL_SECONDS,
         linger: float = LINGER_SECONDS,
         pages: Pages | None = None,
     ) -> None:
         super().__init__(graph, access, NODE, linger)
-        self.settings = settings or FoxgloveSettings()
         self.call_timeout = call_timeout
         self.pages = pages
         self.playback: Playback | None = graph.clock.playback
@@ -204,7 +205,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
                 for client in self._clients.values():
                     client.replies.send(frame)
         if self._clients:
-            self._time_timer = self._clock.call_later(1 / self.settings.time_hz, self._send_time)
+            self._time_timer = self._clock.call_later(1 / TIME_HZ, self._send_time)
 
     # -- parameters ----------------------------------------------------------------------------------------
 

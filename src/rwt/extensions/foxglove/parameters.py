@@ -30,7 +30,7 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, NotFound, RobotError
 from rwt_participant.qos import QoS
 from rwt_participant.timers import Timer
-from rwt_transports.turns import CLIENT_SECONDS, Turns
+from rwt_transports.scheduler import MESSAGES, Scheduler
 
 LIST: Final = "/rosapi/get_param_names"
 GET: Final = "/rosapi/get_param"
@@ -107,17 +107,20 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-class ParameterRequests:
-    """Parameters that one client reads, sets and watches; at most `max_names` at once."""
+MAX_NAMES: Final = 1000
+"""Maximum number of parameters that one client may request at once, or watch."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, max_names: int, turns: Turns) -> None:
+
+class ParameterRequests:
+    """Parameters that one client reads, sets and watches; at most :data:`MAX_NAMES` at once."""
+
+    def __init__(self, graph: ClientGraph, replies: StatusLane, scheduler: Scheduler) -> None:
         self._graph = graph
         self._replies = replies
-        self._max_names = max_names
         self._requests = 0
         self._calls = 0
         self._due: deque[Callable[[], None]] = deque()
-        self._turns = turns
+        self._scheduler = scheduler
         self._has_turn = False
         self._closed = False
         self.watched: set[str] = set()
@@ -204,10 +207,9 @@ class ParameterRequests:
             self._replies.send(frame)
 
     def _begin(self, names: int) -> None:
-        if names > self._max_names:
+        if names > MAX_NAMES:
             raise NotPossible(
-                f"{names} parameters at once, and {self._max_names} are the most"
-                " (foxglove.parameter_names): ask for all, or in parts"
+                f"{names} parameters at once, and {MAX_NAMES} are the most: ask for all, or in parts"
             )
         if self._requests >= _MAX_REQUESTS:
             raise NotPossible(f"{self._requests} requests about parameters wait already: await their answers")
@@ -233,16 +235,16 @@ class ParameterRequests:
     def _want_turn(self) -> None:
         if self._due and self._calls < _MAX_CALLS and not self._has_turn and not self._closed:
             self._has_turn = True
-            self._turns.wait(self._go_on)
+            self._scheduler.wait(self._go_on)
 
     def _go_on(self) -> None:
         self._has_turn = False
         monotonic = self._graph.clock.monotonic
         began, worked = monotonic(), 0.0
-        while self._due and self._calls < _MAX_CALLS and worked < CLIENT_SECONDS and not self._closed:
+        while self._due and self._calls < _MAX_CALLS and worked < MESSAGES.share and not self._closed:
             self._due.popleft()()
             worked = monotonic() - began
-        self._turns.note(worked)
+        self._scheduler.note(worked)
         self._graph.work.add(worked, "messages")
         self._want_turn()
 
@@ -275,10 +277,10 @@ class ParameterRequests:
             self.watches_all = True
             return
         wanted = self.watched | {from_client(name, self._graph.distro) for name in names}
-        if len(wanted) > self._max_names:
+        if len(wanted) > MAX_NAMES:
             raise NotPossible(
-                f"{len(wanted)} parameters are watched, and {self._max_names} are the most"
-                " (foxglove.parameter_names): watch all, by naming none"
+                f"{len(wanted)} parameters are watched, and {MAX_NAMES} are the most:"
+                " watch all, by naming none"
             )
         self.watched = wanted
 

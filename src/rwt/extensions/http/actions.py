@@ -10,11 +10,10 @@ from rwt.access.errors import QuotaExceeded
 from rwt.access.graph_view import GraphView
 from rwt.extensions.http.calls import WAITING, Kept, KeptTable, approval_body
 from rwt.extensions.http.clients import Clients, HttpClient, ReaderStream
-from rwt.extensions.http.events import event, payload_event
+from rwt.extensions.http.events import STREAM_BYTES, event, payload_event
 from rwt.extensions.http.problems import HttpProblem
 from rwt.extensions.http.representations import CBOR, EVENTS, JSON, chosen, value_response
 from rwt.extensions.http.requests import Query, name_and_type, name_below, payload_of
-from rwt.extensions.http.settings import HttpSettings
 from rwt_graph.api import ClientGoal, GoalEvents
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ActionType
@@ -171,11 +170,10 @@ class GoalEventStream(ReaderStream):
 class ActionPages:
     """Routes of actions and goals."""
 
-    def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:
+    def __init__(self, clients: Clients, goals: int, *, several_processes: bool = False) -> None:
         self._clients = clients
-        self._settings = settings
         self._several_processes = several_processes
-        self.goals: KeptTable[HttpGoal] = KeptTable(settings, "goals of this address run")
+        self.goals: KeptTable[HttpGoal] = KeptTable(goals, "goals of this address run")
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """List the visible actions with their types."""
@@ -224,7 +222,7 @@ class ActionPages:
         if goal.ended and request.headers.get("last-event-id") == _RESULT_ID:
             return HttpResponse(status=204)  # A reader that has received the end must not reconnect.
         with self._clients.client_of(request, reader) as client:
-            return GoalEventStream(client, goal, self._settings.stream_bytes).response(request)
+            return GoalEventStream(client, goal, STREAM_BYTES).response(request)
 
     def _list_goals(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """List the client's own goals of an action, oldest first."""

@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from rwt.access.gate.approvals import Approval
     from rwt.access.quotas import Charge
     from rwt.extensions.http.clients import HttpClient
-    from rwt.extensions.http.settings import HttpSettings
     from rwt_graph.api import PendingCall
     from rwt_interfaces.structs import ServiceType
     from rwt_participant.timers import Timer
     from rwt_transports.http.routes import HttpRequest, HttpResponse
+
+KEPT_SECONDS: Final = 600.0
+"""Seconds for which an ended goal, or call that required approval, can be queried."""
 
 PATH: Final = "/api/services/"
 
@@ -89,17 +91,18 @@ K = TypeVar("K", bound=Kept)
 
 class KeptTable(Generic[K]):
     """Calls or goals of all clients, each of which stays present; those that have ended are forgotten after
-    `api.goal_seconds`.
+    :data:`KEPT_SECONDS`.
 
     Args:
-        settings: settings of the gateway.
+        most: maximum number of entries of one owner (`api.goals`).
         excess: text about a client with as many as it may have, for errors.
+        seconds: time for which ended ones are kept.
     """
 
-    def __init__(self, settings: HttpSettings, excess: str) -> None:
-        self._most = settings.goals
+    def __init__(self, most: int, excess: str, seconds: float = KEPT_SECONDS) -> None:
+        self._most = most
         self._excess = excess
-        self.seconds = settings.goal_seconds
+        self.seconds = seconds
         self._items: dict[str, K] = {}
         self._of_client: dict[HttpClient, dict[str, K]] = {}
 

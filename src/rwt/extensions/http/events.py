@@ -19,6 +19,9 @@ KEEP_ALIVE_SECONDS: Final = 15.0
 """Idle time after which a comment is sent, so that proxies keep the connection open, in seconds."""
 
 _KEEP_ALIVE: Final = b": nothing new\n\n"
+STREAM_BYTES: Final = 4 * 1024 * 1024
+"""Bytes queued for the reader of one event stream; beyond it, the oldest events are dropped."""
+
 _CHUNK_BYTES: Final = 256 * 1024
 _SPACES: Final = bytes.maketrans(b"\r\n", b"  ")
 

@@ -7,20 +7,21 @@ from collections.abc import Awaitable, Iterable, Mapping
 from functools import lru_cache, partial
 from importlib.metadata import version
 from importlib.resources import files
-from types import MappingProxyType
 from typing import Final
 
 import msgspec
 
 from rwt.access.access import Access
+from rwt.access.decisions import READS
 from rwt.access.graph_view import GraphView
 from rwt.access.settings import LINGER_SECONDS
+from rwt.declarations import ALONE, ServerInfo
 from rwt.extensions.http import actions, parameters, services, topics
 from rwt.extensions.http.clients import Clients, Handler, page, presses_stop
+from rwt.extensions.http.part import HttpSettings
 from rwt.extensions.http.problems import KINDS, HttpProblem, refusal
 from rwt.extensions.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
 from rwt.extensions.http.requests import Query, text_below
-from rwt.extensions.http.settings import HttpSettings
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import url_of
 from rwt_graph.api import Graph
@@ -55,11 +56,12 @@ class HttpGateway(Gateway):
         access: access rules of the server.
         settings: settings of the operator.
         linger: seconds that a client stays after its last request, and a publisher after its last client.
-        capabilities: what else the port offers, for ``/version``.
-        several_processes: True if other processes serve the same port; each only knows its own goals.
+        server: names that the description shows, and the number of processes, each of which only knows its
+            own goals.
     """
 
     name = "http"
+    verbs = ("publisher", *READS, "send_goal", "cancel_goal")
 
     def __init__(
         self,
@@ -67,20 +69,19 @@ class HttpGateway(Gateway):
         access: Access,
         settings: HttpSettings,
         linger: float = LINGER_SECONDS,
-        capabilities: Mapping[str, object] = MappingProxyType({}),
-        *,
-        several_processes: bool = False,
+        server: ServerInfo = ALONE,
     ) -> None:
         super().__init__(graph, access, GATEWAY_NODE, linger)
-        self._settings = settings
-        self._capabilities = capabilities
+        self._server = server
         self._requests: dict[tuple[str, str], int] = {}
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
         self._visitors = Clients(self, linger)
-        self._actions = actions.ActionPages(self._visitors, settings, several_processes=several_processes)
-        self._services = services.ServicePages(self._visitors, settings)
+        self._actions = actions.ActionPages(
+            self._visitors, settings.goals, several_processes=server.processes > 1
+        )
+        self._services = services.ServicePages(self._visitors, settings.goals)
         self.http = HttpExtension(
-            tuple(self._routes(topics.TopicPages(self._visitors, settings, access))),
+            tuple(self._routes(topics.TopicPages(self._visitors, access))),
             self._section,
             self._metrics,
         )
@@ -155,7 +156,7 @@ class HttpGateway(Gateway):
             "ros_version": reader.distro.ros_version,
             "distro": reader.distro.name,
             "capabilities": {"http": {"api": f"{request.prefix}/api", "media": [JSON, CBOR, EVENTS]}}
-            | dict(self._capabilities),
+            | {"gateways": list(self._server.gateways), "nodes": list(self._server.nodes)},
         }
         return value_response(request, body)
 
@@ -180,7 +181,7 @@ class HttpGateway(Gateway):
         known = self._documents.get(key)
         if known is None or known[0] != state:
             title = f"A robot that speaks ROS {reader.distro.ros_version} ({reader.distro.name})"
-            made = openapi.describe(reader, self._settings, request.prefix, title)
+            made = openapi.describe(reader, request.prefix, title)
             if key not in self._documents and len(self._documents) >= _MAX_DOCUMENTS:
                 self._documents.clear()
             known = self._documents[key] = (state, msgspec.json.encode(made))

@@ -11,8 +11,8 @@ from rwt.access.graph_view import GraphView
 from rwt.extensions.http import actions, calls, parameters, topics
 from rwt.extensions.http.problems import CONTENT_TYPE as PROBLEM
 from rwt.extensions.http.representations import CBOR, EVENTS, JSON
+from rwt.extensions.http.requests import MAX_WAIT_SECONDS
 from rwt.extensions.http.schemas import Schema, Schemas
-from rwt.extensions.http.settings import HttpSettings
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_]+")
@@ -74,9 +74,9 @@ _PROBLEM_SCHEMA: Final[Schema] = {
 }
 
 
-def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str) -> Schema:
+def describe(reader: GraphView, prefix: str, title: str) -> Schema:
     """Return the document for one reader, with the operations that its role allows below a path prefix."""
-    description = _Description(reader, settings)
+    description = _Description(reader)
     return {
         "openapi": "3.1.0",
         "info": {"title": title, "version": version("robot-web-tools")},
@@ -99,10 +99,10 @@ def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str)
 class _Description:
     """Builder of the paths and schemas of one document."""
 
-    def __init__(self, reader: GraphView, settings: HttpSettings) -> None:
+    def __init__(self, reader: GraphView) -> None:
         self._reader = reader
         self._role = reader.role
-        self._longest = settings.wait_seconds
+        self._longest = MAX_WAIT_SECONDS
         self._ids: set[str] = set()
         self.schemas = Schemas()
 

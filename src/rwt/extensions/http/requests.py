@@ -25,7 +25,7 @@ from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded
 from rwt_transports.http.routes import HttpRequest
-from rwt_transports.turns import in_turns
+from rwt_transports.scheduler import REQUESTS, Scheduler
 
 IN_STEPS: Final = LARGE_BYTES
 """Bytes from which a body is read in steps."""
@@ -36,6 +36,9 @@ each needs many times its size in memory.
 """
 
 _CBOR_LIMITS: Final = WireLimits(max_depth=100, structure_bytes=64 * 1024)
+
+MAX_WAIT_SECONDS: Final = 60.0
+"""Longest time in seconds that a request may wait for a message or a response."""
 
 _MAX_PARAMETERS: Final = 20
 
@@ -158,7 +161,8 @@ async def _from_json(type: MessageType, body: bytes, now: Callable[[], int]) -> 
         return Payload.from_json(type, body, now)
     is_dense = body.count(b"{") + body.count(b"[") > _MAX_BRACKETS
     try:
-        return await in_turns(Payload.from_json_in_steps(type, body, now, is_dense=is_dense))
+        steps = Payload.from_json_in_steps(type, body, now, is_dense=is_dense)
+        return await Scheduler.of_loop(REQUESTS).finish(steps)
     except NotExact:
         raise HttpProblem(
             "too-large",

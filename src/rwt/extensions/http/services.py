@@ -13,8 +13,7 @@ from rwt.extensions.http.calls import PATH, HttpCall, KeptTable, notice_headers,
 from rwt.extensions.http.clients import Clients
 from rwt.extensions.http.problems import CallWaits, HttpProblem
 from rwt.extensions.http.representations import payload_response, value_response
-from rwt.extensions.http.requests import Query, name_and_type, name_below, payload_of
-from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.http.requests import MAX_WAIT_SECONDS, Query, name_and_type, name_below, payload_of
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ProviderNotFound
 from rwt_participant.spelling import did_you_mean
@@ -29,10 +28,9 @@ CALL_SECONDS: Final = 10.0
 class ServicePages:
     """Routes of services."""
 
-    def __init__(self, clients: Clients, settings: HttpSettings) -> None:
+    def __init__(self, clients: Clients, kept: int) -> None:
         self._clients = clients
-        self._settings = settings
-        self.calls: KeptTable[HttpCall] = KeptTable(settings, "calls of this client wait")
+        self.calls: KeptTable[HttpCall] = KeptTable(kept, "calls of this client wait")
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """List the visible services with their types."""
@@ -55,7 +53,7 @@ class ServicePages:
     async def call(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Call a service with the body as its request, and return its response."""
         name = name_below(request, PATH, "service")
-        longest = self._settings.wait_seconds
+        longest = MAX_WAIT_SECONDS
         seconds = Query(request, ("timeout",)).seconds("timeout", min(CALL_SECONDS, longest), longest)
         with self._clients.client_of(request, reader) as client:
             graph = client.graph
@@ -76,7 +74,7 @@ class ServicePages:
             CallWaits: it waits for approval, longer than the request prefers to wait.
             CallFailed: it has failed.
         """
-        await call.wait(preferred_wait(request, self._settings.wait_seconds))
+        await call.wait(preferred_wait(request, MAX_WAIT_SECONDS))
         if call.outcome is None:
             self.calls.make_room(call.client)
             call.on_end = partial(self._end, call)
@@ -100,7 +98,7 @@ class ServicePages:
                     "not-found", f"no call {found[1]} of {name} by this client is known here; those that have"
                     f" ended are kept for {self.calls.seconds:g} s", instead="call again with POST",
                 )  # fmt: skip
-            await call.wait(preferred_wait(request, self._settings.wait_seconds))
+            await call.wait(preferred_wait(request, MAX_WAIT_SECONDS))
             if call.outcome is None:
                 return call.state(request)
             return payload_response(request, call.response(), notice_headers(call.notices))

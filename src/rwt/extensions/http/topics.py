@@ -15,11 +15,17 @@ from rwt.access.graph_view import GraphView
 from rwt.delivery.drop_notices import DropNotices
 from rwt.delivery.throttle import Room, Throttle
 from rwt.extensions.http.clients import Clients, HttpClient, ReaderStream
-from rwt.extensions.http.events import SAMPLES, event
+from rwt.extensions.http.events import SAMPLES, STREAM_BYTES, event
 from rwt.extensions.http.problems import HttpProblem
 from rwt.extensions.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
-from rwt.extensions.http.requests import IN_STEPS, Query, name_and_type, name_below, payload_of
-from rwt.extensions.http.settings import HttpSettings
+from rwt.extensions.http.requests import (
+    IN_STEPS,
+    MAX_WAIT_SECONDS,
+    Query,
+    name_and_type,
+    name_below,
+    payload_of,
+)
 from rwt_graph.api import Sample
 from rwt_participant.qos import LATCHED, Durability, QoS
 from rwt_transports.endpoint import DropReason
@@ -49,9 +55,8 @@ _INSTEAD: Final = "read faster, ask for fewer with ?throttle=SECONDS, or let mor
 class TopicPages:
     """Routes of topics."""
 
-    def __init__(self, clients: Clients, settings: HttpSettings, access: Access) -> None:
+    def __init__(self, clients: Clients, access: Access) -> None:
         self._clients = clients
-        self._settings = settings
         self._log = partial(access.audit.write, logging.INFO, "%s")
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
@@ -78,12 +83,12 @@ class TopicPages:
                     query.text("type"),
                     throttle=throttle,
                     depth=depth,
-                    max_bytes=self._settings.stream_bytes,
+                    max_bytes=STREAM_BYTES,
                     log=self._log,
                 )
                 stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
                 return stream.response(request)
-            longest = self._settings.wait_seconds
+            longest = MAX_WAIT_SECONDS
             seconds = query.seconds("wait", min(WAIT_SECONDS, longest), longest)
             if "wait" not in query or not seconds:
                 fanout = client.graph.subscribe(name, query.text("type"))

@@ -51,7 +51,7 @@ from rwt_transports.http.routes import (
 )
 from rwt_transports.limits import MIB, Limits
 from rwt_transports.listener import listen
-from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS, Turns, loop_turns, no_turns
+from rwt_transports.scheduler import MESSAGES, Scheduler
 from rwt_transports.websocket.close_codes import (
     GOING_AWAY,
     POLICY,
@@ -166,7 +166,7 @@ class Hub:
         addresses: counter of connections per address; a robot's own connections are not counted.
         waiting_bytes: limit per client address, see :class:`WaitingBytes`.
         page_seconds: timeout of the head of a robot's page.
-        turns: turns in which messages are passed on, shared by all connections.
+        scheduler: scheduler of the messages that are passed on, shared by all connections.
 
     Attributes:
         url: URL at which it listens, with the actual port; empty until it is open.
@@ -182,10 +182,10 @@ class Hub:
         addresses: AddressCount | None = None,
         waiting_bytes: int = ADDRESS_BYTES,
         page_seconds: float = PAGE_SECONDS,
-        turns: Turns | None = None,
+        scheduler: Scheduler | None = None,
     ) -> None:
         self.url = ""
-        self.turns = turns or no_turns()
+        self.scheduler = scheduler or Scheduler.immediate(MESSAGES)
         self._page_seconds = page_seconds
         self._grace = grace
         self.waiting = WaitingBytes(waiting_bytes)
@@ -387,8 +387,8 @@ class _RelayEnd(ABC):
         self.hub.match(self.robot)
 
     def receive(self, data: bytes, binary: bool) -> None:
-        turns = self.hub.turns
-        now = turns.monotonic()
+        scheduler = self.hub.scheduler
+        now = scheduler.monotonic()
         if self.sink.received != self._received:  # Another read, and therefore another turn.
             self._received = self.sink.received
             self._turn_began = now
@@ -397,16 +397,17 @@ class _RelayEnd(ABC):
             self.too_early(frame)
         else:
             self._pass_on(frame, self.other)
-        used = turns.monotonic() - self._turn_began
-        if (used > CLIENT_SECONDS or turns.is_full) and not self._is_late and self.flow_control is not None:
-            turns.note(used)
+        used = scheduler.monotonic() - self._turn_began
+        must_wait = used > MESSAGES.share or scheduler.is_full
+        if must_wait and not self._is_late and self.flow_control is not None:
+            scheduler.note(used)
             self._is_late = True
             self.flow_control.pause()
-            turns.wait(self._go_on)
+            scheduler.wait(self._go_on)
 
     def _go_on(self) -> None:
         self._is_late = False
-        self._turn_began = self.hub.turns.monotonic()
+        self._turn_began = self.hub.scheduler.monotonic()
         self.resume()
 
     def resume(self) -> None:
@@ -591,7 +592,7 @@ async def open_hub(
         ListenError: the address is not available.
     """
     addresses = AddressCount((limits or Limits()).connections_per_address)
-    hub = Hub(tokens, grace, addresses, waiting_bytes, page_seconds, loop_turns(CLIENTS_SECONDS))
+    hub = Hub(tokens, grace, addresses, waiting_bytes, page_seconds, Scheduler.of_loop(MESSAGES))
     async with (
         listen(
             url,

@@ -26,6 +26,15 @@ if TYPE_CHECKING:
 Act = Literal["publish", "call", "goals", "set_param"]
 """Rights that permit changes of the robot, as in the settings of roles."""
 
+LONGEST_SECONDS: Final = 60.0
+"""Longest time in seconds that one tool call may take."""
+
+RESULT_BYTES: Final = 16 * 1024
+"""Maximum size of the text in a tool result, in bytes."""
+
+PICTURE_PIXELS: Final = 640
+"""Maximum width and height of an image; larger images are scaled down."""
+
 
 ReportProgress = Callable[[float, float | None, str | None], Awaitable[None]]
 """Reports the progress of a tool to the agent's program: amount done, amount at the end if known, text."""
@@ -111,21 +120,22 @@ class Agent:
     report_progress: ReportProgress = _no_progress
 
     def bounded_seconds(self, seconds: float, what: str) -> float:
-        """Return the time that a tool may take. Raises ToolError beyond `mcp.longest_seconds`."""
-        longest = self.settings.longest_seconds
-        if seconds > longest:
-            raise ToolError(f"`{what}`: {seconds:g} s is too long: at most {longest:g} s, and then ask again")
+        """Return the time that a tool may take. Raises ToolError beyond :data:`LONGEST_SECONDS`."""
+        if seconds > LONGEST_SECONDS:
+            raise ToolError(
+                f"`{what}`: {seconds:g} s is too long: at most {LONGEST_SECONDS:g} s, and then ask again"
+            )
         return seconds
 
     async def show(self, message: Message, type: str) -> Answer:
         """Return a message, as the member `message` and for the model, within the bounds."""
-        return await self.in_thread(lambda: shown(message, type, self.settings))
+        return await self.in_thread(lambda: shown(message, type))
 
 
-def shown(message: Message, type: str, settings: McpSettings) -> Answer:
+def shown(message: Message, type: str) -> Answer:
     """Return a message, as the member `message` and for the model, within the bounds."""
-    data = {"message": bounded_value(plain(message), settings.result_bytes)}
-    return Answer(data, show(message, type, settings.result_bytes, settings.picture_pixels))
+    data = {"message": bounded_value(plain(message), RESULT_BYTES)}
+    return Answer(data, show(message, type, RESULT_BYTES, PICTURE_PIXELS))
 
 
 Allow = Callable[[str, str], Awaitable[None]]

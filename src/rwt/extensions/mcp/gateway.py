@@ -24,6 +24,7 @@ from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 from pydantic import ValidationError
 
 from rwt.access.audit import LineRate, one_line
+from rwt.access.decisions import READS
 from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt.access.roles import Role, glob_pattern
@@ -147,6 +148,7 @@ class McpGateway(Gateway):
     """
 
     name = "mcp"
+    verbs = ("advertise", "publisher", *READS, "send_goal", "cancel_goal")
 
     def __init__(
         self,

@@ -46,15 +46,3 @@ class McpSettings(Table):
         ),
     ] = 64 * 1024
     goals: Annotated[Count, Field(description="goals kept until agents fetch their results")] = 64
-    longest_seconds: Annotated[
-        Seconds, Field(description="longest time in seconds that one tool call may take")
-    ] = 60.0
-    result_bytes: Annotated[Bytes, Field(description="bytes of text in a tool result")] = 16 * 1024
-    picture_pixels: Annotated[
-        int,
-        Field(
-            ge=64,
-            le=4096,
-            description="largest width and height of an image in pixels; larger images are scaled down",
-        ),
-    ] = 640

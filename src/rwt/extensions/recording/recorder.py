@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 from rwt.extensions.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
-from rwt.extensions.recording.recording import EVERYTHING, TopicSelection
 from rwt.extensions.recording.writer import (
     DEFAULT_OPTIONS,
     RecordedChannel,
@@ -19,6 +18,7 @@ from rwt.extensions.recording.writer import (
 )
 from rwt_graph.api import Graph
 from rwt_graph.nodes.graph_robot import GraphRobot
+from rwt_graph.topic_selection import EVERYTHING, TopicSelection
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_participant.api import Listed, RobotApi
 from rwt_participant.errors import UnknownType

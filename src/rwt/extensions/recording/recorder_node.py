@@ -18,10 +18,10 @@ import anyio.to_thread
 from rwt.extensions.meshes.mesh_files import file_chunks
 from rwt.extensions.recording.errors import RecordingError, RecordingNotWritten, require
 from rwt.extensions.recording.recorder import Recorder, record_graph
-from rwt.extensions.recording.recording import TopicSelection
 from rwt.extensions.recording.writer import RecordingOptions, RecordingWriter
 from rwt_graph.api import Graph
 from rwt_graph.nodes.node import Node
+from rwt_graph.topic_selection import TopicSelection
 from rwt_participant.messages import Message
 from rwt_participant.timers import Timer
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
@@ -96,7 +96,7 @@ class RecorderNode:
             self._node.advertise_service(f"/recorder/{name}", f"rwt_recorder_msgs/{type}", handler)
         self._publish_state()
         routes = (
-            Route(PATH, self._list, Audience.EVERY_TOPIC),
+            Route(PATH, self._list, Audience.EVERY_TOPIC, feature="recordings"),
             Route(f"{PATH}/*", self._download, Audience.EVERY_TOPIC),
         )
         self.http: Final = HttpExtension(routes)

@@ -9,7 +9,18 @@ visible to all ROS 1 programs::
 Messages pass as serialised bytes. Types that the registry does not know are read from the wire.
 """
 
-from rwt.extensions.ros1.backend import Ros1Graph
-from rwt_graph.errors import Ros1Error
+from typing import TYPE_CHECKING
 
-__all__ = ["Ros1Error", "Ros1Graph"]
+from rwt_protocol.extensions import exports
+
+if TYPE_CHECKING:
+    from rwt.extensions.ros1.backend import Ros1Graph as Ros1Graph
+    from rwt_graph.errors import Ros1Error as Ros1Error
+
+__all__, __getattr__, __dir__ = exports(
+    __name__,
+    {
+        "rwt.extensions.ros1.backend": ("Ros1Graph"),
+        "rwt_graph.errors": ("Ros1Error"),
+    },
+)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import anyio
 
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.declarations import Finding
 from rwt.extensions.ros1.discovery import State
 from rwt.extensions.ros1.wire import rpc
-from rwt.extensions.ros1.wire.addresses import is_loopback
+from rwt.extensions.ros1.wire.addresses import is_loopback, master_uri, own_address
 from rwt_graph.errors import Ros1Error, WireError
 
 _MOST_AT_ONCE: Final = 16
@@ -67,3 +70,40 @@ async def _report(master: str, name: str, *, is_local: bool) -> NodeReport:
     except (Ros1Error, WireError):
         return NodeReport(name, uri, "silent")
     return NodeReport(name, uri)
+
+
+async def examine(url: str, report: Callable[[Finding], None]) -> None:
+    """Examine the nodes of a master, for `rwt doctor`. Raises CommandError for an invalid URL."""
+    try:
+        master = master_uri(url)
+    except Ros1Error as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from error
+    try:
+        nodes = await examine_nodes(master)
+    except Ros1Error as error:
+        report(Finding("connection", "problem", str(error), "start `roscore`, and compare host and port"))
+        return
+    report(Finding("connection", "ok", f"the master at {master} answers and lists {len(nodes)} nodes"))
+    address = own_address(master)
+    text = f"the robot's nodes are told to connect to this machine at {address.host}, {address.source}"
+    report(Finding("address", "note", text, "set ROS_IP if that is not an address the robot reaches"))
+    for node in nodes:
+        if node.problem is None:
+            report(Finding("node", "ok", f"{node.name} answers"))
+            continue
+        host = node.uri.removeprefix("http://").partition(":")[0]
+        why, advice = {
+            "unresolved": (
+                f"its host name {host} does not resolve here: topics are listed, and nothing is received",
+                f"add the address of {host} to /etc/hosts here, or start the node with ROS_IP set to it",
+            ),
+            "loopback": (
+                f"it registered {host}, which is this machine and not the robot",
+                "start the node with ROS_IP set to the robot's address in this network",
+            ),
+            "silent": (
+                "it does not answer",
+                "remove it with `rosnode cleanup` if it has crashed; otherwise look for a firewall",
+            ),
+        }[node.problem]
+        report(Finding("node", "problem", f"{node.name} ({node.uri}) cannot be reached: {why}", advice))

@@ -18,7 +18,7 @@ from rwt_graph.errors import Ros1Error, WireError
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
 from rwt_participant.errors import CallFailed, ProviderGone
-from rwt_transports.turns import in_turns
+from rwt_transports.scheduler import MESSAGES, Scheduler
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.node import Ros1Node
@@ -293,6 +293,6 @@ def _decoded(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMe
 
 async def _decoded_in_steps(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMessage:
     try:
-        return await in_turns(Payload.from_ros1_in_steps(type, body))
+        return await Scheduler.of_loop(MESSAGES).finish(Payload.from_ros1_in_steps(type, body))
     except InvalidMessage as error:
         return error

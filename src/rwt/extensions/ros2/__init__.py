@@ -9,8 +9,20 @@ Needs a sourced ROS 2 (or its wheels). A :class:`Ros2Graph` is used like a
 Messages pass as serialised bytes, without classes of `rclpy` and without an executor.
 """
 
-from rwt.extensions.ros2.ament import add_installed
-from rwt.extensions.ros2.backend import Ros2Graph
-from rwt_graph.errors import Ros2Error
+from typing import TYPE_CHECKING
 
-__all__ = ["Ros2Error", "Ros2Graph", "add_installed"]
+from rwt_protocol.extensions import exports
+
+if TYPE_CHECKING:
+    from rwt.extensions.ros2.ament import add_installed as add_installed
+    from rwt.extensions.ros2.backend import Ros2Graph as Ros2Graph
+    from rwt_graph.errors import Ros2Error as Ros2Error
+
+__all__, __getattr__, __dir__ = exports(
+    __name__,
+    {
+        "rwt.extensions.ros2.ament": ("add_installed"),
+        "rwt.extensions.ros2.backend": ("Ros2Graph"),
+        "rwt_graph.errors": ("Ros2Error"),
+    },
+)

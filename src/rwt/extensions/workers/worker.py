@@ -7,48 +7,25 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import anyio
 
+from rwt import parts
 from rwt.access.settings import SettingsError
-from rwt.composition.nodes import ON_EVERY_WORKER
+from rwt.declarations import InWorker, NodePart, Part, ServeAsWorker, ServicePart, WorkerContext
 from rwt.extensions.workers.metrics import WorkerMetrics
 from rwt.extensions.workers.supervisor import Announce, Supervisor, parent_lives
+from rwt.extensions.zenoh.part import NAME as ZENOH
+from rwt.settings.models import Settings
 from rwt.tls.tls import server_tls
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.shared_port import HeldPort, can_share, hold_port
 
 if TYPE_CHECKING:
     from ssl import SSLContext
-
-    from rwt.settings.models import Settings
-
-
-@dataclass(frozen=True, slots=True)
-class WorkerContext:
-    """Context of one worker.
-
-    Attributes:
-        number: number from 1; the first worker also runs what must exist only once.
-        folder: folder of the workers' sockets, accessible only to this user.
-        announce: called once with the announcement, when clients can connect.
-    """
-
-    number: int
-    folder: Path
-    metrics: WorkerMetrics
-    announce: Announce
-
-
-ServeAsWorker: TypeAlias = "Callable[[WorkerContext, Settings], None]"
-"""Serves as one worker until it ends."""
-
-InWorker = Callable[[int, Callable[[], None]], int]
-"""Body of a worker process, given its number and a function that serves; returns the exit code."""
 
 
 def run_workers(
@@ -115,7 +92,8 @@ def _work(
     number: int,
     announce: Announce,
 ) -> int:
-    worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), announce)
+    metrics = WorkerMetrics(folder, number, settings.workers)
+    worker = WorkerContext(number, folder, announce, metrics.serve, metrics.gather)
     try:
         return in_worker(number, partial(serve, worker, _share(settings, shared, number)))
     finally:
@@ -124,16 +102,17 @@ def _work(
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def _runs_on_every_worker(part: Part) -> bool:
+    return isinstance(part, NodePart | ServicePart) and part.on_every_worker
+
+
 def _share(settings: Settings, shared: frozenset[str], number: int) -> Settings:
     """Return the settings of a worker: the first gets all, the others what may exist several times."""
     if number == 1:
-        return settings.model_copy(update={"graph": "zenoh"})
-    return settings.model_copy(
-        update={
-            "graph": "zenoh",
-            "listen": tuple(url for url in settings.listen if url in shared),
-            "dial": settings.dial.model_copy(update={"urls": ()}),
-            "demo": False,
-            "nodes": tuple(name for name in settings.nodes if name in ON_EVERY_WORKER),
-        }
-    )
+        return settings.model_copy(update={"graph": ZENOH})
+    active = settings.active("node", "service")
+    once = {key for each, _ in active if not _runs_on_every_worker(each.part) for key in each.keys}
+    rest = {name: getattr(settings, name) for name in settings.model_fields_set if name not in once}
+    listen = tuple(url for url in settings.listen if url in shared)
+    nodes = tuple(name for name in settings.nodes if _runs_on_every_worker(parts.load("node", name)))
+    return Settings(**rest).model_copy(update={"graph": ZENOH, "listen": listen, "nodes": nodes})

@@ -7,8 +7,20 @@ Needs the extra `zenoh`. A :class:`ZenohGraph` is used like a
         node = graph.node("talker")
 """
 
-from rwt.extensions.zenoh.backend import ZenohGraph
-from rwt.extensions.zenoh.session import ZenohOptions
-from rwt_graph.errors import ZenohError
+from typing import TYPE_CHECKING
 
-__all__ = ["ZenohError", "ZenohGraph", "ZenohOptions"]
+from rwt_protocol.extensions import exports
+
+if TYPE_CHECKING:
+    from rwt.extensions.zenoh.backend import ZenohGraph as ZenohGraph
+    from rwt.extensions.zenoh.session import ZenohOptions as ZenohOptions
+    from rwt_graph.errors import ZenohError as ZenohError
+
+__all__, __getattr__, __dir__ = exports(
+    __name__,
+    {
+        "rwt.extensions.zenoh.backend": ("ZenohGraph"),
+        "rwt.extensions.zenoh.session": ("ZenohOptions"),
+        "rwt_graph.errors": ("ZenohError"),
+    },
+)

@@ -22,8 +22,9 @@ from aiortc.rtp import RTP_HISTORY_SIZE, AnyRtcpPacket, HeaderExtensions, RtcpRt
 
 from rwt_transports.background import ignore
 from rwt_transports.errors import log_exception
+from rwt_transports.limits import RateLimit
 from rwt_webrtc.transport.congestion.controller import PROBE_PACKETS, CongestionController, Probe
-from rwt_webrtc.transport.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
+from rwt_webrtc.transport.ice_guard import RETRANSMISSIONS_PER_SECOND
 
 if TYPE_CHECKING:
     from aiortc.sdp import SessionDescription
@@ -133,7 +134,7 @@ class PacedSender(RTCRtpSender):
         paced._pacer = Pacer()
         paced._on_packet = on_packet
         paced._on_keyframe = on_keyframe
-        paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
+        paced._again = RateLimit(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
         paced._recent = deque(maxlen=PROBE_HISTORY)
         paced._wanted = {}
         paced._given_up = None
@@ -145,7 +146,7 @@ class PacedSender(RTCRtpSender):
     _pacer: Pacer
     _on_packet: Callable[[AnyRtcpPacket, int], None]
     _on_keyframe: Callable[[], None]
-    _again: TokenBucket
+    _again: RateLimit
     _recent: deque[RtpPacket]
     _wanted: dict[int, float]  # Time of the request for each packet to repeat, in order.
     _given_up: int | None  # Number of the last packet before a key frame, which replaces repetitions.
@@ -173,7 +174,8 @@ class PacedSender(RTCRtpSender):
     async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
         if isinstance(packet, RtcpRtpfbPacket):
             # A report of 1 kB may ask for the same packet 4,000 times.
-            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take()]
+            now = monotonic()
+            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take(now)]
         self._on_packet(packet, self._ssrc)
         await super()._handle_rtcp_packet(packet)
 

@@ -6,11 +6,12 @@ import secrets
 import ssl
 import statistics
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal
+from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
+from rwt import parts
 from rwt.cli.console.output import Output, Style, standard_output
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
 from rwt.cli.health import health_of
@@ -26,14 +27,12 @@ from rwt.cli.verbs import (
     token_of,
     url_of,
 )
+from rwt.declarations import CheckContext, CheckPart, Finding, Verdict
 from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
     from rwt_transports.errors import ConnectCause
-    from rwt_webrtc.transport.ice_servers import Probe
-
-Verdict = Literal["ok", "note", "warning", "problem"]
 
 _PATIENCE: Final = 3.0
 """Timeout of each question in seconds, unless ``--timeout`` is shorter."""
@@ -60,21 +59,6 @@ _CONNECT_ADVICE: Final[dict[ConnectCause, str]] = {
     " server, or a TURN server if that is not enough; allow UDP in firewalls",
     "other": "check address, port and firewall; a server on 127.0.0.1 only accepts local connections",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """Result of one check.
-
-    Attributes:
-        verdict: ``problem`` if something that clients need does not work.
-        advice: what to do; empty if nothing.
-    """
-
-    name: str
-    verdict: Verdict
-    text: str
-    advice: str = ""
 
 
 _READABLE_TOKEN: Final = Finding(
@@ -126,10 +110,12 @@ def _run(arguments: Arguments) -> int:
 
         if arguments.stop_latency:
             await _measure_stops(report)
-        elif (arguments.url or "").startswith("ros1:"):
-            await _examine_ros1(arguments.url, report)
+            return
+        check = _check_of(arguments.url or "")
+        if check is None or not check.is_whole:
+            await _examine(arguments, check, report)
         else:
-            await _examine(arguments, report)
+            await check.examine(CheckContext(arguments.url, None, None), report)
 
     run_async(program)
     problems = [finding for finding in findings if finding.verdict == "problem"]
@@ -157,7 +143,19 @@ def _print(finding: Finding, output: Output) -> None:
 # -- the examination ---------------------------------------------------------------------------------------
 
 
-async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> None:
+def _check_of(url: str) -> CheckPart | None:
+    """Return the check of a part for this scheme of URLs. Raises CommandError if it is not installed."""
+    scheme = url.partition(":")[0].lower()
+    if scheme not in (*parts.names("check"), *parts.installed("check")):
+        return None
+    try:
+        part = parts.load("check", scheme)
+    except parts.PartError as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from error
+    return part if isinstance(part, CheckPart) else None
+
+
+async def _examine(arguments: Arguments, check: CheckPart | None, report: Callable[[Finding], None]) -> None:
     from rwt.cli.commands.doctor.wire_probe import WireProbe
     from rwt_transports.connect import connect
     from rwt_transports.errors import BadUrl, ConnectError, TransportError
@@ -169,8 +167,8 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
         for finding in await _over_http(url, min(limit, _PATIENCE), tls):
             report(finding)
         headers = request_headers(arguments)
-        for finding in await examine_ice_servers(url, headers, tls):
-            report(finding)
+        if check is not None:
+            await check.examine(CheckContext(url, headers, tls), report)
         probe = WireProbe()
         async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
             report(_connected(url, bool(token_of(arguments)), connection.path))
@@ -185,90 +183,6 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
         cause = error.cause if isinstance(error, ConnectError) else "other"
         advice = _how_to_connect(cause, bool(token_of(arguments)))
         report(Finding("connection", "problem", str(error), advice))
-
-
-async def examine_ice_servers(
-    url: str, headers: Mapping[str, str] | None, tls: ssl.SSLContext | None
-) -> list[Finding]:
-    """Probe the STUN and TURN servers that a robot names; no findings for URLs other than WebRTC's.
-
-    Raises:
-        TransportError: the robot does not answer, or names servers that cannot be used.
-    """
-    if not url.lower().startswith("webrtc+"):
-        return []
-    import asyncio
-    import ssl
-
-    from rwt_transports.connect import explained
-    from rwt_transports.schemes import parse_connect_url
-    from rwt_webrtc.transport.connector import find_servers, require_asyncio  # aiortc, which is an extra
-    from rwt_webrtc.transport.ice_servers import probe
-
-    require_asyncio()
-    target = parse_connect_url(url)
-    context = (tls or ssl.create_default_context()) if target.scheme.tls else None
-    address = replace(target.address, tls=context, target=target.path, headers=headers or {})
-    with explained(target):
-        servers = await find_servers(address)
-    if not servers:
-        text = "the robot names no STUN or TURN server: it is not reachable through a NAT"
-        return [Finding("ICE server", "note", text)]
-    return [_ice_finding(each) for each in await asyncio.gather(*(probe(server) for server in servers))]
-
-
-def _ice_finding(seen: Probe) -> Finding:
-    text = f"{seen.url}: {seen.text}"
-    if seen.works:
-        return Finding("ICE server", "ok", text)
-    if seen.refused:
-        advice = (
-            "compare `webrtc.username` and `webrtc.credential` of the robot, or what `credential_command`"
-            " prints"
-        )
-    else:
-        advice = "compare `webrtc.servers` of the robot, and allow UDP to it in firewalls"
-    return Finding("ICE server", "warning", text, advice)
-
-
-async def _examine_ros1(url: str, report: Callable[[Finding], None]) -> None:
-    from rwt.extensions.ros1.diagnosis import examine_nodes
-    from rwt.extensions.ros1.wire.addresses import master_uri, own_address
-    from rwt_graph.errors import Ros1Error
-
-    try:
-        master = master_uri(url)
-    except Ros1Error as error:
-        raise CommandError(str(error), CALLED_WRONGLY) from error
-    try:
-        nodes = await examine_nodes(master)
-    except Ros1Error as error:
-        report(Finding("connection", "problem", str(error), "start `roscore`, and compare host and port"))
-        return
-    report(Finding("connection", "ok", f"the master at {master} answers and lists {len(nodes)} nodes"))
-    address = own_address(master)
-    text = f"the robot's nodes are told to connect to this machine at {address.host}, {address.source}"
-    report(Finding("address", "note", text, "set ROS_IP if that is not an address the robot reaches"))
-    for node in nodes:
-        if node.problem is None:
-            report(Finding("node", "ok", f"{node.name} answers"))
-            continue
-        host = node.uri.removeprefix("http://").partition(":")[0]
-        why, advice = {
-            "unresolved": (
-                f"its host name {host} does not resolve here: topics are listed, and nothing is received",
-                f"add the address of {host} to /etc/hosts here, or start the node with ROS_IP set to it",
-            ),
-            "loopback": (
-                f"it registered {host}, which is this machine and not the robot",
-                "start the node with ROS_IP set to the robot's address in this network",
-            ),
-            "silent": (
-                "it does not answer",
-                "remove it with `rosnode cleanup` if it has crashed; otherwise look for a firewall",
-            ),
-        }[node.problem]
-        report(Finding("node", "problem", f"{node.name} ({node.uri}) cannot be reached: {why}", advice))
 
 
 def _connected(url: str, token: bool, path: str) -> Finding:
@@ -311,9 +225,12 @@ def stop_finding(name: str, latencies: list[float], since: str) -> Finding:
 def _is_readable(url: str) -> bool:
     """Return True if a network between this machine and the robot can read what is sent."""
     from rwt_transports.http.routes import is_local
+    from rwt_transports.schemes import scheme_of
 
-    parts = urlsplit(url)
-    return parts.scheme in ("ws", "webrtc+http") and not is_local(parts.hostname or "")
+    scheme = scheme_of(url)
+    # Tokens are headers of HTTP requests, which the schemes with binary messages begin with.
+    is_plain = scheme is not None and scheme.binary and not scheme.tls
+    return is_plain and not is_local(urlsplit(url).hostname or "")
 
 
 def _how_to_connect(cause: ConnectCause, token: bool) -> str:

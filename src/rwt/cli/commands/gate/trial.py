@@ -16,6 +16,7 @@ from rwt.access.roles import Act, Role
 from rwt.access.settings import AuditSettings, SettingsError
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.composition.graphs import make_registry
+from rwt.declarations import NodeContext, NodePart
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.rosapi import DISCLOSURES
 from rwt.settings import Settings
@@ -75,10 +76,9 @@ class Trial:
         self._settings = settings = settings.model_copy(update={"gate": gate})
         try:
             self._graph = MemoryGraph(make_registry(settings), SimulatedClock(0))
-            if settings.demo:
-                from rwt.extensions.demo import DemoRobot
-
-                DemoRobot(self._graph)
+            for each, own in settings.active("node"):
+                if isinstance(each.part, NodePart) and each.part.in_trials:
+                    each.part.make(NodeContext(self._graph, settings.limits), own)
             self._access = Access(self._graph, settings, DISCLOSURES)
         except SettingsError as error:
             raise CommandError(str(error), CALLED_WRONGLY) from error

@@ -10,19 +10,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn
 
+from rwt import parts
 from rwt.access.settings import SettingsError
 from rwt.cli.commands.config import add_settings_options, settings_of
 from rwt.cli.console.logs import add_log_options, log_to_stderr, name_worker
 from rwt.cli.console.output import reported
-from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt.cli.verbs import count
+from rwt.cli.errors import CommandError
+from rwt.declarations import NodePart, RecorderPart
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.schemes import url_forms
 
 if TYPE_CHECKING:
-    from rwt.extensions.recording import RecordingOptions, Split
     from rwt.server import Server
     from rwt.settings import Settings
     from rwt.settings.sources import LoadedSettings
@@ -57,7 +57,9 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     )
     _add_listener_options(parser)
     _add_robot_options(parser)
-    _add_recording_options(parser)
+    recorder = _recorder()
+    if recorder is not None:
+        recorder.add_options(parser)
     parser.add_argument(
         "--workers",
         type=int,
@@ -76,6 +78,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         help="check the settings and files that they name, without serving",
     )
     _add_graph_options(parser)
+    _add_options_of_parts(parser)
     add_settings_options(parser)
     add_log_options(parser)
     parser.set_defaults(run=_run)
@@ -89,82 +92,14 @@ def _add_listener_options(parser: argparse.ArgumentParser) -> None:
         help=f"where to listen: {url_forms()} (default ws://127.0.0.1:9090; port 0 picks one)",
     )
     parser.add_argument(
-        "--dial",
-        action="append",
-        metavar="URL",
-        help="connect to a hub, wss://HUB/robots/NAME, and serve its clients; may be given several times;"
-        " without a URL to listen on, only these clients are served",
-    )
-    parser.add_argument(
         "--tls",
         choices=("auto",),
         help="create and keep a certificate for the addresses of this machine; the default URL is then"
         " wss://127.0.0.1:9090 (requires the extra tls)",
     )
-    parser.add_argument(
-        "--webrtc",
-        action="store_true",
-        default=None,
-        help="also accept clients over WebRTC, with offers to /webrtc (requires the extra webrtc)",
-    )
-
-
-def _add_recording_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--record",
-        type=Path,
-        metavar="FILE",
-        help="write all topics to an MCAP file; %%Y, %%m … in its name are the time, as in"
-        " run_%%Y-%%m-%%d_%%H%%M%%S.mcap",
-    )
-    parser.add_argument(
-        "--record-overwrite", action="store_true", help="replace an existing file; by default an error"
-    )
-    parser.add_argument(
-        "--record-split",
-        type=_split,
-        metavar="AMOUNT",
-        help="begin a new file at this size (1GB) or duration (10m)",
-    )
-    parser.add_argument(
-        "--record-keep",
-        type=count,
-        metavar="N",
-        help="with --record-split, keep only the newest N files of this run",
-    )
-    parser.add_argument(
-        "--introspection",
-        action="store_true",
-        help="publish calls and goals on topics, as ROS 2 can, and record them with --record",
-    )
-
-
-def _split(text: str) -> Split:
-    from rwt.extensions.recording.commands.record import parse_split  # `--help` does not need it
-
-    return parse_split(text)
-
-
-def _record_options(arguments: argparse.Namespace) -> RecordingOptions | None:
-    """Return the options of a recording; None without one."""
-    split, keep = arguments.record_split, arguments.record_keep
-    if arguments.record is None:
-        if split or keep or arguments.record_overwrite:
-            raise CommandError("the options --record-… require --record", CALLED_WRONGLY)
-        return None
-    if keep and split is None:
-        raise CommandError("--record-keep requires --record-split", CALLED_WRONGLY)
-    from rwt.extensions.recording import RecordingOptions
-
-    return RecordingOptions(
-        split=split and replace(split, keep=keep or 0),
-        overwrite=arguments.record_overwrite,
-        dated="%" in arguments.record.name,
-    )
 
 
 def _add_robot_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
     parser.add_argument(
         "--script",
         type=Path,
@@ -179,13 +114,6 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
     )
-    parser.add_argument(
-        "--packages",
-        action="append",
-        type=Path,
-        metavar="DIR",
-        help="folder of ROS packages, whose meshes are served under /packages/; may be given several times",
-    )
 
 
 def _add_graph_options(parser: argparse.ArgumentParser) -> None:
@@ -197,22 +125,50 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
         " installed ROS 2, or join a ROS 1 master (`ros1`: that of ROS_MASTER_URI); further ones are bridged"
         " with the first, which clients use",
     )
-    parser.add_argument(
-        "--zenoh-listen",
-        action="append",
-        metavar="ENDPOINT",
-        help="listen for other processes at, for example, tcp/0.0.0.0:7447; may be given several times",
-    )
-    parser.add_argument(
-        "--zenoh-connect",
-        action="append",
-        metavar="ENDPOINT",
-        help="connect to a process or router at, for example, tcp/10.0.0.7:7447; may be given several times",
-    )
-    parser.add_argument(
-        "--zenoh-config", metavar="FILE", help="a Zenoh configuration file, for TLS, access control, …"
-    )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS_DOMAIN_ID of --graph zenoh (default 0)")
+
+
+_OPTION: Final = "setting:"
+"""Prefix of the names of options that are settings of parts, before the key."""
+
+
+def _recorder() -> RecorderPart | None:
+    """Return the recorder; None if it is not installed."""
+    for name in parts.names("recorder"):
+        part = parts.load("recorder", name)
+        if isinstance(part, RecorderPart):
+            return part
+    return None
+
+
+def _add_options_of_parts(parser: argparse.ArgumentParser) -> None:
+    """Add the options for settings of parts; those of a part that is not installed say what to install."""
+    for kind, name in dict.fromkeys((kind, name) for _, kind, name in parts.settings_keys()):
+        if not parts.is_available(kind, name):
+            row = parts.row(kind, name)
+            hint = parts.needs(name, row.reference.partition(".")[0], row.extra)
+            parser.add_argument(
+                f"--{row.settings[0]}", action=_Unavailable, nargs=0, hint=hint, help=argparse.SUPPRESS
+            )
+            continue
+        for option in parts.load(kind, name).options:
+            parser.add_argument(option.flag, dest=f"{_OPTION}{option.setting}", **option.arguments)
+
+
+class _Unavailable(argparse.Action):
+    """Option of a part that is not installed."""
+
+    def __init__(self, *arguments: Any, hint: str, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self._hint = hint
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> NoReturn:
+        parser.error(f"{option_string}: {self._hint}")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -228,13 +184,15 @@ def _run(arguments: argparse.Namespace) -> int:
 
     with command_errors():
         settings = _settings(arguments).settings
+        recorder = _recorder()
+        recording = None if recorder is None else recorder.request(arguments)
         server = Server(
             settings=settings,
             reload=read_again,
             script=arguments.script,
-            record=arguments.record,
-            record_options=_record_options(arguments),
-            introspection=arguments.introspection,
+            record=recording.file if recording else None,
+            record_options=recording.options if recording else None,
+            introspection=recording.introspection if recording else False,
         )
         if arguments.check:
             _check(settings)
@@ -245,7 +203,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _check(settings: Settings) -> None:
     """Check what a server reads when it starts."""
     from rwt.cli.commands.gate.trial import Trial
-    from rwt.composition.extensions import load_encodings
+    from rwt.composition.starting import load_encodings
     from rwt.tls.tls import server_tls
 
     if not settings.tls.auto:  # It would create a certificate.
@@ -283,22 +241,17 @@ def _in_worker(number: int, serve: Callable[[], None]) -> int:
 def _settings(arguments: argparse.Namespace) -> LoadedSettings:
     given: dict[str, object] = {
         "listen": tuple(arguments.url) or None,
-        "demo": arguments.demo,
         "workers": arguments.workers,
         "distro": arguments.distro,
         "gate.mode": arguments.gate,
         "interfaces": tuple(arguments.interfaces or ()) or None,
-        "packages": tuple(arguments.packages or ()) or None,
-        "dial.urls": tuple(arguments.dial or ()) or None,
         "tls.auto": True if arguments.tls == "auto" else None,
-        "webrtc.enabled": arguments.webrtc,
         "graph": next(iter(arguments.graph or ()), None),
         "bridge": tuple((arguments.graph or ())[1:]) or None,
-        "zenoh.listen": tuple(arguments.zenoh_listen or ()) or None,
-        "zenoh.connect": tuple(arguments.zenoh_connect or ()) or None,
-        "zenoh.config": arguments.zenoh_config,
-        "zenoh.domain": arguments.domain,
     }
+    for name, value in vars(arguments).items():
+        if name.startswith(_OPTION):
+            given[name.removeprefix(_OPTION)] = (tuple(value) or None) if isinstance(value, list) else value
     loaded = settings_of(arguments, given)
     if arguments.tls is None:
         return loaded
@@ -312,7 +265,7 @@ def _on_up(server: Server) -> str:
 
     BoundedGarbageCollection(partial(server.graph.clock.call_later, 0.0)).begin()
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
-    hint = [_next_steps(web)] if server.settings.demo and web is not None else []
+    hint = [] if web is None else list(_next_steps(server, web))
     if server.settings.tls.auto:
         from rwt.cli.commands.serve.tls import for_devices
 
@@ -320,16 +273,11 @@ def _on_up(server: Server) -> str:
     return "\n".join([listening(server), *filter(None, hint)])
 
 
-def _next_steps(url: str) -> str:
-    page = url.replace("ws", "http", 1)
-    return f"""
-The demo robot is up. Point any rosbridge client at {url}, or open {page} in a browser.
-
-  roslibjs   new ROSLIB.Ros({{ url: "{url}" }})
-  roslibpy   roslibpy.Ros(host="{url.split("/")[2].rpartition(":")[0]}", port={url.rpartition(":")[2]}).run()
-
-Publish geometry_msgs/Twist on /cmd_vel to drive, subscribe to /odom, /scan and /map, call /add_two_ints,
-or send a goal to /navigate_to_pose. Ctrl-C ends it."""
+def _next_steps(server: Server, url: str) -> Iterator[str]:
+    """Yield what the nodes of the settings propose to do next."""
+    for each, _ in server.settings.active("node"):
+        if isinstance(each.part, NodePart) and each.part.next_steps is not None:
+            yield each.part.next_steps(url)
 
 
 MAX_SCANNED: Final = 10_000

@@ -7,7 +7,7 @@ from typing import Annotated, Final, NotRequired
 import anyio
 from pydantic import Field
 
-from rwt.extensions.mcp.agent import Agent
+from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text, bounded
 from rwt.extensions.mcp.content.plain import plain
 from rwt.extensions.mcp.errors import ToolError
@@ -178,7 +178,7 @@ async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
     try:
         return await _follow(agent, sent, _CANCEL_SECONDS, cancel=False)
     except ToolError as error:
-        return Answer(_state(sent), (bounded(str(error), agent.settings.result_bytes),))
+        return Answer(_state(sent), (bounded(str(error), RESULT_BYTES),))
 
 
 CANCEL_GOAL: Final = Tool(

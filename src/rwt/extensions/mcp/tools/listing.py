@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from rwt.extensions.mcp.agent import Agent
+from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.extensions.mcp.content.plain import plain
 from rwt.extensions.mcp.tools.tool import Arguments, Name, Tool
@@ -98,11 +98,9 @@ async def _list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
         found[kind] = [each for each in rows if _fits(each["name"], asked)]
     listed: dict[str, Rows] = {kind: _shown(agent, kind, rows) for kind, rows in found.items()}
     text = "\n\n".join(_lines(kind, rows) for kind, rows in listed.items())
-    while len(as_text(listed)) > agent.settings.result_bytes and any(
-        each["rows"] for each in listed.values()
-    ):
+    while len(as_text(listed)) > RESULT_BYTES and any(each["rows"] for each in listed.values()):
         listed = {kind: _halved(rows) for kind, rows in listed.items()}
-    return Answer(listed, (bounded(text, agent.settings.result_bytes),))
+    return Answer(listed, (bounded(text, RESULT_BYTES),))
 
 
 def _shown(agent: Agent, kind: Kind, rows: Sequence[Row]) -> Rows:
@@ -182,7 +180,7 @@ class DescribeTypeResult(TypedDict):
 
 
 async def _describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
-    found, most = await agent.robot.interface(asked.type), agent.settings.result_bytes
+    found, most = await agent.robot.interface(asked.type), RESULT_BYTES
     kind, parts = _parts(found)
     fields = {part: _message(type) for part, type in parts.items()}
     defaults = {part: plain(type.struct()) for part, type in parts.items()}

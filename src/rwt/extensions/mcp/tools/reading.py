@@ -12,7 +12,7 @@ import anyio
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from rwt.extensions.mcp.agent import Agent
+from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.extensions.mcp.content.plain import field, numeric_fields, plain
 from rwt.extensions.mcp.errors import ToolError
@@ -89,7 +89,7 @@ async def _read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
     values = {path: field(message, path) for path in asked.fields}
 
     def fields() -> Answer:
-        found, most = {path: plain(value) for path, value in values.items()}, agent.settings.result_bytes
+        found, most = {path: plain(value) for path, value in values.items()}, RESULT_BYTES
         data = {path: bounded_value(value, most // len(found)) for path, value in found.items()}
         return Answer({"type": type, "fields": data}, (bounded(as_text(found), most),))
 
@@ -172,7 +172,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
     if len(times) > 1:
         data["per_second"] = round((len(times) - 1) / max(times[-1] - times[0], 1e-9), 2)
     data["fields"] = {path: _statistics(each) for path, each in values.items()}
-    return Answer(data, (bounded(as_text(data), agent.settings.result_bytes),))
+    return Answer(data, (bounded(as_text(data), RESULT_BYTES),))
 
 
 def _all_numbers(message: Message) -> dict[str, float]:
@@ -317,7 +317,7 @@ class GetParameterResult(TypedDict):
 
 
 async def _get_parameter(agent: Agent, asked: GetParameterArguments) -> Answer:
-    value, most = plain(await agent.robot.params.get(asked.name)), agent.settings.result_bytes
+    value, most = plain(await agent.robot.params.get(asked.name)), RESULT_BYTES
     data: GetParameterResult = {"name": asked.name, "value": bounded_value(value, most)}
     return Answer(data, (bounded(as_text(value), most),))
 

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from rwt.extensions.mcp.agent import Agent, Recordings, shown
+from rwt.extensions.mcp.agent import RESULT_BYTES, Agent, Recordings, shown
 from rwt.extensions.mcp.content.answer import Answer, bounded
 from rwt.extensions.mcp.errors import ToolError
 from rwt.extensions.mcp.tools.tool import Arguments, MessageValue, Name, Tool
@@ -42,9 +42,7 @@ async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -
             names = recordings.names()
             listed = [f"recordings ({len(names)}):", *names[:200]]
             return Answer({"recordings": listed[1:]}, ("\n".join(listed),))
-        text = bounded(
-            "\n".join(recordings.describe(asked.recording, agent.sees)), agent.settings.result_bytes
-        )
+        text = bounded("\n".join(recordings.describe(asked.recording, agent.sees)), RESULT_BYTES)
         return Answer({"lines": text.split("\n")}, (text,))
 
     return await agent.in_thread(text)
@@ -87,7 +85,7 @@ async def _read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer
 
     def read() -> Answer:
         message, type, seconds = recordings.message(asked.recording, asked.topic, asked.at)
-        answer = shown(message, type, agent.settings)
+        answer = shown(message, type)
         data = {"type": type, "seconds": seconds, **answer.data}
         return Answer(data, (f"recorded at {seconds:.3f} s:", *answer.shown))
 

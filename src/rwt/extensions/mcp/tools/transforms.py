@@ -8,7 +8,7 @@ from typing import Annotated, Final, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from rwt.extensions.mcp.agent import Agent
+from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, bounded
 from rwt.extensions.mcp.tools.tool import Arguments, Name, Seconds, Tool
 from rwt_tf2.messages import write_transform
@@ -31,7 +31,7 @@ async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
     transforms = agent.robot.tf
     await transforms.start()
     await agent.robot.clock.sleep(seconds)
-    data: ListFramesResult = {"tree": bounded(transforms.buffer.tree(), agent.settings.result_bytes)}
+    data: ListFramesResult = {"tree": bounded(transforms.buffer.tree(), RESULT_BYTES)}
     return Answer(data, (data["tree"] or f"no transform on /tf or /tf_static within {seconds:g} s",))
 
 

@@ -20,9 +20,10 @@ from rwt.extensions.recording.playback.publications import (
     offer_recorded_services,
 )
 from rwt.extensions.recording.playback.read_ahead import ReadAhead
-from rwt.extensions.recording.recording import EVERYTHING, RecordedMessage, Recording, TopicSelection
+from rwt.extensions.recording.recording import RecordedMessage, Recording
 from rwt_graph.api import Graph, Participant, ServiceCall
 from rwt_graph.clock import END_OF_TIME_NS
+from rwt_graph.topic_selection import EVERYTHING, TopicSelection
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.timers import Timer

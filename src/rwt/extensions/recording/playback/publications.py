@@ -19,10 +19,10 @@ from rwt.extensions.recording.recording import (
     RecordedMessage,
     RecordedTopic,
     Recording,
-    TopicSelection,
 )
 from rwt_graph.api import Graph, Participant, Publisher, ServiceCall
 from rwt_graph.names import resolve
+from rwt_graph.topic_selection import TopicSelection
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_interfaces.definitions.parser import parse_message
 from rwt_interfaces.names import two_part

@@ -52,7 +52,7 @@ OnFrame: TypeAlias = "Callable[[Link, bytes | memoryview], None]"
 class Link:
     """TCPROS connection, as the endpoint of a transport.
 
-    Frames are handled in the network's turns: when the budget of a turn is used up, reading pauses.
+    When the budget of a turn for handling frames is used up, the connection pauses until a later one.
 
     Attributes:
         header: fields that the peer sent; empty before.
@@ -78,7 +78,7 @@ class Link:
         self.ended = anyio.Event()
         self.reason = ""
         self.is_success = True
-        self._turns = network.turns
+        self._scheduler = network.scheduler
         self._sink = sink
         self._flow_control: FlowControl | None = None
         self._has_header = False
@@ -102,8 +102,8 @@ class Link:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Handle a frame; `binary` is its status, and raises WireError if it breaks the rules."""
-        turns = self._turns
-        began = turns.monotonic()
+        scheduler = self._scheduler
+        began = scheduler.monotonic()
         try:
             if self._has_header:
                 self.is_success = binary
@@ -114,11 +114,11 @@ class Link:
                 self.on_header(self)
                 self.ready.set()
         finally:
-            turns.note(turns.monotonic() - began)
-        if turns.is_full and not self._is_paused and self._flow_control is not None:
+            scheduler.note(scheduler.monotonic() - began)
+        if scheduler.is_full and not self._is_paused and self._flow_control is not None:
             self._is_paused = True
             self._flow_control.pause()
-            turns.wait(self._resume)
+            scheduler.wait(self._resume)
 
     def _resume(self) -> None:
         self._is_paused = False

@@ -10,8 +10,8 @@ import anyio
 
 from rwt_transports.api import Attach, BindAddress
 from rwt_transports.connection import ListenerState
+from rwt_transports.scheduler import READING, Scheduler
 from rwt_transports.schemes import stream_driver
-from rwt_transports.turns import READ_SECONDS, loop_turns
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ class Network:
         frames: receive buffers of TCPROS.
         calls: limit on incomplete calls over XML-RPC.
         calling: bytes of large calls that are being answered.
-        decoding: lets one of them be decoded at a time.
-        turns: turns in which frames are handled.
+        scheduler: scheduler of the handling of frames.
     """
 
     def __init__(self, graph: DistributedGraph) -> None:
@@ -42,8 +41,7 @@ class Network:
         self.frames = ReceiveBufferPool(_FRAMES_BYTES)
         self.calls = ReceiveBufferPool(_CALLS_BYTES)
         self.calling = 0
-        self.decoding = anyio.CapacityLimiter(1)
-        self.turns = loop_turns(READ_SECONDS)
+        self.scheduler = Scheduler.of_loop(READING)
 
     def in_batch(self, call: Callable[[], None]) -> None:
         """Call a function that delivers what other programs sent."""

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractAsyncContextManager
 from functools import partial
 from itertools import chain, count
-from typing import TYPE_CHECKING, Final, Never
+from typing import TYPE_CHECKING, Final, Never, TypeVar
 from urllib.parse import urlsplit
 
 import anyio
@@ -20,13 +20,15 @@ from rwt_transports.errors import Refused
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
-from rwt_transports.turns import in_turns
+from rwt_transports.scheduler import REQUESTS, Scheduler
 from rwt_transports.websocket.wire import WebSocketWire
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.wire.network import Network
     from rwt_protocol.codecs.base import Steps
     from rwt_transports.api import Link
+
+T = TypeVar("T")
 
 #: Timeout of a call in seconds: nodes that were stopped still accept connections.
 CALL_SECONDS: Final = 5.0
@@ -79,7 +81,7 @@ async def call(uri: str, method: str, *params: xmlrpc.Value) -> xmlrpc.Value:
 async def value_of(uri: str, method: str, body: bytes) -> xmlrpc.Value:
     """Return the value of a response; raises Ros1Error."""
     try:
-        match (await in_turns(_decoded(body))).response():
+        match (await _finished(_decoded(body))).response():
             case [1, str(), value]:
                 return value
             case [int(), str(text), *_]:
@@ -104,7 +106,7 @@ async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
     try:
         host, port = address_of(uri)
         with anyio.fail_after(CALL_SECONDS):
-            content = await in_turns(_joined(_in_parts(xmlrpc.encode_call(method, params))))
+            content = await _finished(_joined(_in_parts(xmlrpc.encode_call(method, params))))
             async with await anyio.connect_tcp(host, port) as stream:
                 return await _exchange(stream, f"{host}:{port}", content)
     except TimeoutError as error:
@@ -138,6 +140,11 @@ def _joined(parts: Iterator[str]) -> Steps[bytes]:
         if size > _MOST_SENT:
             raise WireError(f"XML-RPC of more than {_MOST_SENT} bytes is not sent")
     return b"".join(found)
+
+
+async def _finished(steps: Steps[T]) -> T:
+    """Take steps in turns of the event loop, as HTTP requests are read."""
+    return await Scheduler.of_loop(REQUESTS).finish(steps)
 
 
 async def _exchange(stream: anyio.abc.SocketStream, host: str, content: bytes) -> bytes:
@@ -228,10 +235,9 @@ class _RpcServer:
         try:
             if network.calling > _MOST_RECEIVED:
                 raise WireError("too many large calls are being received")
-            async with network.decoding:
-                parts = self._response(await in_turns(_decoded(body)))
+            parts = self._response(await _finished(_decoded(body)))
             async with self._responses:
-                return _xml(await in_turns(_joined(parts)))
+                return _xml(await _finished(_joined(parts)))
         except WireError as error:
             return _fault(error)
         finally:
@@ -241,7 +247,7 @@ class _RpcServer:
         """Answer when all parts of the response are known."""
         try:
             async with self._responses:
-                return _xml(await in_turns(_joined(parts)))
+                return _xml(await _finished(_joined(parts)))
         except WireError as error:
             return _fault(error)
 

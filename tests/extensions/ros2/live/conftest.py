@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.extensions.ros2.domains import free_domain
+from tests.extensions.ros2.live.domains import free_domain
 from tests.statements import Program
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def program(domain: int) -> Iterator[Program]:
     """A ROS 2 program in another process, with the node `/robot/program`."""
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     with closing(
-        Program(sys.executable, "tests.extensions.ros2.program", environment=environment)
+        Program(sys.executable, "tests.extensions.ros2.live.program", environment=environment)
     ) as running:
         yield running
 

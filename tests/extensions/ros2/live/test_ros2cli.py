@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.extensions.ros2.test_server import serving
+from tests.extensions.ros2.live.test_server import serving
 from tests.waiting import wait_until
 
 pytest.importorskip("ros2cli", reason="needs ros2cli, of which there are no wheels")

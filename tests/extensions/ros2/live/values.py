@@ -20,7 +20,7 @@ TYPES: Final = [
 
 
 def comparable(value: Any) -> Any:
-    """Return a message as `tests.extensions.ros2.program.plain` does."""
+    """Return a message as `tests.extensions.ros2.live.program.plain` does."""
     if hasattr(value, "__struct_fields__"):
         return {name: comparable(getattr(value, name)) for name in value.__struct_fields__}
     if isinstance(value, (bytes, bytearray, memoryview)):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.extensions.ros2.program import NODE
+from tests.extensions.ros2.live.program import NODE
 from tests.waiting import until
 
 if TYPE_CHECKING:

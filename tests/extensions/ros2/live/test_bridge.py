@@ -12,7 +12,7 @@ import pytest
 from websockets.sync.client import connect
 
 from tests.extensions.ros1.live.conftest import HAS_ROS, Ros
-from tests.extensions.ros2.test_server import serving
+from tests.extensions.ros2.live.test_server import serving
 from tests.waiting import until
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import pytest
 
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallTimeout, ProviderGone
-from tests.extensions.ros2.program import NODE
-from tests.extensions.ros2.values import comparable
+from tests.extensions.ros2.live.program import NODE
+from tests.extensions.ros2.live.values import comparable
 from tests.waiting import until
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 from websockets.sync.client import connect
 
 from rwt_graph.errors import Ros2Error
-from tests.extensions.ros2.test_server import serving
+from tests.extensions.ros2.live.test_server import serving
 from tests.waiting import until
 
 if TYPE_CHECKING:

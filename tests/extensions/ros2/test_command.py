@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rwt.cli.commands.ros2 import serve_options
 from rwt.cli.errors import CommandError
+from rwt.extensions.ros2.command import serve_options
 from tests.processes import ended
 
 

@@ -18,7 +18,7 @@ from rosbridge_conformance.wire.cbor import read_cbor, typed_array
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
-from tests.extensions.ros2.values import TYPES, comparable
+from tests.extensions.ros2.live.values import TYPES, comparable
 from tests.processes import running
 from tests.statements import Program
 from tests.waiting import wait_until

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rosbridge_conformance.command import main
-from tests.extensions.ros2.test_server import serving
+from tests.extensions.ros2.live.test_server import serving
 
 
 @pytest.mark.timeout(500)

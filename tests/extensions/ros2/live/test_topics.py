@@ -10,8 +10,8 @@ import pytest
 from rwt_graph.errors import TypeConflict
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, QoS, Reliability
-from tests.extensions.ros2.program import NODE
-from tests.extensions.ros2.values import TYPES, comparable
+from tests.extensions.ros2.live.program import NODE
+from tests.extensions.ros2.live.values import TYPES, comparable
 from tests.waiting import until
 
 if TYPE_CHECKING:

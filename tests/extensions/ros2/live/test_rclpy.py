@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tests.extensions.ros2.test_server import serving
+from tests.extensions.ros2.live.test_server import serving
 from tests.statements import Program
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def ours() -> Iterator[Program]:
     hidden = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "ROS_DISTRO", "RMW_IMPLEMENTATION")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     options = ("--interfaces", "rwt-rclpy/differential/interfaces")
-    node = ("tests/extensions/ros2/program.py", "--ros-args", "-r", "__node:=ours")
+    node = ("tests/extensions/ros2/live/program.py", "--ros-args", "-r", "__node:=ours")
     with serving() as (_, url):
         command = ("rwt.cli", "run", "--graph", url, *options, *node)
         with closing(Program(str(python), *command, environment=environment)) as running:
