@@ -28,34 +28,59 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
-from rwt_graph.actions.names import belongs_to_action as belongs_to_action
-from rwt_graph.actions.remote_goals import Ros2Actions as Ros2Actions
-from rwt_graph.actions.server import Ros2ActionServer as Ros2ActionServer
-from rwt_graph.api import Limitation as Limitation
-from rwt_graph.memory.actions import Actions as Actions
-from rwt_graph.memory.actions import MemoryActionServer as MemoryActionServer
-from rwt_graph.memory.actions import RemoteActions as RemoteActions
-from rwt_graph.memory.endpoint_types import EndpointTypes as EndpointTypes
-from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.memory.graph import MemoryParticipant as MemoryParticipant
-from rwt_graph.memory.remote_services import RemoteServiceTable as RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall as MemoryCall
-from rwt_graph.memory.services import MemoryProvider as MemoryProvider
-from rwt_graph.memory.services import RemoteServices as RemoteServices
-from rwt_graph.memory.services import Services as Services
-from rwt_graph.memory.tables import Changes as Changes
-from rwt_graph.memory.tables import NodeResources as NodeResources
-from rwt_graph.memory.topics import KEEP_ALL_LIMIT as KEEP_ALL_LIMIT
-from rwt_graph.memory.topics import MemoryPublisher as MemoryPublisher
-from rwt_graph.memory.topics import MemorySubscription as MemorySubscription
-from rwt_graph.memory.topics import RemoteEndpoint as RemoteEndpoint
-from rwt_graph.memory.topics import RemoteTopics as RemoteTopics
-from rwt_graph.memory.topics import Topic as Topic
-from rwt_graph.memory.topics import Topics as Topics
-from rwt_graph.memory.topics import TransientLocalCache as TransientLocalCache
-from rwt_graph.nodes.actionlib import STATUS as STATUS
-from rwt_graph.nodes.actionlib import ActionlibStatus as ActionlibStatus
-from rwt_graph.parameters.tree import ParameterTree as ParameterTree
+from rwt_graph.actions.names import belongs_to_action
+from rwt_graph.actions.remote_goals import Ros2Actions
+from rwt_graph.actions.server import Ros2ActionServer
+from rwt_graph.api import Limitation
+from rwt_graph.memory.actions import Actions, MemoryActionServer, RemoteActions
+from rwt_graph.memory.endpoint_types import EndpointTypes
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.memory.remote_services import RemoteServiceTable
+from rwt_graph.memory.services import MemoryCall, MemoryProvider, RemoteServices, Services
+from rwt_graph.memory.tables import Changes, NodeResources
+from rwt_graph.memory.topics import (
+    KEEP_ALL_LIMIT,
+    MemoryPublisher,
+    MemorySubscription,
+    RemoteEndpoint,
+    RemoteTopics,
+    Topic,
+    Topics,
+    TransientLocalCache,
+)
+from rwt_graph.nodes.actionlib import STATUS, ActionlibStatus
+from rwt_graph.parameters.tree import ParameterTree
+
+__all__ = [
+    "DistributedGraph",
+    "Limitation",
+    "MemoryParticipant",
+    "NodeResources",
+    "Changes",
+    "Topics",
+    "Topic",
+    "MemoryPublisher",
+    "MemorySubscription",
+    "RemoteTopics",
+    "RemoteEndpoint",
+    "EndpointTypes",
+    "TransientLocalCache",
+    "KEEP_ALL_LIMIT",
+    "Services",
+    "MemoryProvider",
+    "MemoryCall",
+    "RemoteServices",
+    "RemoteServiceTable",
+    "Actions",
+    "MemoryActionServer",
+    "RemoteActions",
+    "Ros2Actions",
+    "Ros2ActionServer",
+    "belongs_to_action",
+    "ActionlibStatus",
+    "STATUS",
+    "ParameterTree",
+]
 
 
 class DistributedGraph(MemoryGraph):
