@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse page-mutants compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
+client-grades size size-ratchet clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -320,9 +320,14 @@ matrix: $(STAMP)-dev
 conformance: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.transports
 
-# Counted figures of the source and of running servers; `make size ARGS='--calls publish'` lists the calls per message.
+# Counted figures of the source and of running servers; `make size ARGS='--calls publish'` lists the calls per message,
+# ARGS=--attributes the classes with many attributes, and ARGS=--steps the functions that exist plain and in steps.
 size: $(STAMP)-dev
 	$(BIN)/python -m tools.size $(ARGS)
+
+# Fails if a figure of the source is larger than in tools/size/recorded.json, which ARGS=--record writes.
+size-ratchet: $(STAMP)-dev
+	$(BIN)/python -m tools.size --ratchet $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules tests/browser/firefox/node_modules $(WEB)/node_modules $(dir $(PAGE)) tests/browser/screenshots

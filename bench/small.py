@@ -128,7 +128,7 @@ def to_first_client(rwt: Sequence[str]) -> Used:
 
 
 @contextmanager
-def _program(python: str, arguments: Sequence[str]) -> Iterator[Server]:
+def running_program(python: str, arguments: Sequence[str]) -> Iterator[Server]:
     server = Server(arguments[0], arguments, quiet=True, python=python, environment=environment())
     try:
         yield server
@@ -138,7 +138,7 @@ def _program(python: str, arguments: Sequence[str]) -> Iterator[Server]:
 
 def memory_of(python: str, arguments: Sequence[str], topic: str, seconds: float = 0.5) -> float:
     """Resident MB of a server with one client, which subscribes to a topic, after a while."""
-    with _program(python, arguments) as server, closing(Loop()) as loop:
+    with running_program(python, arguments) as server, closing(Loop()) as loop:
         client = Connection(loop, server.host, server.port)
         client.send(masked(messages.Stream(topic, "nav_msgs/Odometry", ()).subscribe()))
         loop.until(lambda: False, seconds)
@@ -202,7 +202,7 @@ def processes_table(python: str, rounds: int) -> str:
     serve = ("-m", "rwt.cli", "serve", "ws://127.0.0.1:0")
     to_first_client(rwt)  # once for the files to be read
     starts = [to_first_client(rwt) for _ in range(rounds)]
-    with _program(python, serve) as server:
+    with running_program(python, serve) as server:
         url = f"ws://{server.host}:{server.port}"
         listing = (*rwt, "topic", "list", "--url", url)
         whole_process(listing)

@@ -85,8 +85,8 @@ class Ripple:
 
 def session_of(graph: ZenohGraph) -> zenoh.Session:
     """The open session of a graph that runs."""
-    assert graph._link is not None
-    return graph._link.session
+    assert graph.link is not None
+    return graph.link.session
 
 
 Settle = Callable[[], Awaitable[None]]

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rwt.cli import COMMANDS, parser_for
-from rwt.cli.parser import Parser
+from rwt.cli.parser import Parser, actions_of
 from rwt_transports.schemes import url_forms
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
@@ -87,17 +87,17 @@ def _lines() -> Iterator[str]:
 
 def _subcommands(parser: argparse.ArgumentParser) -> dict[str, Parser]:
     """The commands of a parser, by name, without those that cannot be had."""
-    for action in parser._actions:
+    for action in actions_of(parser):
         if isinstance(action, argparse._SubParsersAction):
             return {name: each for name, each in action.choices.items() if not each.unavailable}
     return {}
 
 
 def _verb(parser: argparse.ArgumentParser) -> Iterator[str]:
-    options = {name for action in parser._actions for name in action.option_strings}
+    options = {name for action in actions_of(parser) for name in action.option_strings}
     # What talks to a robot has these options; a recording has some of them with other meanings.
     told = _ROBOT_OPTIONS | {"--help"} if options > _ROBOT_OPTIONS - {"--json"} else {"--help"}
-    rows = [_row(action) for action in parser._actions if not told & set(action.option_strings)]
+    rows = [_row(action) for action in actions_of(parser) if not told & set(action.option_strings)]
     if rows:
         yield "| argument | meaning |\n|---|---|"
         yield from rows

@@ -12,9 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "explanation" / "architecture.md"
-MOST_MODULES = 15
 
-_BEGIN = "| folder | modules | purpose |\n|---|---|---|\n"
+_BEGIN = "| folder | purpose |\n|---|---|\n"
 
 
 def packages() -> Mapping[str, Path]:
@@ -27,11 +26,6 @@ def packages() -> Mapping[str, Path]:
     return dict(sorted(found.items()))
 
 
-def modules(init: Path) -> int:
-    """Return the number of modules in a folder, including `__init__`."""
-    return len(list(init.parent.glob("*.py")))
-
-
 def question(init: Path) -> str:
     """The first sentence or two of a folder's docstring."""
     text = ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))) or ""
@@ -41,7 +35,7 @@ def question(init: Path) -> str:
 def rows() -> Iterator[str]:
     """The table, row by row."""
     for name, init in packages().items():
-        yield f"| `{name}` | {modules(init)} | {question(init)} |"
+        yield f"| `{name}` | {question(init)} |"
 
 
 def with_table(page: str) -> str:

@@ -123,12 +123,12 @@ class Viewer:
                 self.has_picture.set()
                 if self._reads:
                     assert isinstance(frame, VideoFrame)
-                    _note(self.seen, np.asarray(frame.to_ndarray(format="rgb24"), np.uint8))
+                    count_colour(self.seen, np.asarray(frame.to_ndarray(format="rgb24"), np.uint8))
         except MediaStreamError:
             return
 
 
-def _note(seen: Seen, picture: Any) -> None:
+def count_colour(seen: Seen, picture: Any) -> None:
     height, width = picture.shape[:2]  # Less than 640x480 on a slow line.
     picture = picture[np.arange(480) * height // 480][:, np.arange(640) * width // 640]
     age = read_mark(picture)[1] / 1000
@@ -163,7 +163,7 @@ def _by_mjpeg(base: str, seconds: float) -> Seen:
                 if line.lower().startswith(b"content-length:"):
                     length = int(line.partition(b":")[2])
             with Image.open(io.BytesIO(stream.read(length))) as image:
-                _note(seen, np.asarray(image.convert("RGB")))
+                count_colour(seen, np.asarray(image.convert("RGB")))
     return seen
 
 

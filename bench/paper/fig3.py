@@ -218,7 +218,7 @@ def measure(seconds: float = MINUTE) -> Report:
         rows,
         (_NOTES.format(seconds=seconds, driving=driving),),
         _missed(watching, plain),
-        partial(_plot, watching),
+        partial(draw, watching),
     )
 
 
@@ -245,7 +245,8 @@ def _missed(watching: Sequence[Viewer], plain: float) -> list[str]:
     ]
 
 
-def _plot(watching: Sequence[Viewer], file: Path) -> None:
+def draw(watching: Sequence[Viewer], file: Path) -> None:
+    """Write the figure."""
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(figsize=(9, 4.5), layout="constrained")

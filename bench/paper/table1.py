@@ -20,7 +20,7 @@ from bench.traffic.processes import Server
 
 SECONDS: Final = 12.0
 """Of each column. The paper has two minutes; the camera goes round in ten seconds, so more says the same."""
-_WARM_UP: Final = 2.0
+WARM_UP_SECONDS: Final = 2.0
 _KEEP_EVERY: Final = 29
 """Of the decoded pictures one in so many is compared with what was sent; no divisor of a round."""
 _MOST_DELAY: Final = 60
@@ -108,7 +108,7 @@ def watch(server: Server, column: Column, seconds: float) -> Watched:
         for picture in shown:
             now = time.perf_counter()
             number, delay = read_mark(picture)
-            if not measuring and now - begun >= _WARM_UP:
+            if not measuring and now - begun >= WARM_UP_SECONDS:
                 measuring, begun = True, now
                 first_bytes, first_cpu = counted.bytes, server.cpu_time().used
             elif measuring:

@@ -180,20 +180,20 @@ def measure(pictures: int = PICTURES) -> Report:
         ("paper: encoded, VP8", f"{PAPER_ENCODED:,}", f"{1 - PAPER_ENCODED / PAPER_RAW:.1%}", "", "", "", ""),
         ("raw depth and colour", f"{RAW:,.0f}", "", "", "", "", ""),
         ("the picture", f"{3 * (2 * SIZE) ** 2 * RATE / 1000:,.0f}", "", "", "", "", f"{making * 1000:.1f}"),
-        *(_row(way, pictures) for way in all_ways),
+        *(row_of(way, pictures) for way in all_ways),
     ]
     return Report(
         "Table II: depth and colour of a camera as one stream",
         ("", "KB/s", "less", "RMS mm", "95 % mm", "masked", "ms"),
         rows,
         (_NOTES.format(seconds=pictures / RATE),),
-        _missed(all_ways, pictures),
+        out_of_bounds(all_ways, pictures),
         partial(_plot, all_ways, pictures),
     )
 
 
-def _row(way: Way, pictures: int) -> tuple[str, ...]:
-    rms, most = _errors(way)
+def row_of(way: Way, pictures: int) -> tuple[str, ...]:
+    rms, most = errors_of(way)
     return (
         way.name,
         f"{way.rate(pictures):,.0f}",
@@ -205,13 +205,13 @@ def _row(way: Way, pictures: int) -> tuple[str, ...]:
     )
 
 
-def _errors(way: Way) -> tuple[float, float]:
+def errors_of(way: Way) -> tuple[float, float]:
     """Root of the mean square, and what 95 of 100 are below; metres."""
     errors = np.concatenate(way.errors)
     return float(np.sqrt(np.mean(errors.astype(np.float64) ** 2))), float(np.percentile(errors, 95))
 
 
-def _missed(all_ways: Sequence[Way], pictures: int) -> list[str]:
+def out_of_bounds(all_ways: Sequence[Way], pictures: int) -> list[str]:
     """A video takes no more than the paper's, whose raw was far less."""
     return [
         f"{way.name}: {way.rate(pictures):.0f} KB/s, the paper {PAPER_ENCODED}"
@@ -225,7 +225,7 @@ def _plot(all_ways: Sequence[Way], pictures: int, file: Path) -> None:
 
     figure, axes = pyplot.subplots(figsize=(8, 4.5), layout="constrained")
     for way in all_ways:
-        rms, _ = _errors(way)
+        rms, _ = errors_of(way)
         axes.plot(way.rate(pictures), rms * 1000, "o")
         axes.annotate(way.name, (way.rate(pictures), rms * 1000), xytext=(4, 4), textcoords="offset points")
     axes.axvline(PAPER_ENCODED, color="grey", linestyle="--", label="paper, encoded")

@@ -71,7 +71,7 @@ class Measured:
 
 def picture_without_library(frame: Frame) -> Frame:
     """As png with zlib alone."""
-    with mock.patch.object(png, "_fast_library", lambda: None):
+    with mock.patch.object(png, "fast_library", lambda: None):
         return png.encode(frame)
 
 
@@ -132,7 +132,7 @@ def measure(rounds: int = ROUNDS) -> Report:
             *(_row(result) for result in results),
         ],
         (_NOTES,),
-        _missed(results),
+        out_of_bounds(results),
         partial(_plot, results),
     )
 
@@ -148,7 +148,7 @@ def _row(result: Measured) -> tuple[str, ...]:
     return tuple(cells)
 
 
-def _missed(results: Sequence[Measured]) -> list[str]:
+def out_of_bounds(results: Sequence[Measured]) -> list[str]:
     missed = []
     for result in results:
         bound, taken = PROMISED.get(result.name, Bound()), result.ways["zlib"]

@@ -98,11 +98,11 @@ def large_frames(rounds: int, seconds: float) -> str:
             for _ in range(rounds):
                 for name, arguments, compression in WAYS:
                     found[name].append(way_through(servers[arguments], compression, subscribers, seconds))
-            lines += (_line(f"1→{subscribers} {name}", ways, found[RELAY]) for name, ways in found.items())
+            lines += (line(f"1→{subscribers} {name}", ways, found[RELAY]) for name, ways in found.items())
     return "\n".join(lines)
 
 
-def _line(label: str, ways: Sequence[Way], relayed: Sequence[Way]) -> str:
+def line(label: str, ways: Sequence[Way], relayed: Sequence[Way]) -> str:
     pairs = list(zip(ways, relayed, strict=True))
     cells = (
         f"{median(way.rate for way in ways):,.0f}",

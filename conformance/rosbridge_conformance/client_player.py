@@ -38,7 +38,7 @@ from rosbridge_conformance.wire.wires import Wire, WireClosed
 from rosbridge_conformance.wire.wrap import wrap
 
 _GOODBYE_SECONDS = 3.0
-_ANSWER_SECONDS = 10.0
+ANSWER_SECONDS = 10.0
 """Timeout of a response of the program, in seconds. It only confirms the command, so it is generous."""
 
 
@@ -189,7 +189,7 @@ class _ClientPlayer:
             if key in told:
                 told[key] = f"{self._tag}.{told[key]}"
         self._note("a", "!", f"told: {shorten(json.dumps(told))}")
-        seconds = _ANSWER_SECONDS if within is None else within
+        seconds = ANSWER_SECONDS if within is None else within
         try:
             async with asyncio.timeout(seconds):
                 answer = await self._program.tell(told)
@@ -338,7 +338,7 @@ class _ClientPlayer:
 
     async def _open(self, name: str) -> None:
         try:
-            async with asyncio.timeout(_ANSWER_SECONDS):
+            async with asyncio.timeout(ANSWER_SECONDS):
                 wire = await self._listener.accept()
         except TimeoutError as error:
             raise Stop(Difference("", "a connection", "none")) from error

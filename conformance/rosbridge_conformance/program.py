@@ -11,8 +11,8 @@ from typing import Protocol
 from rosbridge_conformance.suite.values import Json
 
 _LONGEST_LINE = 1 << 26
-_START_SECONDS = 20.0
-_END_SECONDS = 3.0
+START_SECONDS = 20.0
+END_SECONDS = 3.0
 
 
 class ProgramError(Exception):
@@ -84,7 +84,7 @@ class Program:
             raise ProgramError(f"{shlex.join(command)}: cannot start: {error.strerror}") from error
         program = cls(command, process)
         try:
-            async with asyncio.timeout(_START_SECONDS):
+            async with asyncio.timeout(START_SECONDS):
                 hello = await program._hello
         except (TimeoutError, ProgramEnded) as error:
             await program.end()
@@ -120,7 +120,7 @@ class Program:
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:
-            async with asyncio.timeout(_END_SECONDS):
+            async with asyncio.timeout(END_SECONDS):
                 await self._process.wait()
         except TimeoutError:
             self.kill()

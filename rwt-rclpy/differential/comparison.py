@@ -15,7 +15,7 @@ from typing import Final
 
 HERE: Final = Path(__file__).parent
 ROOT: Final = HERE.parent
-#: Distributions whose real rclpy is recorded.
+#: Distributions whose real rclpy is recorded: the first in full, others where their output differs from it.
 REAL: Final = ("jazzy", "kilted")
 
 #: Output of programs by name.
@@ -118,8 +118,9 @@ def _sections(text: str) -> Outputs:
 def read_recorded(distro: str, names: list[str] | None = None) -> Outputs:
     """Return the recorded outputs of the real rclpy."""
     found: Outputs = {}
-    for file in sorted((HERE / "recorded" / distro).glob("*.txt")):
-        found.update(_sections(file.read_text("utf-8")))
+    for release in dict.fromkeys((REAL[0], distro)):
+        for file in sorted((HERE / "recorded" / release).glob("*.txt")):
+            found.update(_sections(file.read_text("utf-8")))
     if not names:
         return found
     return {name: text for name, text in found.items() if name in names or name.partition(".")[0] in names}
@@ -127,14 +128,29 @@ def read_recorded(distro: str, names: list[str] | None = None) -> Outputs:
 
 def record(distro: str, place: Path, outputs: Outputs) -> None:
     """Keep outputs of the real rclpy, beside those that are not played again."""
-    merged = {**read_recorded(distro), **outputs}
+    everything = {each: read_recorded(each) for each in REAL}
+    everything[distro].update(outputs)
+    # What differs from the first release changes with it.
+    for release in REAL if distro == REAL[0] else (distro,):
+        _write(release, everything[release], {} if release == REAL[0] else everything[REAL[0]])
+    (HERE / "recorded" / distro / "version").write_text(f"rclpy {real_version(place)}, {distro}\n", "utf-8")
+
+
+def _write(distro: str, outputs: Outputs, first: Outputs) -> None:
+    """Write the outputs that differ from those of the first release."""
     folder = HERE / "recorded" / distro
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "version").write_text(f"rclpy {real_version(place)}, {distro}\n", "utf-8")
-    for area in {name.partition(".")[0] for name in merged}:
-        own = {name: text for name, text in sorted(merged.items()) if name.partition(".")[0] == area}
-        text = "\n".join(f"== {name}\n{body}\n" for name, body in own.items())
-        (folder / f"{area}.txt").write_text(text, "utf-8")
+    for area in {name.partition(".")[0] for name in outputs}:
+        own = {
+            name: text
+            for name, text in sorted(outputs.items())
+            if name.partition(".")[0] == area and text != first.get(name)
+        }
+        file = folder / f"{area}.txt"
+        if own:
+            file.write_text("\n".join(f"== {name}\n{body}\n" for name, body in own.items()), "utf-8")
+        else:
+            file.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,7 +77,7 @@ class TopicView:
         self._points: deque[tuple[float, float]] = deque(maxlen=_MAX_POINTS)
         self._latest: Message | None = None
         self._arrived = threading.Event()
-        self._widget: Any = None
+        self.widget: Any = None
         self._updated = 0.0
         self._subscription = robot.subscribe(topic, self._take, arrays="numpy")
         try:
@@ -119,9 +119,9 @@ class TopicView:
         self._latest = message
         self._arrived.set()
         now = time.monotonic()
-        if self._widget is not None and now - self._updated >= _LIVE_SECONDS:
+        if self.widget is not None and now - self._updated >= _LIVE_SECONDS:
             self._updated = now
-            self._widget.source = self._source()
+            self.widget.source = self._source()
 
     def _source(self) -> str:
         kind, content = self.render()
@@ -135,9 +135,9 @@ class TopicView:
             kind: content.decode() if is_text else base64.b64encode(content).decode(),
         }
         if importlib.util.find_spec("anywidget") is not None:
-            if self._widget is None:
-                self._widget = _widget_class()(source=self._source())
-            live = self._widget._repr_mimebundle_()
+            if self.widget is None:
+                self.widget = _widget_class()(source=self._source())
+            live = self.widget._repr_mimebundle_()
             # With the metadata of the widget where there are some; the static image is for saved notebooks.
             bundle |= {**(live[0] if isinstance(live, tuple) else live or {}), "text/plain": repr(self)}
         return bundle

@@ -185,11 +185,11 @@ class RosApi:
         return str((await self._answer(question, args, dict[str, Any])).get(key, ""))
 
     async def _types(self, question: str, type_name: str) -> tuple[TypeInfo, ...]:
-        answer = await self._answer(question, {"type": type_name}, dict[str, list[_TypeDef]])
+        answer = await self._answer(question, {"type": type_name}, dict[str, list[TypeDef]])
         return tuple(each.info() for each in answer.get("typedefs", ()))
 
 
-class _TypeDef(msgspec.Struct):
+class TypeDef(msgspec.Struct):
     """Type description of rosapi (API-03)."""
 
     type: str = ""

@@ -318,6 +318,14 @@ class SimulatedClock(Clock):
         self._steady_ns = max(self._steady_ns, target)
         self._announce()
 
+    def suspend(self, seconds: float) -> None:
+        """Let steady time pass without timers, as while a process is stopped; the next change runs them."""
+        self._steady_ns += round(seconds * NANOSECONDS)
+
+    def pending(self) -> int:
+        """Return the number of timers that have neither run nor been cancelled."""
+        return len(self._timers)
+
     def until_next(self) -> float | None:
         """Return seconds until the next timer is due; None if there is none."""
         due = self._timers.next_due()

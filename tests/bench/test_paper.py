@@ -93,16 +93,18 @@ def test_a_video_loses_little_and_saves_much(videos: dict[str, table2.Way]) -> N
     assert max(map(np.max, exact.errors)) <= 0.501 * table2.METRES_PER_TILE / 765
     for way in (jpeg, vp8, h264):
         assert way.rate(VIDEO) < 0.1 * table2.RAW
-        assert table2._errors(way)[1] < 0.1
+        assert table2.errors_of(way)[1] < 0.1
         assert max(way.lost) < 0.01
-    assert table2._errors(jpeg)[0] < 0.7 * table2._errors(videos["rainbow"])[0]
+    assert table2.errors_of(jpeg)[0] < 0.7 * table2.errors_of(videos["rainbow"])[0]
 
 
 def test_table_2_counts_bytes_by_the_second(videos: dict[str, table2.Way]) -> None:
     way = table2.Way("VP8 9 Mbit/s", "type=vp8&bitrate=9000000", bytes=7 * 20_000, seconds=0.07)
     way.errors, way.lost = [np.array([0.003, 0.004], np.float32)], [0.25]
-    assert table2._row(way, VIDEO) == ("VP8 9 Mbit/s", "600", "98.7%", "3.5", "4.0", "25.00%", "10.0")
-    assert table2._missed([way, videos["MJPEG q90"]], VIDEO) == ["VP8 9 Mbit/s: 600 KB/s, the paper 568"]
+    assert table2.row_of(way, VIDEO) == ("VP8 9 Mbit/s", "600", "98.7%", "3.5", "4.0", "25.00%", "10.0")
+    assert table2.out_of_bounds([way, videos["MJPEG q90"]], VIDEO) == [
+        "VP8 9 Mbit/s: 600 KB/s, the paper 568"
+    ]
 
 
 def test_the_rainbow_reads_the_same() -> None:
@@ -154,7 +156,7 @@ def test_a_missed_bound_is_told() -> None:
     slow = table3.Measured("78 KB of markers", 78_000, {"zlib": table3.Taken(7_800, 0.7)})
     small = table3.Measured("map, 9 characters a cell", 2_700_000, {"zlib": table3.Taken(90_000, 10.0)})
     fine = table3.Measured("line list", 78_000, {"zlib": table3.Taken(78_000, 99.0)})
-    assert table3._missed([slow, small, fine]) == [
+    assert table3.out_of_bounds([slow, small, fine]) == [
         "78 KB of markers: 10.0:1 in 0.70 ms",
         "map, 9 characters a cell: 30.0:1 in 10.00 ms",
     ]
@@ -208,7 +210,7 @@ def test_a_part_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) ->
 
 def test_the_figure_is_drawn(tmp_path: Path, played: dict[str, Viewer]) -> None:
     pytest.importorskip("matplotlib").use("Agg")
-    from bench.paper.fig3 import _plot
+    from bench.paper.fig3 import draw
 
-    _plot(list(played.values()), tmp_path / "fig3.png")
+    draw(list(played.values()), tmp_path / "fig3.png")
     assert (tmp_path / "fig3.png").read_bytes().startswith(b"\x89PNG")

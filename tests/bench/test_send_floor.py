@@ -9,7 +9,7 @@ from bench.traffic import load, messages
 from bench.traffic.load import Window
 from bench.traffic.processes import Server
 from bench.traffic.wire import masked
-from bench.transport.send_floor import Way, _line
+from bench.transport.send_floor import Way, line
 
 
 def test_every_large_frame_reaches_every_other_client() -> None:
@@ -39,4 +39,4 @@ def test_what_is_prepared_is_the_first_message_of_the_load() -> None:
 def test_a_line_has_the_ratio_within_each_round() -> None:
     ways = [Way(100.0, 50.0, 0.5, 0.0), Way(300.0, 50.0, 0.7, 2.0), Way(80.0, 10.0, 0.6, 1.0)]
     relayed = [Way(50.0, 100.0, 0.5, 0.0), Way(100.0, 100.0, 0.5, 0.0), Way(80.0, 100.0, 0.5, 0.0)]
-    assert _line("x", ways, relayed).split() == ["x", "100", "2.00", "50", "0.50", "60%", "1"]
+    assert line("x", ways, relayed).split() == ["x", "100", "2.00", "50", "0.50", "60%", "1"]

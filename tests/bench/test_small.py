@@ -44,7 +44,7 @@ def test_starts_are_measured() -> None:
 @pytest.mark.timeout(60)
 def test_memory_is_measured() -> None:
     assert small.memory_of(sys.executable, ("-c", small.ROBOT), "/odom", 0.01) > 1
-    with small._program(sys.executable, ("-m", "rwt.cli", "serve", "ws://127.0.0.1:0")) as server:
+    with small.running_program(sys.executable, ("-m", "rwt.cli", "serve", "ws://127.0.0.1:0")) as server:
         assert small.client_memory(sys.executable, f"ws://{server.host}:{server.port}") > 1
 
 

@@ -86,7 +86,7 @@ def test_every_column_sees_the_pictures_that_are_sent(column: Column, server: Se
 
 
 def test_a_column_is_measured(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.paper.table1._WARM_UP", 0.2)
+    monkeypatch.setattr("bench.paper.table1.WARM_UP_SECONDS", 0.2)
     watched = watch(server, COLUMNS[2], 0.5)
     assert watched.seconds >= 0.5
     assert watched.delays

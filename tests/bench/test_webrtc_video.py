@@ -7,7 +7,7 @@ import time
 import anyio
 import numpy as np
 
-from bench.network.webrtc_video import Seen, _note, encoder_seconds
+from bench.network.webrtc_video import Seen, count_colour, encoder_seconds
 from bench.paper.camera import mark
 
 
@@ -19,6 +19,6 @@ def test_the_age_of_a_picture_is_read_from_it() -> None:
     picture = np.zeros((480, 640, 3), np.uint8)
     mark(picture, 7, time.time_ns() // 1_000_000 - 5_000)
     seen: Seen = []
-    _note(seen, picture)
+    count_colour(seen, picture)
     ((_, age),) = seen
     assert 5.0 <= age < 60.0

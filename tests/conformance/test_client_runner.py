@@ -67,7 +67,7 @@ def test_a_good_program_is_named_passes_and_tells_what_it_cannot() -> None:
 def test_a_program_that_goes_wrong_fails_the_case_and_is_started_anew(
     kind: str, got: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(client_player, "_ANSWER_SECONDS", 1.0 if kind == "hangs" else 10.0)
+    monkeypatch.setattr(client_player, "ANSWER_SECONDS", 1.0 if kind == "hangs" else 10.0)
     run = _play(kind, "messages/plain", "connection/quiet", timeout=0.3)
     faults = {result.case.id: result.fault for result in run.results}
     assert all(fault is not None and got in fault.difference.got for fault in faults.values())
@@ -82,8 +82,8 @@ def test_an_exception_that_nobody_caught_is_not_strict() -> None:
 
 @pytest.mark.parametrize("kind", ["dead", "silent"])
 def test_a_program_that_never_is_ready(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(programs, "_START_SECONDS", 1.0 if kind == "silent" else 20.0)
-    monkeypatch.setattr(programs, "_END_SECONDS", 0.2)
+    monkeypatch.setattr(programs, "START_SECONDS", 1.0 if kind == "silent" else 20.0)
+    monkeypatch.setattr(programs, "END_SECONDS", 0.2)
     with pytest.raises(ProgramError, match="ready") as caught:
         asyncio.run(Program.start(_command(kind)))
     assert ("no such library" in str(caught.value)) == (kind == "dead")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 import subprocess
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from rwt.cli import COMMANDS, parser_for
-from rwt.cli.parser import Parser
+from rwt.cli.parser import Parser, actions_of
 from tests.docs.blocks import ALL_BLOCKS, PAGES, ROOT, Block, blocks_of
 
 _FENCED = re.compile(r"^( *)```.*?^ *```$|<!--.*?-->", re.MULTILINE | re.DOTALL)
@@ -60,7 +61,7 @@ def _mistake(line: str) -> str:
     """Return the error of a command line, in which only the command is required; empty if there is none."""
     words = shlex.split(line)[1:]
     if words[0].startswith("-"):
-        return "" if words[0] in parser_for(None)._option_string_actions else f"no option {words[0]}"
+        return "" if words[0] in _options(parser_for(None)) else f"no option {words[0]}"
     if words[0] not in [command.name for command in COMMANDS]:
         return f"no command {words[0]}"
     parser = _choices(parser_for(words[0]))[words[0]]
@@ -70,15 +71,19 @@ def _mistake(line: str) -> str:
             return f"no verb {words[1]} of {words[0]}"
         parser = verbs[words[1]]
     own = words[: words.index("--")] if "--" in words else words
-    known = parser._option_string_actions
-    if any(action.option_strings == [] and action.nargs == "..." for action in parser._actions):
+    known = _options(parser)
+    if any(action.option_strings == [] and action.nargs == "..." for action in actions_of(parser)):
         return ""  # It hands everything to a program with a parser of its own.
     options = [word.partition("=")[0] for word in own if re.match(r"--?[a-z]", word)]
     return "".join(f"no option {option}" for option in options if option not in known)
 
 
+def _options(parser: argparse.ArgumentParser) -> set[str]:
+    return {option for action in actions_of(parser) for option in action.option_strings}
+
+
 def _choices(parser: Parser) -> dict[str, Parser]:
-    found = [action.choices for action in parser._actions if isinstance(action.choices, dict)]
+    found = [action.choices for action in actions_of(parser) if isinstance(action.choices, dict)]
     return next((each for each in found if all(isinstance(one, Parser) for one in each.values())), {})
 
 

@@ -12,7 +12,7 @@ import pytest
 import rwt
 import rwt_graph
 from rwt.cli import parser_for
-from rwt.cli.parser import commands_of
+from rwt.cli.parser import actions_of, commands_of
 from rwt.rosapi import Rosapi
 from rwt_graph import MemoryGraph, Node
 from rwt_participant import errors, goals, qos
@@ -36,7 +36,7 @@ def test_every_option_of_a_command_is_listed(command: str, known: str) -> None:
     parser: argparse.ArgumentParser = parser_for("*")
     for name in command.split():
         parser = commands_of(parser)[name]
-    options = [option for action in parser._actions for option in action.option_strings]
+    options = [option for action in actions_of(parser) for option in action.option_strings]
     assert known in options
     (section,) = re.findall(rf"^#+ rwt {command}\n(.*?)(?=^##|\Z)", _page("commands.md"), re.S | re.M)
     assert [option for option in options if f"`{option}" not in section] == ["-h", "--help"]

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt import Server
+from rwt.extensions.http import services, topics
 from rwt.extensions.video import server as video
 from rwt_graph import Node
 from rwt_graph.api import Graph
@@ -166,10 +167,11 @@ def asked() -> Iterator[Asked]:
         gateways=("foxglove", "http", "mcp"),
         webrtc={"enabled": True},
         unregister_timeout=0.01,
-        api={"wait_seconds": 0.01, "goal_seconds": 0.01},
     )
     with pytest.MonkeyPatch.context() as patch, Failures() as failures:
         patch.setattr(video, "PATIENCE", 0.01)
+        patch.setattr(services, "MAX_WAIT_SECONDS", 0.01)
+        patch.setattr(topics, "MAX_WAIT_SECONDS", 0.01)
         with start_blocking_portal("asyncio") as portal, portal.wrap_async_context_manager(server):
             yield Asked(int(server.urls[0].rpartition(":")[2]), server.graph, failures)
 

@@ -8,10 +8,11 @@ from types import ModuleType
 
 import pytest
 
-from tools.size import calls, loaded
+from tools.size import calls, complexity, loaded
+from tools.size.__main__ import grown
 from tools.size.calls import CallCounter, CallCounts, FunctionCalls
 from tools.size.layout import Layout, source_files
-from tools.size.source import LineCounts, count_lines, rejected_docstrings
+from tools.size.source import LineCounts, count_lines, is_alias, rejected_docstrings
 from tools.size.structure import Module, Protocols, shared_names, small_modules
 
 SOURCE = '''"""A module.
@@ -31,18 +32,23 @@ lines""",
     """What it does."""
 
     # Another comment.
-    print(text)
+    print(text)  # noqa: T201
 '''
 
 
 def test_lines_by_kind() -> None:
-    assert count_lines(SOURCE) == LineCounts(lines=18, code=6, comments=2)
+    assert count_lines(SOURCE) == LineCounts(lines=18, code=7, comments=3)
     assert count_lines("") == LineCounts()
     assert count_lines('x = "# none"') == LineCounts(lines=1, code=1)
 
 
 def test_a_docstring_beside_code_is_no_code_and_its_line_is() -> None:
     assert count_lines('class E(Exception): """An error."""\n') == LineCounts(lines=1, code=1)
+
+
+def test_a_module_is_an_alias_if_its_docstring_says_so() -> None:
+    assert is_alias('"""Deprecated alias of `rwt.tls`."""')
+    assert not is_alias(SOURCE) and not is_alias("")
 
 
 def test_docstrings_that_begin_with_a_rejected_word() -> None:
@@ -96,25 +102,78 @@ def test_protocols_and_their_implementations(tmp_path: Path) -> None:
     assert [use.data_only for use in uses.values()] == [True, False, False]
 
 
+LARGE = """
+class State(Enum): ...
+class Order(Enum): ...
+class Named:
+    def run(self):
+        self._state: State = first()
+        {fourteen}
+class Nameless:
+    order = Order.FIRST
+    def run(self):
+        self._order = Order.FIRST
+        {fourteen}
+class Small:
+    def __init__(self):
+        {fourteen}
+"""
+
+
+def test_classes_with_many_attributes_and_their_states(tmp_path: Path) -> None:
+    fourteen = "; ".join(f"self.x{number}, other.y = 1, 2" for number in range(14))
+    found = complexity.large_classes(modules(tmp_path, large=LARGE.format(fourteen=fourteen)))
+    assert [(each.name, each.attributes, each.state) for each in found] == [
+        ("large.Named", 15, "State"),
+        ("large.Nameless", 15, ""),
+    ]
+
+
+def test_long_functions_without_their_docstrings(tmp_path: Path) -> None:
+    body = '    """Docstring.\n\n    Its end.\n    """\n' + "    pass\n" * 49
+    found = modules(tmp_path, long=f"def fifty():\n{body}def longer():\n{body}    pass\n")
+    assert [(each.name, each.lines) for each in complexity.long_functions(found)] == [("longer", 51)]
+
+
+def test_functions_that_exist_plain_and_in_steps(tmp_path: Path) -> None:
+    text = (
+        "def read(): ...\ndef _read(): ...\ndef _read_in_steps(): ...\ndef write_in_steps(): ...\n"
+        "class C:\n    def write(self): ...\n    def _write_in_steps(self): ..."
+    )
+    (module,) = modules(tmp_path, pairs=text)
+    assert list(complexity.step_pairs(module)) == [(2, "_read"), (6, "write")]
+
+
+def test_the_ratchet_names_figures_that_have_grown() -> None:
+    recorded = {"protocols": 3.0, "modules": 5.0}
+    assert list(grown({"protocols": 4, "modules": 5, "classes": 1}, recorded)) == [
+        "protocols: 4 (recorded: 3.0)",
+        "classes: 1 (not recorded)",
+    ]
+
+
 def test_the_packages_are_those_of_the_wheels() -> None:
     layout = Layout()
-    assert layout.packages.keys() | layout.rclpy.keys() >= {*layout.wheel}
-    assert all(
-        (folder / "__init__.py").is_file() for folder in (*layout.packages.values(), *layout.rclpy.values())
-    )
+    assert layout.packages.keys() >= {*layout.wheel, "rwt_rclpy", "rwt_lerobot"}
+    assert all((folder / "__init__.py").is_file() for folder in layout.packages.values())
     assert "rwt.server" in dict(source_files(layout.packages))
 
 
-def test_rclpy_may_be_a_project_of_its_own(tmp_path: Path) -> None:
+def test_distributions_in_folders_count(tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").write_text('[tool.hatch.build.targets.wheel]\npackages = ["src/rwt"]\n')
     package = tmp_path / "rwt-rclpy" / "src" / "rwt_rclpy"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
     (tmp_path / "rwt-rclpy" / "pyproject.toml").touch()
+    (tmp_path / "rwt-rclpy" / "tests").mkdir()
     layout = Layout(tmp_path)
-    assert layout.packages == {"rwt": tmp_path / "src" / "rwt"}
-    assert layout.rclpy == {"rwt_rclpy": package}
+    assert layout.projects == {
+        ".": {"rwt": tmp_path / "src" / "rwt"},
+        "rwt-rclpy": {"rwt_rclpy": package},
+    }
+    assert layout.packages == {"rwt": tmp_path / "src" / "rwt", "rwt_rclpy": package}
     assert layout.wheel == ("rwt",)
+    assert layout.tests == (tmp_path / "rwt-rclpy" / "tests",)
 
 
 def test_calls_are_counted_in_the_order_of_the_first_with_their_depth(tmp_path: Path) -> None:
@@ -138,7 +197,8 @@ def test_calls_are_counted_in_the_order_of_the_first_with_their_depth(tmp_path: 
 def test_functions_that_run_for_few_messages_are_background() -> None:
     steady, background = FunctionCalls("a.py", 1, "f", 0, 180), FunctionCalls("b.py", 1, "g", 0, 179)
     counts = CallCounts(200, (background, steady))
-    assert (counts.steady, counts.background, counts.files) == ((steady,), (background,), 1)
+    assert (counts.steady, counts.background) == ((steady,), (background,))
+    assert (counts.files, counts.classes) == (1, 0)
 
 
 @pytest.mark.slow
@@ -147,7 +207,7 @@ def test_calls_per_message_of_a_server(name: str) -> None:
     counts = calls.measure(Layout(), name)
     assert counts.messages == calls.MESSAGES
     assert counts.steady[0].depth == 0
-    assert counts.files > 5
+    assert counts.files > 5 < counts.classes
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-from tests.traces.frozen import FROZEN, frozen_texts
 from tests.traces.session import SESSIONS, played
 from tests.traces.transcript import RECORDED, file_of
 
@@ -18,8 +17,6 @@ def main() -> None:
     RECORDED.mkdir(exist_ok=True)
     for name in names:
         file_of(name).write_text(played(name), encoding="utf-8", newline="\n")
-    texts = frozen_texts(file_of(name).read_text(encoding="utf-8") for name in SESSIONS)
-    FROZEN.write_text("\n".join(texts) + "\n", encoding="utf-8", newline="\n")
 
 
 main()

@@ -148,24 +148,24 @@ def roles(transcript: Transcript) -> None:
                 transcript.add(page.head)
             with Wire(transcript, "query", f"{url}/?token=viewer-token-of-the-trace") as query:
                 transcript.add(query.head)
+            api = Http(transcript, url)
+            transcript.title("a role that may do some things")
+            driver = _token("driver")
+            with Wire(transcript, "driver", url, headers=driver) as wire:
+                _acts(wire)
+            for path in ("/api/topics", "/api/services", "/api/parameters", "/api/topics/nothing"):
+                api.request("GET", path, headers=driver)
+            for path in ("/api/topics/closed", "/api/services/switch", "/api/actions/deny/goals"):
+                api.request("POST", path, "{}", driver)
+            api.request("PUT", "/api/parameters/lab:max_speed", "0.5", driver)
+            with Wire(transcript, "driver", url, ["foxglove.sdk.v1"], driver) as wire:
+                wire.redirect(Transcript("unused"))
+                wire.hear()
+                wire.redirect(transcript)
+                _foxglove_acts(wire)
+            transcript.title("what a page may ask of each role")
             for role in ("viewer", "agent", "driver", "admin"):
-                transcript.title(f"role {role}")
-                with Wire(transcript, role, url, headers=_token(role)) as wire:
-                    _acts(wire)
-                api = Http(transcript, url)
-                for path in (
-                    "/role",
-                    "/api/topics",
-                    "/api/services",
-                    "/api/parameters",
-                    "/api/topics/nothing",
-                ):
-                    api.request("GET", path, headers=_token(role))
-                for path in ("/api/topics/cmd_vel", "/api/services/switch", "/api/actions/deny/goals"):
-                    api.request("POST", path, "{}", _token(role))
-                api.request("PUT", "/api/parameters/lab:max_speed", "0.5", _token(role))
-                with Wire(transcript, role, url, ["foxglove.sdk.v1"], _token(role)) as viewer:
-                    _foxglove_acts(viewer)
+                api.request("GET", "/role", headers=_token(role))
             transcript.title("HTTP without a token")
             for path in ("/", "/api", "/metrics", "/version", "/nothing"):
                 Http(transcript, url).request("GET", path)
@@ -203,7 +203,6 @@ def _acts(wire: Wire) -> None:
 
 
 def _foxglove_acts(wire: Wire) -> None:
-    wire.hear()
     channel = {"topic": "/closed_channel", "encoding": "json", "schemaName": "std_msgs/String"}
     wire.say({"op": "advertise", "channels": [{"id": 1, **channel}]})
     wire.say({"op": "fly"})
@@ -473,9 +472,10 @@ def _stop(transcript: Transcript, driver: Wire, agent: Wire, admin: Wire, url: s
     _called(driver, "/add", a=1)
 
 
-SESSIONS: Final[dict[str, Session]] = {
-    "access.roles": roles,
-    "access.rosauth": rosauth,
-    "access.limits": limits,
-    "access.gate": gate,
-}
+def access(transcript: Transcript) -> None:
+    """Record what servers refuse by token, role, op `auth`, limit and gate."""
+    for session in (roles, rosauth, limits, gate):
+        session(transcript)
+
+
+SESSIONS: Final[dict[str, Session]] = {"access": access}

@@ -12,29 +12,56 @@ from tests.traces.transcript import Session, Transcript
 from tests.traces.wires import Http, Wire, serving
 
 
-def foxglove(transcript: Transcript, distro: str) -> None:
-    """Record Foxglove's protocol with one distribution."""
-    binary = "cdr" if distro == "jazzy" else "ros1"
+def foxglove(transcript: Transcript) -> None:
+    """Record Foxglove's protocol."""
     # The first client stays to the end: channels get other ids once the last client has gone.
     with (
-        serving("--script", str(ROBOT), "--distro", distro, "--set", "nodes=rosapi") as url,
+        serving("--script", str(ROBOT), "--set", "nodes=rosapi") as url,
         Wire(transcript, "v1", url, ["foxglove.websocket.v1"]) as v1,
     ):
         transcript.title("foxglove.websocket.v1")
         transcript.add(v1.head)
-        _catalogue(v1)
         with Wire(transcript, "sdk", url, ["foxglove.sdk.v1"]) as sdk:
             transcript.title("foxglove.sdk.v1")
             transcript.add(sdk.head)
             channels, services = _catalogue(sdk)
             _parameters(transcript, sdk)
             _channels(transcript, sdk, channels)
-            _calls(transcript, sdk, services, binary)
+            _calls(transcript, sdk, services)
             _mistakes(transcript, sdk)
         with Wire(transcript, "writer", url, ["foxglove.sdk.v1"]) as writer:
             transcript.title("channels of a client")
+            writer.redirect(Transcript("unused"))
             channels, _ = _catalogue(writer)
-            _publications(writer, channels, binary)
+            writer.redirect(transcript)
+            _publications(writer, channels)
+
+
+def foxglove_noetic(transcript: Transcript) -> None:
+    """Record the forms of ROS 1 in Foxglove's protocol."""
+    with (
+        serving("--script", str(ROBOT), "--distro", "noetic", "--set", "nodes=rosapi") as url,
+        Wire(transcript, "sdk", url, ["foxglove.sdk.v1"]) as sdk,
+    ):
+        channels, services = _catalogue(sdk)
+        for name in ("/lab.max_speed", "/lab/max_speed"):
+            sdk.say({"op": "getParameters", "parameterNames": [name], "id": "get"})
+            sdk.hear_until('"parameterValues"')
+        sdk.say({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channels["/map_name"]}]})
+        sdk.hear()
+        for encoding, payload in (
+            (b"json", b'{"a": 2, "b": 3}'),
+            (b"ros1", struct.pack("<qq", 2, 3)),
+            (b"ros1", b"short"),
+            (b"cdr", b""),
+        ):
+            sdk.say(struct.pack("<BIII", 2, services["/add"], 5, len(encoding)) + encoding + payload)
+            sdk.hear()
+        sdk.say({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channels["/cmd_vel"]}]})
+        channel = {"id": 2, "topic": "/cmd_vel", "schemaName": "geometry_msgs/Twist", "encoding": "ros1"}
+        sdk.say({"op": "advertise", "channels": [channel]})
+        sdk.say(struct.pack("<BI6d", 1, 2, 1, 2, 3, 4, 5, 6))
+        sdk.hear()
 
 
 def _catalogue(wire: Wire) -> tuple[dict[str, int], dict[str, int]]:
@@ -73,14 +100,14 @@ def _channels(transcript: Transcript, wire: Wire, channels: dict[str, int]) -> N
     wire.say({"op": "unsubscribe", "subscriptionIds": [0, 1, 2, 77]})
 
 
-def _calls(transcript: Transcript, wire: Wire, services: dict[str, int], binary: str) -> None:
+def _calls(transcript: Transcript, wire: Wire, services: dict[str, int]) -> None:
     transcript.title("calls")
-    head = b"\0\1\0\0" if binary == "cdr" else b""
+    head = b"\0\1\0\0"
     for service, encoding, payload in (
         ("/add", "json", b'{"a": 2, "b": 3}'),
-        ("/add", binary, head + struct.pack("<qq", 2, 3)),
-        ("/add", binary, head + b"short"),
-        ("/add", binary, b""),
+        ("/add", "cdr", head + struct.pack("<qq", 2, 3)),
+        ("/add", "cdr", head + b"short"),
+        ("/add", "cdr", b""),
         ("/add", "json", b'{"a": 13}'),
         ("/add", "json", b'{"a": "two"}'),
         ("/add", "json", b"nonsense"),
@@ -141,12 +168,12 @@ def _mistakes(transcript: Transcript, wire: Wire) -> None:
         wire.hear_until('"id":"mark"')
 
 
-def _publications(wire: Wire, channels: dict[str, int], binary: str) -> None:
-    head = b"\0\1\0\0" if binary == "cdr" else b""
+def _publications(wire: Wire, channels: dict[str, int]) -> None:
+    head = b"\0\1\0\0"
     number = channels["/cmd_vel"]
     wire.say({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": number}]})
     about = {"topic": "/cmd_vel", "schemaName": "geometry_msgs/Twist"}
-    offered = [{"id": 1, **about, "encoding": "json"}, {"id": 2, **about, "encoding": binary}]
+    offered = [{"id": 1, **about, "encoding": "json"}, {"id": 2, **about, "encoding": "cdr"}]
     wire.say({"op": "advertise", "channels": offered})
     for channel, payload in (
         (1, b'{"linear": {"x": 0.5}}'),
@@ -211,7 +238,10 @@ def mcp(transcript: Transcript) -> None:
             _post(agent, method, {"_meta": _META, **params}, headers=headers)
 
         newest("server/discover", {})
-        _questions(newest)
+        newest("nothing", {})
+        newest("tools/call", {"name": "list_robot", "arguments": {}})
+        newest("tools/call", {"name": "fly", "arguments": {}})
+        newest("resources/read", {"uri": "robot://types/std_msgs/String"})
         transcript.title("requests that are none")
         for body in ("", "nonsense", "[]", "{}", '{"jsonrpc":"1.0"}', '{"jsonrpc":"2.0","id":1}'):
             agent.request("POST", "/mcp", body, _ASKED)
@@ -224,7 +254,9 @@ def _post(
     agent: Http, method: str, params: dict[str, Any], headers: dict[str, str] | None = None
 ) -> tuple[Any, str]:
     body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": params})
-    return agent.request("POST", "/mcp", body, {**_ASKED, **(headers or {})})
+    # The lists of what there is are in docs/reference/agents.md.
+    show = not method.endswith("/list")
+    return agent.request("POST", "/mcp", body, {**_ASKED, **(headers or {})}, show=show)
 
 
 def _questions(ask: Any) -> None:
@@ -260,7 +292,7 @@ def _questions(ask: Any) -> None:
 
 
 SESSIONS: Final[dict[str, Session]] = {
-    "foxglove.jazzy": partial(foxglove, distro="jazzy"),
-    "foxglove.noetic": partial(foxglove, distro="noetic"),
+    "foxglove": foxglove,
+    "foxglove.noetic": foxglove_noetic,
     "mcp": mcp,
 }

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any, Final
+from typing import Final
 
 import cbor2
 
@@ -171,17 +170,4 @@ def _pages(api: Http) -> None:
     api.request("GET", "/api", headers=_HTML, show=False)
 
 
-def openapi(transcript: Transcript) -> None:
-    """Record the description of the HTTP gateway."""
-    with serving("--script", str(ROBOT), "--set", "nodes=rosapi") as url:
-        headers, text = Http(Transcript("unused"), url).request("GET", "/api/openapi.json")
-        transcript.add(f"content-type: {headers['Content-Type']}")
-        # One line for each path and each schema, in the order of the document.
-        document: dict[str, Any] = json.loads(text)
-        for part, value in document.items():
-            members = value.get("schemas", value) if isinstance(value, dict) else {"": value}
-            for name, member in members.items():
-                transcript.add(f"{part} {name} {json.dumps(member, separators=(',', ':'))}")
-
-
-SESSIONS: Final[dict[str, Session]] = {"http.api": http_api, "http.openapi": openapi}
+SESSIONS: Final[dict[str, Session]] = {"http": http_api}

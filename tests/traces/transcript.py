@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -42,29 +43,39 @@ RULES: Final = (
         "stamp of ROS 2", ".*", r'"sec":\s?\d{9,}((?:\\n)?,\s?)"nanosec":\s?\d+', r'"sec":SEC\1"nanosec":NSEC'
     ),
     Rule("stamp of ROS 1", ".*", r'"secs":\s?\d{9,},(\s?)"nsecs":\s?\d+', r'"secs":SEC,\1"nsecs":NSEC'),
-    Rule("stamp in CBOR", "encodings.*", r"(73656373)1a[0-9a-f]{8}", r"\1 SEC "),
-    Rule("nanoseconds in CBOR", "encodings.*", r"(6e73656373)(1a[0-9a-f]{8}|19[0-9a-f]{4})", r"\1 NSEC "),
+    Rule("stamp in CBOR", "rosbridge.encodings", r"(73656373)1a[0-9a-f]{8}", r"\1 SEC "),
+    Rule(
+        "nanoseconds in CBOR",
+        "rosbridge.encodings",
+        r"(6e73656373)(1a[0-9a-f]{8}|19[0-9a-f]{4})",
+        r"\1 NSEC ",
+    ),
     Rule("stamp of a Foxglove message", "foxglove.*", r"^(\S+< hex 01[0-9a-f]{8})[0-9a-f]{16}", r"\1 TIME "),
     Rule("session of Foxglove", ".*", r'"sessionId":"[^"]*"', '"sessionId":"SESSION"'),
     Rule("stamp of a sample over HTTP", ".*", r"(?i)^(ros-time): [\d.]+", r"\1: TIME"),
-    Rule("id of an event", "http.*", r"^id: \d{15,}", "id: TIME"),
-    Rule("ETag, a hash of the body", "http.*", r'(?i)^(etag): "[^"]*"', r'\1: "ETAG"'),
-    Rule("session of MCP", "mcp.*", r"(?i)^(mcp-session-id): .*", r"\1: SESSION"),
+    Rule("id of an event", "http", r"^id: \d{15,}", "id: TIME"),
+    Rule("ETag, a hash of the body", "http", r'(?i)^(etag): "[^"]*"', r'\1: "ETAG"'),
+    Rule("session of MCP", "mcp", r"(?i)^(mcp-session-id): .*", r"\1: SESSION"),
     Rule("work of the server", ".*", r'"work": [\d.]+', '"work": WORK'),
-    Rule("age of a credential", "access.rosauth", r"t is \d+ s off", "t is AGE s off"),
+    Rule("age of a credential", "access", r"t is \d+ s off", "t is AGE s off"),
     Rule("random id", ".*", r"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", "UUID"),
-    Rule("random id without hyphens", "http.*|mcp.*", r"\b[0-9a-f]{32}\b", "UUID"),
-    Rule("hash of the audit line before", "access.gate", r'"previous":"[0-9a-f]{64}"', '"previous":"HASH"'),
+    Rule("random id without hyphens", "http|mcp", r"\b[0-9a-f]{32}\b", "UUID"),
+    Rule("hash of the audit line before", "access", r'"previous":"[0-9a-f]{64}"', '"previous":"HASH"'),
     Rule(
         "interval of repeated events",
-        "access.gate",
+        "access",
         r"(repeated \S+(?: times)? in) [\d.]+ s",
         r"\1 SECONDS s",
     ),
-    Rule("time of an audit line", "access.gate", r'"(time|at)":\s?("[^"]*"|[\d.]+)', r'"\1":"TIME"'),
+    Rule("time of an audit line", "access", r'"(time|at)":\s?("[^"]*"|[\d.]+)', r'"\1":"TIME"'),
+    Rule("names of ops", "rosbridge.*", r"(expected one of) \w+(?:, \w+)+", r"\1 NAMES"),
+    Rule("names that an agent may use", "mcp", r"(available:) [^,\"]+(?:, [^,\"]+)+", r"\1 NAMES"),
     Rule("temporary folder", ".*", r"/(?:[\w.-]+/)*traces-[\w]+", "FOLDER"),
 )
-"""All that varies, and nothing else."""
+"""All that varies from run to run, and lists of names that grow with other parts."""
+
+FIRST: Final = {"rosbridge.noetic": "rosbridge"}
+"""Sessions that are recorded as differences, each with the session that it differs from."""
 
 
 class Transcript:
@@ -86,14 +97,22 @@ class Transcript:
     def add(self, text: str) -> None:
         """Add the lines of a text."""
         for line in text.split("\n"):
-            line = line.replace("\r", "\\r")
-            for pattern, replacement in self._rules:
-                line = pattern.sub(replacement, line)
-            self._lines.append(line)
+            self._lines.append(self._replaced(line))
+
+    def add_row(self, parts: Iterable[str]) -> None:
+        """Add several lines as one, if there are any."""
+        if row := " | ".join(map(self._replaced, parts)):
+            self._lines.append(row)
 
     def title(self, text: str) -> None:
         """Begin a chapter."""
         self._lines.append(f"# {text}")
+
+    def _replaced(self, line: str) -> str:
+        line = line.replace("\r", "\\r")
+        for pattern, replacement in self._rules:
+            line = pattern.sub(replacement, line)
+        return line
 
     def __str__(self) -> str:
         return "\n".join(self._lines) + "\n"
@@ -106,6 +125,18 @@ Session = Callable[[Transcript], None]
 def frame_text(data: str | bytes) -> str:
     """Return a frame as one line."""
     return data if isinstance(data, str) else f"hex {data.hex()}"
+
+
+def recording(name: str, played: str) -> str:
+    """Return the recording of a session: its transcript, or how this differs from another recording.
+
+    Numbers of lines are left out, so that a change of both sessions changes one recording.
+    """
+    if name not in FIRST:
+        return played
+    first = file_of(FIRST[name]).read_text(encoding="utf-8")
+    lines = list(difflib.unified_diff(first.splitlines(), played.splitlines(), lineterm="", n=0))[2:]
+    return "\n".join("@@" if line.startswith("@@") else line for line in lines) + "\n"
 
 
 def file_of(name: str) -> Path:

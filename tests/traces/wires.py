@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 import socket
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,6 +24,14 @@ SECONDS: Final = 60.0
 """Time within which a frame comes, also on a busy machine."""
 
 _VARIABLES: Final = {"PYTHONHASHSEED": "0"}
+
+
+_ALWAYS: Final = {
+    "Date": r"\w{3}, \d\d \w{3} \d{4} \d\d:\d\d:\d\d GMT",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+"""Headers of every answer, with the patterns of their values."""
 
 
 def _compact(value: object) -> str:
@@ -183,6 +192,18 @@ class Wire:
         self._transcript.add(f"{self._name}< {frame_text(data)}")
 
 
+def _note_headers(transcript: Transcript, headers: Iterable[tuple[str, str]]) -> None:
+    """Note the headers of an answer: of those that all answers should have, only the ones that it lacks."""
+    lacking = dict(_ALWAYS)
+    others = []
+    for name, value in headers:
+        if re.fullmatch(lacking.get(name, ""), value):
+            del lacking[name]
+        else:
+            others.append(f"{name}: {value}")
+    transcript.add_row([*others, *(f"without {name}" for name in lacking)])
+
+
 def refused(transcript: Transcript, url: str, headers: Mapping[str, str] | None = None) -> None:
     """Connect where that is refused, and note the answer."""
     try:
@@ -190,8 +211,7 @@ def refused(transcript: Transcript, url: str, headers: Mapping[str, str] | None 
     except InvalidStatus as error:
         response = error.response
         transcript.add(f"refused< {response.status_code} {response.reason_phrase}")
-        for name, value in response.headers.raw_items():
-            transcript.add(f"{name}: {value}")
+        _note_headers(transcript, response.headers.raw_items())
         transcript.add((response.body or b"").decode())
     else:
         raise AssertionError("the server let the client in")
@@ -232,21 +252,19 @@ class Http:
         """
         connection = http.client.HTTPConnection(self._host, self._port, timeout=SECONDS)
         try:
-            self._transcript.add(f"> {method} {path}")
-            for name, value in (headers or {}).items():
-                self._transcript.add(f"> {name}: {value}")
+            asked = [f"{name}: {value}" for name, value in (headers or {}).items()]
+            self._transcript.add_row([f"> {method} {path}", *asked])
             if body is not None:
                 shown = body if isinstance(body, str) else f"hex {body.hex()}"
                 self._transcript.add(f"> {shown[:2000]}")
             connection.request(method, path, body, dict(headers or {}))
             answer = connection.getresponse()
             self._transcript.add(f"< {answer.status} {answer.reason}")
-            for name, value in answer.getheaders():
-                if show or name != "Content-Length":
-                    self._transcript.add(f"{name}: {value}")
+            noted = [each for each in answer.getheaders() if show or each[0] != "Content-Length"]
+            _note_headers(self._transcript, noted)
             text = self._body(answer, events)
-            if show:
-                self._transcript.add(f"\n{text}\n")
+            if show and text:
+                self._transcript.add(text)
             return answer.headers, text
         finally:
             connection.close()

@@ -4,7 +4,7 @@ Each scenario has a server with a rosbridge client in the same event loop, which
 other with a pause between. Functions with fewer than nine calls for ten messages, such as timers, are listed
 as background. A generator or coroutine that goes on counts as a call, as it does for :func:`sys.setprofile`.
 
-As a program it prints the calls of one scenario as JSON: ``python -m tools.size.calls publish``.
+As a program it prints the calls of one scenario as JSON: ``python -m tools.size.calls publish .``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from tools.size.layout import Layout, within
+from tools.size.layout import ROOT, Layout, within
 
 if TYPE_CHECKING:
     from websockets.asyncio.client import ClientConnection
@@ -63,6 +63,10 @@ class Scenario:
 
 SCENARIOS: Final[Mapping[str, Scenario]] = {
     "publish": Scenario("publish, one client subscribes"),
+    "rate limit": Scenario(
+        "publish by a client with a rate limit, one client subscribes",
+        settings={"limits": {"messages_per_second": 1000}},
+    ),
     "subscriber": Scenario("publish, one client and a node in the process subscribe", in_process=True),
     "service": Scenario("call of a service in the process", service=True),
     "gate": Scenario(
@@ -117,6 +121,12 @@ class CallCounts:
     def files(self) -> int:
         """Number of files of the steady functions."""
         return len({each.file for each in self.steady})
+
+    @property
+    def classes(self) -> int:
+        """Number of classes of the steady functions."""
+        owners = {(each.file, each.function.rpartition(".")[0]) for each in self.steady}
+        return sum(bool(owner) and not owner.endswith("<locals>") for _, owner in owners)
 
     def per_message(self, functions: Iterable[FunctionCalls]) -> float:
         """Return the calls of some functions per message."""
@@ -174,8 +184,8 @@ class CallCounter:
 def measure(layout: Layout, name: str) -> CallCounts:
     """Run one of :data:`SCENARIOS` in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-m", __name__, name],
-        cwd=layout.root,
+        [sys.executable, "-m", __name__, name, str(layout.root)],
+        cwd=ROOT,
         env=layout.environment(),
         stdout=subprocess.PIPE,
         text=True,
@@ -247,5 +257,6 @@ async def _exchange(
 
 
 if __name__ == "__main__":
-    counts = asyncio.run(run(SCENARIOS[sys.argv[1]], Layout().packages.values()))
+    packages = Layout(Path(sys.argv[2])).packages
+    counts = asyncio.run(run(SCENARIOS[sys.argv[1]], packages.values()))
     json.dump(asdict(counts), sys.stdout)

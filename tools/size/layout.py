@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).parents[2]
-RCLPY: Final = "rwt_rclpy"
-"""Package whose figures are listed apart from all others."""
 
 
 def wheel_packages(project: Path) -> dict[str, Path]:
@@ -39,23 +37,25 @@ class Layout:
         return tuple(sorted(wheel_packages(self.root / "pyproject.toml")))
 
     @cached_property
-    def packages(self) -> Mapping[str, Path]:
-        """Packages of the project, without rclpy."""
-        found = wheel_packages(self.root / "pyproject.toml")
-        return {name: folder for name, folder in found.items() if name != RCLPY}
+    def projects(self) -> Mapping[str, Mapping[str, Path]]:
+        """Packages of each distribution: of the project itself, and of those in folders ``rwt-*``."""
+        files = (self.root / "pyproject.toml", *sorted(self.root.glob("rwt-*/pyproject.toml")))
+        return {str(each.parent.relative_to(self.root)): wheel_packages(each) for each in files}
 
     @cached_property
-    def rclpy(self) -> Mapping[str, Path]:
-        """The package of rclpy, from the project itself or from a project in a folder of it."""
-        for project in (self.root / "pyproject.toml", *sorted(self.root.glob("*/pyproject.toml"))):
-            if folder := wheel_packages(project).get(RCLPY):
-                return {RCLPY: folder}
-        return {}
+    def packages(self) -> Mapping[str, Path]:
+        """Packages of all distributions."""
+        return {name: folder for project in self.projects.values() for name, folder in project.items()}
+
+    @cached_property
+    def tests(self) -> tuple[Path, ...]:
+        """Folders of tests."""
+        return tuple(filter(Path.is_dir, (self.root / each / "tests" for each in self.projects)))
 
     def environment(self) -> dict[str, str]:
         """Return an environment for processes that import the packages of this checkout, with no settings."""
         kept = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
-        folders = {str(folder.parent): None for folder in (*self.packages.values(), *self.rclpy.values())}
+        folders = {str(folder.parent): None for folder in self.packages.values()}
         path = [*folders, str(self.root), *filter(None, [kept.get("PYTHONPATH")])]
         return {**kept, "PYTHONPATH": os.pathsep.join(path)}
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 import json
 import os
 import signal
+import statistics
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,6 +30,10 @@ _SECONDS: Final = 20.0
 """Longest wait for an answer."""
 
 _TWIST: Final = {"linear": {"x": 0.25, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": -0.5}}
+
+
+_IMPORTS: Final = 15
+"""Number of processes of which the median is taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,24 @@ def measure(layout: Layout) -> tuple[Loaded, Loaded]:
         startup = _ask(process, layout)
         _connect_clients(url)
         return startup, _ask(process, layout)
+
+
+def import_seconds(layout: Layout) -> tuple[float, float]:
+    """Return time and CPU time of a process that only imports the server, with compiled bytecode."""
+    environment = layout.environment()
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    seconds = []
+    cpu_seconds = []
+    for _ in range(_IMPORTS + 1):
+        start, before = time.perf_counter(), os.times()
+        command = [sys.executable, "-c", "from rwt import Server"]
+        subprocess.run(command, cwd=layout.root, env=environment, check=True)
+        seconds.append(time.perf_counter() - start)
+        after = os.times()
+        used = after.children_user + after.children_system
+        cpu_seconds.append(used - before.children_user - before.children_system)
+    # The first process may compile.
+    return round(statistics.median(seconds[1:]), 2), round(statistics.median(cpu_seconds[1:]), 2)
 
 
 @contextmanager

@@ -13,6 +13,10 @@ from typing import Final
 FIRST_WORDS: Final = re.compile(r"(What|Whether|It|They|There|Nobody|Nothing|How|Who|Never)\b")
 """Words with which no docstring begins."""
 
+_DIRECTIVE: Final = re.compile(r"#\s*(type:|noqa|mypy:|pragma:|!)")
+
+_DOCUMENTED: Final = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+
 _NO_CODE: Final = frozenset(
     {
         tokenize.COMMENT,
@@ -32,8 +36,9 @@ class LineCounts:
 
     Attributes:
         lines: all lines.
-        code: lines with at least one token that is neither a comment nor part of a docstring.
-        comments: lines with nothing but a comment.
+        code: lines with at least one token that is neither a comment nor part of the docstring of a module,
+            class or function.
+        comments: lines with a comment that is no directive of a checker, also behind code.
     """
 
     lines: int = 0
@@ -43,30 +48,49 @@ class LineCounts:
     def __add__(self, other: LineCounts) -> LineCounts:
         return LineCounts(self.lines + other.lines, self.code + other.code, self.comments + other.comments)
 
+    @property
+    def commented(self) -> float:
+        """Lines with a comment, in percent."""
+        return round(100 * self.comments / self.lines, 2) if self.lines else 0.0
+
 
 def count_lines(text: str) -> LineCounts:
     """Count the physical lines of a module."""
     in_docstrings = {
         row
-        for each in docstring_nodes(ast.parse(text))
-        for row in range(each.lineno, (each.end_lineno or each.lineno) + 1)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, _DOCUMENTED)
+        for row in docstring_rows(node)
     }
     code: set[int] = set()
     comments: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
-            comments.add(token.start[0])
+            if not _DIRECTIVE.match(token.string):
+                comments.add(token.start[0])
         elif token.type not in _NO_CODE and not (
             token.type == tokenize.STRING and token.start[0] in in_docstrings
         ):
             code.update(range(token.start[0], token.end[0] + 1))
     lines = text.count("\n") + (bool(text) and not text.endswith("\n"))
-    return LineCounts(lines, len(code), len(comments - code - in_docstrings))
+    return LineCounts(lines, len(code), len(comments))
 
 
 def total(counts: Iterable[LineCounts]) -> LineCounts:
     """Add counts up."""
     return sum(counts, LineCounts())
+
+
+def is_alias(text: str) -> bool:
+    """Return true if a module is only a deprecated alias, as the first word of its docstring says."""
+    return (ast.get_docstring(ast.parse(text)) or "").startswith("Deprecated")
+
+
+def docstring_rows(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> range:
+    """Return the numbers of the lines of a docstring, none if there is no docstring."""
+    if ast.get_docstring(node, clean=False) is None:
+        return range(0)
+    return range(node.body[0].lineno, (node.body[0].end_lineno or node.body[0].lineno) + 1)
 
 
 def docstring_nodes(tree: ast.AST) -> Iterator[ast.Constant]:

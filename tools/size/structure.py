@@ -22,10 +22,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from tools.generate_rooms import MOST_MODULES, imports
+from tools.generate_rooms import imports
 
 SMALL_LINES: Final = 80
 """A module with fewer lines is small."""
+
+MOST_MODULES: Final = 15
+"""Largest number of modules that a folder should have."""
 
 ClassId = tuple[str, str]
 """Module and qualified name of a class."""

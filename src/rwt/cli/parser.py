@@ -92,9 +92,14 @@ def add_unavailable(commands: Commands, name: str, why: str) -> None:
     parser.unavailable = why
 
 
+def actions_of(parser: argparse.ArgumentParser) -> Sequence[argparse.Action]:
+    """Return the arguments and options of `parser`, for which argparse has no public name."""
+    return tuple(parser._actions)
+
+
 def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
     """Return the commands of `parser` by name, as the mapping that the parser itself uses."""
-    for action in parser._actions:
+    for action in actions_of(parser):
         if isinstance(action, argparse._SubParsersAction):
             found: dict[str, argparse.ArgumentParser] = action.choices
             return found

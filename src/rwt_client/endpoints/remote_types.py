@@ -247,7 +247,7 @@ class RemoteTypes:
         return ()
 
     async def _fetch_message(self, name: str) -> None:
-        for each, text in _texts(await self._api.message_details(name)).items():
+        for each, text in definition_texts(await self._api.message_details(name)).items():
             self._add_unknown(each, text)
 
     async def _fetch_parts(
@@ -258,7 +258,7 @@ class RemoteTypes:
     ) -> None:
         sections: list[str] = []
         for ask in parts:
-            first, *nested = _texts(await ask(name)).items() or [("", "")]
+            first, *nested = definition_texts(await ask(name)).items() or [("", "")]
             sections.append(first[1])
             for each, text in nested:
                 self._add_unknown(each, text)
@@ -297,7 +297,7 @@ def _found(find: Callable[[str], T], name: str) -> T | None:
         return None
 
 
-def _texts(types: Iterable[TypeInfo]) -> dict[str, str]:
+def definition_texts(types: Iterable[TypeInfo]) -> dict[str, str]:
     """Return the definitions that rosapi describes, the requested one first (API-03)."""
     found: dict[str, str] = {}
     for each in types:

@@ -22,7 +22,7 @@ RawText = bytes | memoryview
 Parts = tuple[RawText, ...]
 
 #: Minimum bytes of a separate part; shorter ones are joined.
-_LONG_PART_BYTES = 1 << 18
+LONG_PART_BYTES = 1 << 18
 #: Maximum distance in bytes of the long string from either end of the text, and at most a quarter of it.
 MARGIN_BYTES = 8192
 #: Bytes of base64 that are checked at a time: large allocations cost more than the check.
@@ -35,7 +35,7 @@ _SHORTEST_TOKEN = 32
 #: Token for other content.
 TOKEN = _TOKEN.decode()
 #: Maximum bytes of an object that is checked in place: 0.1 ms of ASCII, 3 ms of what only begins so.
-_AT_ONCE_BYTES = 1 << 20
+AT_ONCE_BYTES = 1 << 20
 _SAMPLE_BYTES = 4096
 _PADDING = ord("=")
 _QUOTE = ord('"')
@@ -61,13 +61,13 @@ class JoinedParts:
 
     def append(self, part: RawText) -> None:
         """Add a part."""
-        if len(part) >= _LONG_PART_BYTES:
+        if len(part) >= LONG_PART_BYTES:
             self._join()
             self._parts.append(part)
             return
         self._short.append(part)
         self._size += len(part)
-        if self._size >= _LONG_PART_BYTES:
+        if self._size >= LONG_PART_BYTES:
             self._join()
 
     def _join(self) -> None:
@@ -189,7 +189,7 @@ def _is_plain(content: memoryview) -> bool:
     string. A check of the whole object in place takes three quarters of the time of checking pieces.
     """
     whole = content.obj
-    if not isinstance(whole, bytes) or not len(whole) <= min(2 * len(content), _AT_ONCE_BYTES):
+    if not isinstance(whole, bytes) or not len(whole) <= min(2 * len(content), AT_ONCE_BYTES):
         return False
     begin, end = whole.rfind(b'"', 0, len(whole) // 2) + 1, whole.find(b'"', len(whole) // 2)
     if end - begin != len(content) or whole.find(b"\\", begin, end) >= 0:

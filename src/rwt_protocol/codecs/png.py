@@ -223,7 +223,7 @@ def _packer(text: bytes | bytearray) -> _Packer:
 
 def _quick(level: int | None, size: int) -> _Packer:
     """Return a compressor of the fast library (extra `fast`), else of zlib; level None: no match search."""
-    fast = _fast_library()
+    fast = fast_library()
     if fast is not None:
         return fast()
     if level is not None:
@@ -232,7 +232,8 @@ def _quick(level: int | None, size: int) -> _Packer:
 
 
 @cache
-def _fast_library() -> Callable[[], _Packer] | None:
+def fast_library() -> Callable[[], _Packer] | None:
+    """Return the factory of the fastest compressor; None if it is not installed."""
     try:
         from isal import isal_zlib  # loaded by the first picture
     except ImportError:

@@ -242,7 +242,7 @@ def test_a_pause_lasts_a_second_after_the_last_rejected_message() -> None:
 def test_a_pause_is_kept_for_its_second(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rules = {"drive": {"topics": ["/cmd_vel", "/x/*"], "emergency": True, "stop": {}}}
     robot = GatedRobot(rules)
-    monkeypatch.setattr(topic, "_MAX_PAUSED", 1)
+    monkeypatch.setattr(topic, "MAX_PAUSED", 1)
     client, other, admin = robot.client(), robot.client("agent"), robot.client("admin")
     robot.node.advertise("/x/0", "geometry_msgs/Twist")
     call(admin, "/gate/stop")

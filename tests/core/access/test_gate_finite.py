@@ -15,10 +15,11 @@ import cbor2
 import httpx
 import pytest
 
-from rwt import Server
+from rwt import Server, Settings
 from rwt.access.gate.fields import has_finite_numbers
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.rosapi import Rosapi
+from rwt.rosbridge.bridge import Bridge
 from rwt_interfaces.payload import Payload
 from tests.core.access.gated_robot import TWIST, GatedRobot, token
 from tests.extensions.foxglove.viewer import Viewer
@@ -159,12 +160,14 @@ def test_over_rosbridge_in_png(verb: str) -> None:
 
 def test_over_rosbridge_in_bson() -> None:
     robot = Ears()
-    robot.bridge._codec = None
+    robot.bridge = Bridge(robot.graph, Settings(bson_only_mode=True), robot.access)
     for verb in VERBS:
         op = VERBS[verb](math.nan)
         if isinstance(op.get("args"), dict | type(None)) or "msg" in op:
             robot.client().say_raw(bson.encode(op), binary=True)
     assert robot.is_untouched
+    robot.client().say_raw(bson.encode(VERBS["field"](0.5)), binary=True)
+    assert not robot.is_untouched
 
 
 @pytest.mark.parametrize("value", VALUES)

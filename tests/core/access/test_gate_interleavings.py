@@ -38,6 +38,7 @@ from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
 from rwt.rosbridge import Bridge
+from rwt_graph import SimulatedClock
 from rwt_transports.http.routes import HttpRequest
 from tests.core.access.gate_model import LEASE_SECONDS, LIMITS, PRECEDENCE, Fault, GateModel, Person
 from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, settings_of, token
@@ -71,6 +72,19 @@ def rules_of(take: str, limit: float) -> dict[str, object]:
         },
         "acts": {"actions": ["/count"], "parameters": ["*limit"], "emergency": True},
     }
+
+
+class JumpingClock(SimulatedClock):
+    """Clock whose wall time is set.
+
+    Attributes:
+        ahead_ns: how far the wall time is ahead.
+    """
+
+    ahead_ns = 0
+
+    def time_ns(self) -> int:
+        return super().time_ns() + self.ahead_ns
 
 
 class Wire(ABC):
@@ -239,7 +253,8 @@ class GateMachine(RuleBasedStateMachine):
         ]
 
     def _make_robot(self) -> GatedRobot:
-        robot = GatedRobot(**self._gate(LIMITS[0]))
+        clock = JumpingClock(1_700_000_000 * 10**9)
+        robot = GatedRobot(**self._gate(LIMITS[0]), clock=clock)
         Rosapi(robot.graph)
         return robot
 
@@ -488,7 +503,7 @@ class GateMachine(RuleBasedStateMachine):
     def pause(self, seconds: float) -> None:
         """The process is stopped, and no timer runs."""
         self.robot.take()
-        self.robot.clock._steady_ns += round(seconds * 1e9)
+        self.robot.clock.suspend(seconds)
         self.robot.clock.advance(0.0)
         if self.model.advance(self._now()):
             self._require_stop()
@@ -496,7 +511,8 @@ class GateMachine(RuleBasedStateMachine):
     @rule(days=st.sampled_from([-1, 1]))
     def set_wall_clock(self, days: int) -> None:
         """Jump; this has no effect."""
-        self.robot.clock._offset_ns += days * 86_400 * 10**9
+        assert isinstance(self.robot.clock, JumpingClock)
+        self.robot.clock.ahead_ns += days * 86_400 * 10**9
 
     @invariant()
     def both_name_the_same_holder(self) -> None:

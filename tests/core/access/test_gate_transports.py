@@ -33,7 +33,7 @@ from rwt_participant.timers import Timer
 from rwt_webrtc.settings import WebRtcSettings
 from tests.core.access.gate_model import LIMITS
 from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, settings_of, token
-from tests.core.access.test_gate_interleavings import CREDENTIALS, EXAMPLES, GateMachine, Wire
+from tests.core.access.test_gate_interleavings import CREDENTIALS, EXAMPLES, GateMachine, JumpingClock, Wire
 from tests.extensions.mcp.agents import agent_at
 from tests.waiting import until
 
@@ -44,7 +44,7 @@ PATIENCE = 30.0
 T = TypeVar("T")
 
 
-class LoopClock(SimulatedClock):
+class LoopClock(JumpingClock):
     """Simulated clock of an event loop: what is due at once runs in the loop's next turn."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -193,11 +193,11 @@ class ConnectedWire(Wire):
     def __init__(self, robot: ServedRobot, transport: str, credential: str) -> None:
         super().__init__(credential)
         self._robot = robot
-        known = set(robot.gate._actors)
+        known = set(robot.gate.actors)
         self._held = Held(robot.loop)
         url = robot.url(transport, credential)
         self.client = self._held.enter(connect(url, reconnect=None, fetch_types=False, ros_version=2))
-        (self.person.name,) = set(robot.gate._actors) - known
+        (self.person.name,) = set(robot.gate.actors) - known
         self._waiting: set[asyncio.Task[Any]] = set()
 
     def publish(self, message: dict[str, Any]) -> str:
@@ -227,7 +227,7 @@ class ConnectedWire(Wire):
 
     def leave(self) -> bool:
         self._held.leave()
-        self._robot.until(lambda: self.person.name not in self._robot.gate._actors)
+        self._robot.until(lambda: self.person.name not in self._robot.gate.actors)
         return True
 
 

@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from rwt import Server, Settings
-from rwt.cli.commands.doctor import _is_readable
+from rwt.cli.commands.doctor import is_readable_url
 
 AUTH = {"tokens": {"me": {"token": "a-token-of-some-length", "role": "viewer"}}}
 
@@ -45,4 +45,4 @@ async def test_the_server_warns_once(
     ],
 )
 def test_the_doctor_knows_which_urls_are_readable(url: str, is_readable: bool) -> None:
-    assert _is_readable(url) is is_readable
+    assert is_readable_url(url) is is_readable

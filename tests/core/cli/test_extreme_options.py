@@ -12,7 +12,7 @@ import pytest
 
 from rwt.cli import parser_for
 from rwt.cli.errors import CALLED_WRONGLY
-from rwt.cli.parser import Parser, commands_of
+from rwt.cli.parser import Parser, actions_of, commands_of
 
 EXTREME: Final = (
     "", " ", "-1", "0", "1.5", "nan", "inf", "-inf", "1e308", "1e400", "5e-324", "9" * 400, "9" * 5000,
@@ -40,7 +40,7 @@ PARSERS: Final = {parser.prog: parser for parser in _commands(parser_for("*"))}
 def _words(parser: argparse.ArgumentParser, action: argparse.Action, value: str) -> list[str]:
     """A command line with one value at its place, and something ordinary where something is required."""
     words = []
-    for each in parser._actions:
+    for each in actions_of(parser):
         if each is action:
             words.append(f"{each.option_strings[-1]}={value}" if each.option_strings else value)
         elif each.required and each.nargs not in ("*", argparse.REMAINDER):
@@ -67,8 +67,8 @@ def test_every_value_is_taken_or_refused_in_one_line(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     parser = PARSERS[command]
-    for action in parser._actions:
-        if action.nargs == 0 or isinstance(action, argparse._HelpAction):
+    for action in actions_of(parser):
+        if action.nargs == 0:
             continue
         for value in EXTREME:
             said = _refusal(capsys, parser, _words(parser, action, value))
@@ -77,7 +77,7 @@ def test_every_value_is_taken_or_refused_in_one_line(
                 assert len(said) < 1000 and not _HARMFUL.search(said), (action.dest, value[:40], said[:2000])
 
 
-SETTINGS: Final = ("workers", "domain")
+SETTINGS: Final = ("workers", "setting:zenoh.domain")
 """Options that are settings, whose models have the ranges."""
 
 _NUMBERS: Final = ("9" * 400, "1e400", "nan", "inf", "-1", "1e308", "-" + "9" * 400, "")
@@ -86,7 +86,7 @@ _NUMBERS: Final = ("9" * 400, "1e400", "nan", "inf", "-1", "1e308", "-" + "9" * 
 @pytest.mark.parametrize("command", PARSERS)
 def test_an_option_that_is_a_number_has_a_range(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     parser = PARSERS[command]
-    for action in parser._actions:
+    for action in actions_of(parser):
         metavar = action.metavar if isinstance(action.metavar, str) else ""
         if action.dest in SETTINGS or metavar not in (
             "N",

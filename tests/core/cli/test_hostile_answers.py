@@ -14,7 +14,7 @@ import pytest
 from websockets.sync.server import ServerConnection, serve
 
 from rwt.cli import main
-from tests.core.cli.test_hostile_robot import _response
+from tests.core.cli.test_hostile_robot import hostile_response
 
 pytestmark = pytest.mark.filterwarnings(
     # The loop of a command that failed ends before its transport is closed.
@@ -82,7 +82,7 @@ class HostileRobot:
 
 def _plausible(service: str) -> dict[str, Any]:
     """Return an answer with names, so that the commands ask further."""
-    answer = json.loads(json.dumps(_response(service)).replace(json.dumps(_evil_text())[1:-1], "/x"))
+    answer = json.loads(json.dumps(hostile_response(service)).replace(json.dumps(_evil_text())[1:-1], "/x"))
     for name, value in answer.items():
         if name in ("type", "types"):
             answer[name] = ["std_msgs/msg/String"] if isinstance(value, list) else "std_msgs/msg/String"

@@ -35,7 +35,7 @@ def _evil(value: object) -> object:
     return EVIL if isinstance(value, str) else value
 
 
-def _response(service: str) -> dict[str, Any]:
+def hostile_response(service: str) -> dict[str, Any]:
     """An answer of that service in which every text is evil."""
     short = service.rpartition("/")[2]
     kind = "".join(part.title() for part in short.split("_"))
@@ -60,7 +60,7 @@ def _serve(wire: ServerConnection) -> None:
             case "call_service":
                 name = asked["service"]
                 fails = name.endswith("/fails")
-                values: object = EVIL if fails else _response(name)
+                values: object = EVIL if fails else hostile_response(name)
                 reply = {"op": "service_response", "service": name, "values": values, "result": not fails}
                 wire.send(json.dumps({**reply, "id": asked.get("id")}))
             case "subscribe":

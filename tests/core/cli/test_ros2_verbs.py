@@ -13,7 +13,7 @@ import pytest
 
 from rwt import Server
 from rwt.cli import main, parser_for
-from rwt.cli.parser import Parser
+from rwt.cli.parser import Parser, actions_of
 from rwt_client.blocking import connect
 from tests.core.cli.conftest import ROOT
 
@@ -65,7 +65,7 @@ def test_what_cannot_be_had_says_so_in_a_line(
 
 
 def _choices(parser: Parser) -> dict[str, Parser]:
-    (found,) = (action.choices for action in parser._actions if isinstance(action.choices, dict))
+    (found,) = (action.choices for action in actions_of(parser) if isinstance(action.choices, dict))
     return found
 
 

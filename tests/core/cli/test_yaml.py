@@ -118,11 +118,11 @@ def test_a_few_letters_make_no_huge_value() -> None:
         read_yaml(f"a0: &a0 lol\n{laughs}")
 
 
-@pytest.mark.parametrize("loader", [yaml.SafeLoader, yaml_text._LOADER])
+@pytest.mark.parametrize("loader", [yaml.SafeLoader, yaml_text.LOADER])
 @given(text=st.text(st.sampled_from(list("ab:-,[]{}'\"|>#&*!% \n\t01.e~?@\\")), max_size=40))
 def test_any_text_is_read_or_refused(loader: Any, text: str) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(yaml_text, "_LOADER", loader)
+        patch.setattr(yaml_text, "LOADER", loader)
         try:
             read_yaml(text)
         except YamlError as error:

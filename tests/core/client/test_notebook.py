@@ -73,13 +73,13 @@ def test_it_is_live_with_anywidget(robot: BlockingRobot) -> None:
     pytest.importorskip("anywidget")
     view = show(robot, "/speed", "data")
     assert "application/vnd.jupyter.widget-view+json" in view._repr_mimebundle_()
-    assert view._widget is not None
-    first = view._widget.source
+    assert view.widget is not None
+    first = view.widget.source
     for _ in range(100):
-        if view._widget.source != first:
+        if view.widget.source != first:
             break
         time.sleep(0.05)
-    assert view._widget.source.startswith("data:image/svg+xml;base64,") and view._widget.source != first
+    assert view.widget.source.startswith("data:image/svg+xml;base64,") and view.widget.source != first
     view.close()
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from rwt.rosapi.type_services import typedefs
 from rwt_client import FieldInfo, NodeDetails, RosVersion
-from rwt_client.endpoints.remote_types import _texts
-from rwt_client.rosapi import _TypeDef
+from rwt_client.endpoints.remote_types import definition_texts
+from rwt_client.rosapi import TypeDef
 from rwt_interfaces import JAZZY, NOETIC, Registry
 from rwt_participant.api import Listed
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound, UnknownType
@@ -238,8 +238,8 @@ async def test_without_rosapi_both_spellings_of_time_are_read() -> None:
 @pytest.mark.parametrize("name", ["nav_msgs/Odometry", "sensor_msgs/JointState", "visualization_msgs/Marker"])
 def test_typedefs_tell_the_same_fields_as_the_definition(name: str) -> None:
     registry, copy = Registry(JAZZY), Registry(JAZZY)
-    described = msgspec.convert(typedefs(registry.message(name), registry), list[_TypeDef])
-    for each, text in reversed(_texts(one.info() for one in described).items()):
+    described = msgspec.convert(typedefs(registry.message(name), registry), list[TypeDef])
+    for each, text in reversed(definition_texts(one.info() for one in described).items()):
         copy.add_text(text, each)
     wanted, found = registry.definition(name), copy.definition(name)
     assert [(field.name, str(field.type)) for field in found.fields] == [

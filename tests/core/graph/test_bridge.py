@@ -39,7 +39,7 @@ async def graphs(
 ) -> AsyncIterator[Pair]:
     """Two graphs, bridged."""
     monkeypatch.setenv("ROS_IP", "127.0.0.1")
-    monkeypatch.setattr(discovery, "_POLL_SECONDS", 0.05)
+    monkeypatch.setattr(discovery, "POLL_SECONDS", 0.05)
     first, second = map(_make, request.param.split())
     async with first, second:
         bridge = GraphBridge(first, second)

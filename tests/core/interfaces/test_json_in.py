@@ -411,7 +411,7 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
         small.setattr(long_strings, "TEXT_PIECE_BYTES", 16)
         for margin, at_once in product((12, 24, 60), (0, 1 << 20)):
             small.setattr(long_strings, "MARGIN_BYTES", margin)
-            small.setattr(long_strings, "_AT_ONCE_BYTES", at_once)
+            small.setattr(long_strings, "AT_ONCE_BYTES", at_once)
             small.setattr(payload_form, "LONG_STRING_BYTES", 4 * margin)
             assert accepts(name, raw) == plain
 
@@ -499,7 +499,7 @@ def test_a_text_within_a_frame_is_proven_where_it_stands(head: str, content: str
     kind = Registry().message("std_msgs/String")
     for at_once in (0, 1 << 20):
         with pytest.MonkeyPatch().context() as other:
-            other.setattr(long_strings, "_AT_ONCE_BYTES", at_once)
+            other.setattr(long_strings, "AT_ONCE_BYTES", at_once)
             if is_valid:
                 assert bytes(Payload.from_json(kind, raw).json()) == bytes(raw)
             else:

@@ -190,7 +190,7 @@ def test_to_splice_is_to_decode_and_encode(
             small.setattr(payload_form, limit, 1)
         small.setattr(large_json, "CHUNK_BYTES", piece)
         small.setattr(large_json, "SLOW_CHUNK_BYTES", piece // 2)
-        small.setattr(long_strings, "_LONG_PART_BYTES", piece)
+        small.setattr(long_strings, "LONG_PART_BYTES", piece)
         for module in (long_lists, large_json, cbor, pack):
             small.setattr(module, "CHUNK_ITEMS", 2)
         small.setattr(long_lists, "CHUNK_NUMBERS", 3)

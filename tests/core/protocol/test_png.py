@@ -147,11 +147,11 @@ _TEXTS = {
 def test_every_way_to_compress_keeps_the_text(name: str, fast: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not fast:
         monkeypatch.setitem(sys.modules, "isal", None)
-    png._fast_library.cache_clear()
+    png.fast_library.cache_clear()
     try:
         frame = png.encode(Frame(_TEXTS[name]))
     finally:
-        png._fast_library.cache_clear()
+        png.fast_library.cache_clear()
     data = json.loads(frame.data)["data"]
     with Image.open(io.BytesIO(base64.b64decode(data))) as image:
         assert image.tobytes().rstrip(b"\n") == _TEXTS[name]

@@ -6,6 +6,7 @@ import json
 import zlib
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
+from typing import Protocol
 
 import pytest
 from hypothesis import given
@@ -221,7 +222,15 @@ def test_any_bytes_are_a_message_or_an_end(payloads: list[bytes], keeps: bool) -
     assert all(len(data) <= LIMIT for data, _ in peer.messages)
 
 
-def unpacked(data: bytes, unpacker: zlib._Decompress) -> bytes:
+class Unpacker(Protocol):
+    """Decompressor of :mod:`zlib`."""
+
+    def decompress(self, data: bytes, /) -> bytes:
+        """Return the bytes that end with these."""
+        ...
+
+
+def unpacked(data: bytes, unpacker: Unpacker) -> bytes:
     """The one message in what a server wrote."""
     assert data[0] & RSV1
     start = {126: 4, 127: 10}.get(data[1], 2)

@@ -10,7 +10,7 @@ import anyio.lowlevel
 import pytest
 
 from rwt.extensions.demo.model.meshes import mesh_pages
-from rwt.extensions.foxglove.assets import package_pages
+from rwt.extensions.foxglove.assets import MAX_BYTES, MAX_WAITING, package_pages
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.meshes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph, SimulatedClock
@@ -38,12 +38,14 @@ def share(tmp_path: Path) -> Path:
         file = tmp_path / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
+    with (tmp_path / "share/arm/huge.stl").open("wb") as large:
+        large.truncate(MAX_BYTES + 1)
     return tmp_path / "share"
 
 
-def gateway(make: MakeGateway, share: Path, **settings: object) -> FoxgloveGateway:
+def gateway(make: MakeGateway, share: Path) -> FoxgloveGateway:
     pages = package_pages([MeshFiles([share]).http, mesh_pages({})])
-    return make(pages=pages, foxglove=settings)
+    return make(pages=pages)
 
 
 async def answers(viewer: Viewer, count: int) -> list[Asset]:
@@ -79,7 +81,7 @@ async def test_files_come_whole_and_in_order(running: MemoryGraph, make: MakeGat
         ("package://arm/%2e%2e/%2e%2e/secret.stl", "no file"),
         ("package:///etc/passwd", "no package ''"),
         ("package://", "no package ''"),
-        ("package://arm/large.stl", "larger than 1024 bytes (foxglove.asset_bytes)"),
+        ("package://arm/huge.stl", "larger than 67108864 bytes"),
         ("file:///etc/passwd", "only files of packages are served"),
         ("http://127.0.0.1/x", "only files of packages are served"),
     ],
@@ -87,7 +89,7 @@ async def test_files_come_whole_and_in_order(running: MemoryGraph, make: MakeGat
 async def test_nothing_else_comes(
     running: MemoryGraph, make: MakeGateway, share: Path, uri: str, words: str
 ) -> None:
-    viewer = Viewer(gateway(make, share, asset_bytes=1024))
+    viewer = Viewer(gateway(make, share))
     viewer.heard()
     viewer.say("fetchAsset", uri=uri, requestId=5)
     (answer,) = await answers(viewer, 1)
@@ -98,14 +100,14 @@ async def test_nothing_else_comes(
 async def test_what_one_client_asks_for_is_bounded(
     running: MemoryGraph, make: MakeGateway, share: Path
 ) -> None:
-    viewer = Viewer(gateway(make, share, waiting_assets=3))
+    viewer = Viewer(gateway(make, share))
     viewer.heard()
-    for number in range(10):
-        viewer.say("fetchAsset", uri="package://arm/large.stl", requestId=number)
-    found = await answers(viewer, 10)
-    refused = [each.request for each in found if "foxglove.waiting_assets" in each.error]
-    assert refused == [3, 4, 5, 6, 7, 8, 9]
-    assert [each.request for each in found if not each.error] == [0, 1, 2]
+    for number in range(MAX_WAITING + 3):
+        viewer.say("fetchAsset", uri="package://arm/meshes/hand.stl", requestId=number)
+    found = await answers(viewer, MAX_WAITING + 3)
+    refused = [each.request for each in found if "are waited for already" in each.error]
+    assert refused == [MAX_WAITING, MAX_WAITING + 1, MAX_WAITING + 2]
+    assert [each.request for each in found if not each.error] == [*range(MAX_WAITING)]
 
 
 async def test_a_client_that_does_not_read_gets_no_further_file(

@@ -80,6 +80,7 @@ class Viewer(Client):
     """One client of a gateway.
 
     Attributes:
+        gateway: where it is a client.
         channels: what it was told of channels and not told that they are gone, by topic.
         services: the same of services, by name.
     """
@@ -92,6 +93,7 @@ class Viewer(Client):
         path: str = "/",
         headers: Mapping[str, str] | None = None,
     ) -> None:
+        self.gateway = gateway
         self.channels: dict[str, Text] = {}
         self.services: dict[str, Text] = {}
         super().__init__(gateway, address, path=path, headers=headers)  # type: ignore[arg-type]  # only `accept` is called, which bridge and gateway both have

@@ -29,9 +29,7 @@ def main() -> int:
     program = str(beside) if beside.exists() else shutil.which("schemathesis")
     if program is None:
         sys.exit("schemathesis is not installed: pip install --group schemathesis")
-    server = Server(
-        "ws://127.0.0.1:0", extra_nodes=[Robot], web={"enabled": False}, api={"wait_seconds": 0.5}
-    )
+    server = Server("ws://127.0.0.1:0", extra_nodes=[Robot], web={"enabled": False})
     with server:
         base = server.urls[0].replace("ws:", "http:", 1)
         command = [program, "run", f"{base}/api/openapi.json", "--phases", "coverage,fuzzing",

@@ -14,6 +14,7 @@ import anyio
 import pytest
 
 from rwt import Settings
+from rwt.extensions.mcp.agent import RESULT_BYTES
 from rwt_client import connect
 from tests.extensions.mcp.agents import OPEN, Era, agent_at, done, refused, served, url_of
 from tests.extensions.mcp.robots import small_robot
@@ -242,16 +243,16 @@ async def test_what_an_agent_publishes_is_heard_by_rosbridge_and_the_other_way_r
 
 
 async def test_results_are_bounded_in_size() -> None:
-    async with served(gateways=["mcp"], mcp={"default_role": "admin", "result_bytes": 2048}) as server:
+    async with served(gateways=["mcp"], mcp={"default_role": "admin"}) as server:
         node = server.node("large")
         node.publish("/large", {"data": "x" * 100_000}, "std_msgs/String", latch=True)
-        fields = [{"name": f"field {each}" * 20, "offset": each} for each in range(500)]
+        fields = [{"name": f"field {each}" * 250, "offset": each} for each in range(500)]
         node.publish("/list", {"fields": fields}, "sensor_msgs/PointCloud2", latch=True)
         async with agent_at(url_of(server)) as agent:
-            for topic in ("/large", "/list"):
+            for topic, cut in (("/large", "(100000 characters)"), ("/list", f"cut at {RESULT_BYTES} bytes")):
                 text = await done(agent, "read_topic", topic=topic)
-                assert len(text.encode()) <= 2048 and "cut at 2048 bytes" in text
-            assert len((await done(agent, "list_robot", plumbing=True)).encode()) <= 2048
+                assert len(text.encode()) <= RESULT_BYTES and cut in text
+            assert len((await done(agent, "list_robot", plumbing=True)).encode()) <= RESULT_BYTES
         node.close()
 
 
@@ -268,7 +269,7 @@ async def test_nothing_is_left_of_agents_that_have_gone() -> None:
 
 
 async def test_a_session_that_takes_its_time_to_begin_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rwt.extensions.mcp.asgi._PATIENCE", 0.0)
+    monkeypatch.setattr("rwt.extensions.mcp.asgi.PATIENCE_SECONDS", 0.0)
     async with small_robot(gateways=["mcp"]) as (server, _), agent_at(url_of(server), "legacy") as agent:
         # The head of the first answer names the session, without which nothing that follows is heard.
         assert '"percentage":0.75' in await done(agent, "read_topic", topic="/battery")

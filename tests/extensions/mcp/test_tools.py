@@ -12,6 +12,7 @@ import anyio
 import pytest
 from jsonschema import Draft202012Validator
 
+from rwt.extensions.mcp.agent import RESULT_BYTES
 from tests.extensions.mcp.agents import (
     agent_at,
     agent_of_connection,
@@ -305,13 +306,10 @@ async def test_results_have_the_structure_that_the_tools_state(way: str) -> None
 
 
 async def test_structured_content_is_bounded_as_texts_are() -> None:
-    async with small_robot(gateways=["mcp"], mcp={"default_role": "admin", "result_bytes": 2048}) as (
-        server,
-        robot,
-    ):
-        for number in range(60):
+    async with small_robot(gateways=["mcp"], mcp={"default_role": "admin"}) as (server, robot):
+        for number in range(480):
             robot.node.advertise(f"/a_topic_of_the_robot_{number}", "std_msgs/String")
-        rows = [{"header": {"frame_id": f"a rather long name {number}" * 5}} for number in range(12)]
+        rows = [{"header": {"frame_id": f"a rather long name {number}" * 5}} for number in range(96)]
         robot.node.publish("/path", {"poses": rows}, "nav_msgs/Path", latch=True)
         async with agent_at(url_of(server)) as agent:
             for tool, arguments in (
@@ -321,7 +319,7 @@ async def test_structured_content_is_bounded_as_texts_are() -> None:
                 ("read_topic", {"topic": "/path", "fields": ["poses", "header"]}),
             ):
                 content = (await agent.call_tool(tool, arguments)).structured_content
-                assert len(json.dumps(content)) < 2048 + 512, tool
+                assert len(json.dumps(content)) < RESULT_BYTES + 512, tool
             listed = (await agent.call_tool("list_robot", {})).structured_content
             assert listed is not None and listed["topics"]["left_out"] > 0
 

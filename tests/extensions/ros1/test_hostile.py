@@ -41,15 +41,15 @@ STRING = {
 async def graph(anyio_backend: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Ros1Graph]:
     """A graph that is the master."""
     monkeypatch.setenv("ROS_IP", "127.0.0.1")
-    monkeypatch.setattr(discovery, "_POLL_SECONDS", 0.05)
+    monkeypatch.setattr(discovery, "POLL_SECONDS", 0.05)
     async with Ros1Graph(master=f"ros1-master://127.0.0.1:{free_port()}") as joined:
         yield joined
 
 
 async def opened(graph: Ros1Graph, name: str) -> Ros1Node:
     """Return a node of the graph once it accepts connections."""
-    assert graph._session is not None
-    node = graph._session.nodes[name]
+    assert graph.session is not None
+    node = graph.session.nodes[name]
     await node.opened.wait()
     return node
 
@@ -73,8 +73,8 @@ class Hostile:
     async def run(self, *, task_status: anyio.abc.TaskStatus[None]) -> None:
         data = await anyio.create_tcp_listener(local_host="127.0.0.1")
         self.port = data.extra(anyio.abc.SocketAttribute.local_port)
-        assert self._graph._session is not None
-        async with rpc.serve(self._graph._session.network, "127.0.0.1", self._dispatch) as port, data:
+        assert self._graph.session is not None
+        async with rpc.serve(self._graph.session.network, "127.0.0.1", self._dispatch) as port, data:
             self.uri = f"http://127.0.0.1:{port}/"
             task_status.started()
             await data.serve(self._serve)
@@ -239,8 +239,8 @@ async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.L
     state = [[[f"/t{number}", ["/many"]] for number in range(10_000)], [], []]
     types = [[f"/t{number}", "std_msgs/String"] for number in range(10_000)]
     answers = {"getSystemState": state, "getTopicTypes": types}
-    assert graph._session is not None
-    fake = rpc.serve(graph._session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    assert graph.session is not None
+    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         await until(lambda: len(other.topics()) > 10_000)
         assert [node.name for node in other.nodes() if node.name == "/many"] == ["/many"]
@@ -254,8 +254,8 @@ async def test_a_hostile_master_is_survived(
     graph: Ros1Graph, answer: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    assert graph._session is not None
-    fake = rpc.serve(graph._session.network, "127.0.0.1", lambda _method, _params: answer)
+    assert graph.session is not None
+    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda _method, _params: answer)
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("both")
         heard: list[str] = []
@@ -287,8 +287,8 @@ async def test_publishers_are_found_where_no_update_of_the_master_arrives(
         "registerSubscriber": [],
         "lookupNode": good.uri,
     }
-    assert graph._session is not None
-    fake = rpc.serve(graph._session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    assert graph.session is not None
+    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
     texts: list[str] = []
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("listener")
@@ -307,14 +307,14 @@ async def test_one_port_per_node_and_several_publishers(graph: Ros1Graph, tasks:
     await until(lambda: len(texts) == 3)
     graph.node("other").advertise("/own", "std_msgs/String")
     await opened(graph, "/other")
-    assert graph._session is not None
-    assert len({each.uri for each in graph._session.nodes.values()}) == len(graph._session.nodes) > 1
+    assert graph.session is not None
+    assert len({each.uri for each in graph.session.nodes.values()}) == len(graph.session.nodes) > 1
 
 
 async def test_a_service_that_comes_back_is_asked_for_its_type_at_once(
     graph: Ros1Graph, tasks: anyio.abc.TaskGroup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(discovery, "_PROBE_AGAIN_SECONDS", 3600.0)
+    monkeypatch.setattr(discovery, "PROBE_AGAIN_SECONDS", 3600.0)
     header = {"callerid": "/hostile", "type": "std_srvs/Empty", "md5sum": "d41d8cd98f00b204e9800998ecf8427e"}
     hostile = await start(graph, tasks, sends(encode_header(header)))
     where = ("/hostile", "/reset", f"rosrpc://127.0.0.1:{hostile.port}")
@@ -322,4 +322,4 @@ async def test_a_service_that_comes_back_is_asked_for_its_type_at_once(
         await rpc.call(graph.master, "registerService", *where, hostile.uri)
         await until(lambda: graph.service("/reset") is not None)
         await rpc.call(graph.master, "unregisterService", *where)
-        await until(lambda: graph.service("/reset") is None and not graph._ros_services.names())
+        await until(lambda: graph.service("/reset") is None)

@@ -321,7 +321,7 @@ class TestTypes:
     def test_definitions_are_limited_together_and_rejected_ones_do_not_count(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(wire_types, "_ALL_LINES", 7)
+        monkeypatch.setattr(wire_types, "ALL_LINES", 7)
         types = WireTypes(Registry(NOETIC))
 
         def find(name: str, text: str) -> None:

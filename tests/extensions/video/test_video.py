@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.extensions.video.responses import _container
+from rwt.extensions.video.responses import container_of
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.image import ImageEncoder
 from rwt.media.encoders.mp4 import Mp4, units
@@ -39,7 +39,7 @@ def _video(
 
 def _written(video: list[Encoded]) -> bytes:
     assert video[0].track is not None
-    container, began = _container(video[0].track), video[0].at_ms
+    container, began = container_of(video[0].track), video[0].at_ms
     parts = [container.frame(each.data, each.at_ms - began, key=each.key) for each in video]
     return container.header() + b"".join(parts)
 
@@ -223,10 +223,10 @@ def test_jpeg_without_simplejpeg(monkeypatch: pytest.MonkeyPatch) -> None:
     from rwt.media.encoders import jpeg
 
     monkeypatch.setitem(sys.modules, "simplejpeg", None)
-    jpeg._encoder.cache_clear()
+    jpeg.load_encoder.cache_clear()
     try:
         for pixels in (scene(), scene()[:, :, 0]):
             encoded = Encoded(jpeg.encode_jpeg(pixels, 95), 0, 0)
             assert np.abs(_shown(encoded).astype(int) - pixels).mean() < 2
     finally:
-        jpeg._encoder.cache_clear()
+        jpeg.load_encoder.cache_clear()

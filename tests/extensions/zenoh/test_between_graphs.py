@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator
+import threading
+from collections.abc import AsyncIterator, Callable
 
 import anyio
 import anyio.lowlevel
@@ -94,9 +95,23 @@ async def test_the_oldest_are_dropped_when_nobody_takes_them(
     monkeypatch.setattr(receive_queue, "MOST_BYTES", 100 * 1024)
     a, b = pair
     heard: list[int] = []
-    held: list[receive_queue.ReceiveQueue] = []
-    # The graph's thread is busy elsewhere: what is handed over waits.
-    monkeypatch.setattr(receive_queue.ReceiveQueue, "_handle", lambda self: held.append(self))
+    is_busy = threading.Event()
+    is_busy.set()
+    held: list[Callable[[], None]] = []
+    queues: list[receive_queue.ReceiveQueue] = []
+    assert b.link is not None
+    run = b.link.run_on_graph
+
+    def hold(call: Callable[[], None]) -> None:
+        """Hold what a queue hands over while the graph's thread is busy elsewhere."""
+        queue = getattr(call, "__self__", None)
+        if isinstance(queue, receive_queue.ReceiveQueue) and is_busy.is_set():
+            queues.append(queue)
+            held.append(call)
+        else:
+            run(call)
+
+    monkeypatch.setattr(b.link, "run_on_graph", hold)
     b.participant("/ear").subscribe(
         "/t", lambda s: heard.append(s.stamp_ns), b.registry.message("std_msgs/String"), DEFAULT_QOS
     )
@@ -106,9 +121,9 @@ async def test_the_oldest_are_dropped_when_nobody_takes_them(
     for _ in range(300):
         publisher.publish(payload)
         await anyio.lowlevel.checkpoint()
-    await until(lambda: bool(held) and held[0].dropped >= 195)
-    monkeypatch.undo()
-    held[0]._handle()
+    await until(lambda: bool(queues) and queues[0].dropped >= 195)
+    is_busy.clear()
+    run(held[0])
     await until(lambda: len(heard) > 64)
     assert len(heard) <= 105
     assert heard == sorted(heard)

@@ -73,13 +73,14 @@ class Gate:
     released. In mode ``observe`` a press publishes the stop messages, and is released at once.
 
     Private attributes: ``_checks`` and ``_finite`` (rules compiled for a type of requests or goals),
-    ``_cancels`` (publishers of the `cancel` topics of ROS 1's actions, by topic), ``_actors`` (by name),
+    ``_cancels`` (publishers of the `cancel` topics of ROS 1's actions, by topic),
     ``_count`` (number of clients so far), ``_topics`` (by name; from the first publisher on, or since the
     robot has the topic), ``_sweep`` (the same, in the order in which they are examined for removal).
 
     Attributes:
         is_observing: True if the gate only records what it would reject.
         participant: the gate's node in the graph.
+        actors: clients by name.
         stop_path: stop messages of all topics.
         presses: number of times that the emergency stop was pressed.
         faults: topics that cannot be stopped, with the reason.
@@ -119,7 +120,7 @@ class Gate:
         self.leases_held: Counter[str] = Counter()
         self.wake_watch = WakeWatch(graph.clock, self._look)
         self.on_leases = self.on_stop = self.on_approvals = _nothing
-        self._actors: dict[str, Actor] = {}
+        self.actors: dict[str, Actor] = {}
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
         self._sweep: deque[GuardedTopic] = deque()
@@ -236,18 +237,18 @@ class Gate:
         """Add a client, under a name that no other client has."""
         self._count += 1
         actor = Actor(name or f"client:{self._count}", role, address, device)
-        if actor.name in self._actors:
+        if actor.name in self.actors:
             actor.name = f"{actor.name}.{self._count}"
-        self._actors[actor.name] = actor
+        self.actors[actor.name] = actor
         return actor
 
     def is_present(self, actor: Actor) -> bool:
         """Return True until a client has left."""
-        return self._actors.get(actor.name) is actor
+        return self.actors.get(actor.name) is actor
 
     def leave(self, actor: Actor) -> None:
         """Remove a client: release its leases, and withdraw its requests for approval."""
-        self._actors.pop(actor.name, None)
+        self.actors.pop(actor.name, None)
         for topic in tuple(actor.topics):
             topic.leave(actor, "its holder has left")
         self.approvals.leave(actor)
@@ -656,7 +657,7 @@ class Gate:
         topic = self.leased(actor, name)
         assert topic.lease is not None  # `leased` finds no others.
         self._require_holder(topic, actor)
-        other = self._actors.get(to)
+        other = self.actors.get(to)
         if other is None:
             raise GateRefused(
                 f"there is no client {to[:80]!r}; each hears its own name from /gate/take_lease"

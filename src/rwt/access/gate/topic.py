@@ -33,7 +33,7 @@ _ROUNDING: Final = 1e-6
 _PAUSE_SECONDS: Final = 1.0
 
 #: Number of paused identities above which old ones are dropped.
-_MAX_PAUSED: Final = 1000
+MAX_PAUSED: Final = 1000
 
 #: Types whose zeros stop a robot, if the rules state no stop message.
 _STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
@@ -334,7 +334,7 @@ class GuardedTopic:
         del self._paused_at[client.owner]
 
     def _pause(self, client: Actor, now: float) -> None:
-        if len(self._paused_at) >= _MAX_PAUSED:
+        if len(self._paused_at) >= MAX_PAUSED:
             self._drop_old_pauses(now)
         self._paused_at[client.owner] = now
 

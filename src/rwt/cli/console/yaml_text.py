@@ -40,7 +40,7 @@ MAX_CHARS: Final = 10_000_000
 MAX_DEPTH: Final = 100
 """Maximum nesting depth."""
 
-_LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 _MAX_CHARS_NUMBER: Final = 400
@@ -155,7 +155,7 @@ class _Document:
 
     def _parsed(self) -> Iterator[Event]:
         try:
-            yield from yaml.parse(self._text, Loader=_LOADER)
+            yield from yaml.parse(self._text, Loader=LOADER)
         except yaml.MarkedYAMLError as error:
             raise self._explained(error) from error
         except OverflowError as error:  # of the parser in Python, which PyPy has

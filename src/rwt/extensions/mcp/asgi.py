@@ -24,7 +24,7 @@ _EVENT_HEADERS: Final = MappingProxyType(
 
 #: Seconds after which a response that has not begun becomes a stream. The disconnection of a stream's reader
 #: is noticed at once, and its request is cancelled; before the response begins, it is not noticed.
-_PATIENCE: Final = 0.25
+PATIENCE_SECONDS: Final = 0.25
 
 
 class AgentExchange(Exchange):
@@ -75,7 +75,7 @@ class AgentExchange(Exchange):
         """Return the response once its head is known."""
         tasks.start_soon(self.run)
         try:
-            with anyio.move_on_after(_PATIENCE if self._takes_events else None):
+            with anyio.move_on_after(PATIENCE_SECONDS if self._takes_events else None):
                 await self.headed.wait()
             body = ResponseBody(self)
             if not self.headed.is_set():

@@ -86,7 +86,8 @@ class Ros1Graph(DistributedGraph):
         self.registry.advice = _ADVICE
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
-        self._session: Session | None = None
+        #: Membership in ROS 1 while the graph runs.
+        self.session: Session | None = None
         self._time_source: MemoryParticipant | None = None
         self._ros_actions = Ros1Actions(self, self._ros_topics)
         self.set_remotes(self._ros_topics, self._ros_services, self._ros_actions)
@@ -102,7 +103,7 @@ class Ros1Graph(DistributedGraph):
         """
         address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
         try:
-            session = self._session = Session(self, self.master, address)
+            session = self.session = Session(self, self.master, address)
             await session.monitor.open()
             if self._is_master:
                 bind, port = address_of(self.master)
@@ -161,14 +162,14 @@ class Ros1Graph(DistributedGraph):
         node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
 
     async def leave(self) -> None:
-        session = self._session
+        session = self.session
         if self._time_source is not None:
             self._time_source.close()
         try:
             if session is not None:
                 await session.registrar.leave()
         finally:
-            self._session = self._ros_actions.session = None
+            self.session = self._ros_actions.session = None
             self._ros_topics.close()
             self._ros_services.close()
             if session is not None:

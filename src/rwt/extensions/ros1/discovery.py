@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 #: Seconds between two readings of the master's tables.
-_POLL_SECONDS: Final = 1.0
+POLL_SECONDS: Final = 1.0
 
 #: Maximum types that are asked for at once, and seconds before a node that gave no answer is asked again.
 _MOST_PROBES: Final = 8
-_PROBE_AGAIN_SECONDS: Final = 10.0
+PROBE_AGAIN_SECONDS: Final = 10.0
 
 #: Readings after which a subscriber without a connection, or a publisher without an update, is reported.
 _PATIENT_READINGS: Final = 4
@@ -131,7 +131,7 @@ class Discovery:
                 await self.poll()
             except Ros1Error as error:
                 self._session.on_master_error(error)
-            await anyio.sleep(_POLL_SECONDS)
+            await anyio.sleep(POLL_SECONDS)
 
     async def poll(self) -> None:
         """Read the master's tables once; raises Ros1Error."""
@@ -248,7 +248,7 @@ class Discovery:
         if self._probes.statistics().tasks_waiting > _MOST_WAITING:
             self._raw = b""  # Asked when the tables are read next.
         elif self._probed.get(key, 0.0) <= now:
-            self._probed[key] = now + _PROBE_AGAIN_SECONDS
+            self._probed[key] = now + PROBE_AGAIN_SECONDS
             self._session.network.spawn(partial(self._ask, ask), f"type of {key}")
 
     async def _ask(self, ask: Callable[[], Awaitable[None]]) -> None:

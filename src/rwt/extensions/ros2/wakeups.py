@@ -34,14 +34,14 @@ logger = logging.getLogger(__name__)
 Kind = Literal["subscription", "client", "service"]
 
 #: rcl's function that sets the callback of an endpoint.
-_SETTERS: dict[Kind, str] = {
+SETTERS: dict[Kind, str] = {
     "subscription": "rcl_subscription_set_on_new_message_callback",
     "client": "rcl_client_set_on_new_response_callback",
     "service": "rcl_service_set_on_new_request_callback",
 }
 
 #: Maximum descriptors of one graph.
-_MOST_DESCRIPTORS = 256
+MOST_DESCRIPTORS = 256
 
 #: Minimum interval between two readings of the ROS graph, in seconds: many endpoints change at once.
 _GRAPH_INTERVAL = 0.05
@@ -57,7 +57,7 @@ def load_rcl() -> ctypes.CDLL:
     rcl.rcl_node_get_graph_guard_condition.restype = pointer
     rcl.rcl_node_get_graph_guard_condition.argtypes = (pointer,)
     rcl.rcl_wait_set_add_guard_condition.argtypes = (pointer, pointer, pointer)
-    for name in _SETTERS.values():
+    for name in SETTERS.values():
         getattr(rcl, name).argtypes = (pointer, pointer, pointer)
     return rcl
 
@@ -81,7 +81,7 @@ class Wakeup:
 
     def set_callback(self, rcl: ctypes.CDLL) -> bool:
         """Let the middleware write to the descriptor; returns False if it does not support that."""
-        setter = getattr(rcl, _SETTERS[self.kind])
+        setter = getattr(rcl, SETTERS[self.kind])
         pointer = self.endpoint.pointer
         # The C function itself is the callback, called with the descriptor and the number of events.
         write = ctypes.cast(ctypes.CDLL(None).eventfd_write, ctypes.c_void_p)
@@ -158,7 +158,7 @@ class Wakeups:
 
     def _descriptor(self) -> int:
         """Return a new descriptor, or the one with the fewest endpoints."""
-        if len(self._wakeups) >= _MOST_DESCRIPTORS:
+        if len(self._wakeups) >= MOST_DESCRIPTORS:
             return min(self._wakeups, key=lambda each: len(self._wakeups[each]))
         descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._wakeups[descriptor] = []
@@ -237,7 +237,7 @@ class Wakeups:
                     waiting.append((wakeup, wakeup.endpoint.pointer))
             waits = self._wait_set([wakeup for wakeup, _ in waiting])
             waits.wait(-1)
-            ready = {pointer for kind in _SETTERS for pointer in waits.get_ready_entities(kind)}
+            ready = {pointer for kind in SETTERS for pointer in waits.get_ready_entities(kind)}
             with self._lock:
                 for wakeup, pointer in waiting:
                     # Only a wake-up that is still armed has an open descriptor.

@@ -81,7 +81,7 @@ async def video_stream(join: Callable[[], Viewer]) -> AsyncGenerator[bytes, None
             opening = b""
             if container is None:
                 assert image.track is not None  # Videos are made of nothing else.
-                container, began = _container(image.track), image.at_ms
+                container, began = container_of(image.track), image.at_ms
                 opening = container.header()
             part = opening + container.frame(image.data, image.at_ms - began, key=image.key)
             viewer.count_sent(len(part))
@@ -91,7 +91,7 @@ async def video_stream(join: Callable[[], Viewer]) -> AsyncGenerator[bytes, None
         viewer.leave()
 
 
-def _container(track: Track) -> Webm | Mp4:
+def container_of(track: Track) -> Webm | Mp4:
     """Return the container of a video, whose module few servers need."""
     if track.codec == "h264":
         from rwt.media.encoders.mp4 import Mp4

@@ -79,7 +79,8 @@ class ZenohGraph(DistributedGraph):
                 "use the graph in memory, or a ROS 2 distribution"
             )
         self._session = ZenohSession()
-        self._link: ZenohLink | None = None
+        #: Link to other programs while the graph runs.
+        self.link: ZenohLink | None = None
         self._present: dict[NodeResources, Presence] = {}
         self._zenoh_topics = ZenohTopics(self.topic_table)
         self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
@@ -93,17 +94,17 @@ class ZenohGraph(DistributedGraph):
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = super().participant(name)
-        if self._link is not None:
-            self._present[participant.owner] = self._link.declare_node(participant.owner)
+        if self.link is not None:
+            self._present[participant.owner] = self.link.declare_node(participant.owner)
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:
         super().left(participant)
         presence = self._present.pop(participant.owner, None)
-        if self._link is not None:
+        if self.link is not None:
             if presence is not None:
                 presence.end()
-            self._link.forget_node(participant.owner)
+            self.link.forget_node(participant.owner)
 
     async def join(self) -> None:
         """Connect to the other processes. Raises :exc:`ZenohError`."""
@@ -117,14 +118,14 @@ class ZenohGraph(DistributedGraph):
         else:
             logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
         self._discovery.open(link, alive)
-        self._link = link
+        self.link = link
         for participant in self.participants:
             self._present[participant.owner] = link.declare_node(participant.owner)
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
 
     async def leave(self) -> None:
-        self._link = None
+        self.link = None
         self._discovery.close()
         self._zenoh_topics.close()
         self._zenoh_services.close()

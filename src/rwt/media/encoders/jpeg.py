@@ -26,11 +26,12 @@ def encode_jpeg(pixels: Pixels, quality: int) -> bytes:
         pixels: rows x columns x red, green and blue, or rows x columns of grey.
         quality: 1 to 100.
     """
-    return _encoder()(pixels, quality)
+    return load_encoder()(pixels, quality)
 
 
 @cache
-def _encoder() -> Encode:
+def load_encoder() -> Encode:
+    """Return the fastest encoder that is installed."""
     try:
         import simplejpeg
     except ImportError:

@@ -53,8 +53,8 @@ async def test_half_open_connections_are_closed_and_made_again(
         node = graph.node("both")
         node.subscribe("/speech", lambda each: heard.append(each.data), "std_msgs/String")
         publisher = node.advertise("/chatter", "std_msgs/String")
-        assert graph._session is not None
-        ours = graph._session.nodes["/both"]
+        assert graph.session is not None
+        ours = graph.session.nodes["/both"]
         publication, subscription = ours.publications["/chatter"], ours.subscriptions["/speech"]
         await until(lambda: publication.links and subscription.connected)
         (link,) = publication.links

@@ -71,8 +71,8 @@ async def test_a_rospy_subscriber_receives_every_message_in_order(ros: Ros, grap
 
 def _connected(graph: Ros1Graph, node: str, topic: str) -> list[str]:
     """Return the nodes that are connected to a publication of this process."""
-    assert graph._session is not None
-    publication = graph._session.nodes[node].publications[topic]
+    assert graph.session is not None
+    publication = graph.session.nodes[node].publications[topic]
     return [link.caller for link in publication.links]
 
 
@@ -224,8 +224,8 @@ async def test_a_subscriber_that_stalls_is_bounded_and_affects_no_other(
             publisher.publish({"data": "x" * 1_000_000})
             await anyio.sleep(0.01)
         await until(lambda: program.run("result = len(received)") == 60)
-        assert graph._session is not None
-        links = graph._session.nodes["/talker"].publications["/chatter"].links
+        assert graph.session is not None
+        links = graph.session.nodes["/talker"].publications["/chatter"].links
         (slow,) = (link for link in links if link.traffic.dropped)
         assert slow.caller == "/robot/stalled"
         assert caplog.text.count("node /robot/stalled reads /chatter too slowly") == 1

@@ -305,7 +305,7 @@ async def test_a_middleware_without_callbacks_is_waited_for(
 
     def load_rcl() -> object:
         rcl = original()
-        for name in wakeups._SETTERS.values():
+        for name in wakeups.SETTERS.values():
             monkeypatch.setattr(rcl, name, lambda *_: 3)  # RCL_RET_UNSUPPORTED
         return rcl
 
@@ -331,7 +331,7 @@ async def test_many_subscriptions_share_descriptors(
 
     from rwt.extensions.ros2 import wakeups
 
-    monkeypatch.setattr(wakeups, "_MOST_DESCRIPTORS", 8)
+    monkeypatch.setattr(wakeups, "MOST_DESCRIPTORS", 8)
     ours, string = graph.participant("/ours"), graph.registry.message("std_msgs/String")
     for number in range(8):
         ours.subscribe(f"/own_{number}", lambda _: None, string)

@@ -172,7 +172,7 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
         probe = WireProbe()
         async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
             report(_connected(url, bool(token_of(arguments)), connection.path))
-            if token_of(arguments) and _is_readable(url):
+            if token_of(arguments) and is_readable_url(url):
                 report(_READABLE_TOKEN)
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
@@ -222,7 +222,7 @@ def stop_finding(name: str, latencies: list[float], since: str) -> Finding:
     return Finding(name, "warning", text, advice)
 
 
-def _is_readable(url: str) -> bool:
+def is_readable_url(url: str) -> bool:
     """Return True if a network between this machine and the robot can read what is sent."""
     from rwt_transports.http.routes import is_local
     from rwt_transports.schemes import scheme_of

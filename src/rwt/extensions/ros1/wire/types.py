@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 #: definitions, and messages in one. A line costs up to 3 kB of memory.
 _DEFINITION_CHARS: Final = 256 * 1024
 _DEFINITION_LINES: Final = 1000
-_ALL_LINES: Final = 60_000
+ALL_LINES: Final = 60_000
 _MOST_PARTS: Final = 500
 
 #: Maximum fields of a message with those of nested messages, and of their values in arrays of fixed lengths.
@@ -68,8 +68,8 @@ class WireTypes:
         if len(definition) > _DEFINITION_CHARS or lines > _DEFINITION_LINES:
             raise WireError(f"the definition of {name[:80]} is too large")
         lines += 1  # For the message itself.
-        if self._lines + lines > _ALL_LINES:
-            raise WireError(f"the definition of {name[:80]} is not used: {_ALL_LINES} lines of others are")
+        if self._lines + lines > ALL_LINES:
+            raise WireError(f"the definition of {name[:80]} is not used: {ALL_LINES} lines of others are")
         parts = _parts(name, definition)
         own = Registry(self._registry.distro)
         try:
