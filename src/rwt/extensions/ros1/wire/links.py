@@ -101,7 +101,7 @@ class Link:
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Handle a frame; `binary` is its status, and raises WireError if it breaks the rules."""
+        """Handle a frame, of which `binary` is the status. Raises WireError if it breaks the rules."""
         scheduler = self._scheduler
         began = scheduler.monotonic()
         try:
