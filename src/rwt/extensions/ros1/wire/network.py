@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 #: Maximum bytes of incomplete frames, and of incomplete calls, of all connections.
-_FRAMES_BYTES: Final = 256 * 1024 * 1024
+_FRAMES_BYTES: Final = 192 * 1024 * 1024
 _CALLS_BYTES: Final = 32 * 1024 * 1024
 
 

@@ -27,9 +27,6 @@ MESSAGE_BYTES: Final = 128 * 1024 * 1024
 #: Minimum bytes of a frame that is received in a buffer of the pool, and delivered as a view of it.
 LARGE_BYTES: Final = 64 * 1024
 
-#: Bytes by which such a buffer grows at most: making all 128 MiB at once would hold the event loop.
-_GROWTH_BYTES: Final = 1024 * 1024
-
 
 def length_prefix(length: int) -> bytes:
     """Return the prefix of a frame of that many bytes."""
@@ -220,11 +217,12 @@ class TcprosWire:
     def _grow(self) -> None:
         """Enlarge a full buffer, in proportion to what has arrived and not to what was announced.
 
-        Called while the driver has no view of it.
+        Called while the driver has no view of it. The steps are small, since many connections may need one in
+        the same turn of the event loop.
         """
         missing = self._size - self._filled
         if missing and self._filled == len(self._buffer):
-            self._buffer.extend(bytes(min(self._filled, missing, _GROWTH_BYTES)))
+            self._buffer.extend(bytes(min(missing, LARGE_BYTES)))
             self._note_held()
 
     def _note_held(self) -> None:
