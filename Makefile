@@ -24,19 +24,19 @@ $(BIN)/python:
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 
 # Everything a user needs to run the server.
-$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-rclpy/pyproject.toml rwt-webrtc/pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy --editable ./rwt-webrtc \
+$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy \
 		--editable ./rwt-lerobot --editable ./rwt-lerobot/plugin
 	touch $@
 
 # Requirements of `make test`: wheels only.
-$(STAMP)-test: pyproject.toml $(STAMP)
-	$(BIN)/python -m pip install --quiet --group test
+$(STAMP)-test: pyproject.toml rwt-webrtc/pyproject.toml $(STAMP)
+	$(BIN)/python -m pip install --quiet --group test --editable ./rwt-webrtc
 	touch $@
 
 # Requirements of `make test-all` and of the development tools.
-$(STAMP)-dev: pyproject.toml $(STAMP)
-	$(BIN)/python -m pip install --quiet --group dev
+$(STAMP)-dev: pyproject.toml rwt-webrtc/pyproject.toml $(STAMP)
+	$(BIN)/python -m pip install --quiet --group dev --editable ./rwt-webrtc
 	touch $@ $(STAMP)-test
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
@@ -216,10 +216,10 @@ lowest: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
-		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy --editable ./rwt-webrtc \
+		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy \
 		--editable ./rwt-lerobot --group lowest
 	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/core/access tests/core/rosbridge tests/core/client tests/core/interfaces \
-		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports tests/extensions/webrtc tests/extensions/zenoh
+		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports rwt-webrtc/tests tests/extensions/zenoh
 
 # The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
 pythons: $(STAMP)-dev

@@ -35,9 +35,12 @@ ROOT: Final = TESTS.parent
 BROWSER_TESTS: Final = Path("tests/browser")
 LEROBOT_TESTS: Final = ROOT / "rwt-lerobot" / "tests"
 RCLPY_TESTS: Final = ROOT / "rwt-rclpy" / "tests"
+WEBRTC_TESTS: Final = ROOT / "rwt-webrtc" / "tests"
 
 EXTENDED: Final = {
     "../rwt-rclpy/tests": "the distribution rwt-rclpy",
+    "../rwt-webrtc/tests/media/test_gstreamer.py": "needs GStreamer",
+    "../rwt-webrtc/tests/transport/test_nat.py": "needs Chromium, root and nft",
     "bench": "tests of the benchmarks",
     "browser": "needs Chromium and Node",
     "clients": "needs Node and the clients of others",
@@ -51,8 +54,6 @@ EXTENDED: Final = {
     "release": "builds wheels, needs Node",
     "extensions/ros1/live": "needs Debian's packages of ROS 1 (`make test-ros1`), takes minutes",
     "extensions/mcp/test_inspector.py": "needs Node",
-    "extensions/webrtc/test_gstreamer.py": "needs GStreamer",
-    "extensions/webrtc/test_nat.py": "needs Chromium, root and nft",
     "tools": "tests of the development tools",
     "extensions/asgi/test_servers.py": "needs ASGI servers and Django",
 }
@@ -93,7 +94,8 @@ LONG: Final = (
     "traces",
     "extensions/zenoh",
     "extensions/testing/pytest_plugin",
-    "extensions/webrtc",
+    "../rwt-webrtc/tests/media",
+    "../rwt-webrtc/tests/transport",
     "core/interfaces",
 )
 """Folders whose tests start servers, clients, browsers and compilers, the longest first.
@@ -370,7 +372,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, lambda *_: None)
-    files = test_files(options.paths or (TESTS, LEROBOT_TESTS, RCLPY_TESTS))
+    files = test_files(options.paths or (TESTS, LEROBOT_TESTS, RCLPY_TESTS, WEBRTC_TESTS))
     reduced = not options.paths and not options.all
     if reduced:
         files = [file for file in files if not is_extended(file)]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from rwt_transports.http.routes import WorkAccount
 
-class CountedWork:
+
+class CountedWork(WorkAccount):
     """Work that is counted, and waits only if a test says so.
 
     Attributes:
@@ -15,7 +17,11 @@ class CountedWork:
 
     def __init__(self, excess: float = 0.0) -> None:
         self.seconds = 0.0
-        self.excess = excess
+        self._excess = excess
+
+    @property
+    def excess(self) -> float:
+        return self._excess
 
     def add(self, seconds: float, kind: str) -> None:
         self.seconds += seconds

@@ -23,7 +23,8 @@ from tools.build_release import ReleaseError, build_release
 ROOT = Path(__file__).parents[1]
 CHANGELOG = ROOT / "CHANGELOG.md"
 PROJECTS = tuple(
-    ROOT / folder / "pyproject.toml" for folder in (".", "rwt-rclpy", "rwt-lerobot", "rwt-lerobot/plugin")
+    ROOT / folder / "pyproject.toml"
+    for folder in (".", "rwt-webrtc", "rwt-rclpy", "rwt-lerobot", "rwt-lerobot/plugin")
 )
 BRANCH = "main"
 
@@ -112,7 +113,7 @@ def dated(changelog: str, version: str, day: datetime.date) -> str:
 def with_version(project: str, version: str) -> str:
     """Return the text of a pyproject.toml with this version, also in its dependency on ours."""
     project = re.sub(r'^version = "[^"]*"$', f'version = "{version}"', project, count=1, flags=re.MULTILINE)
-    return re.sub(r'"(robot-web-tools|rwt-lerobot)==[^"]*"', rf'"\1=={version}"', project)
+    return re.sub(r'"(robot-web-tools|rwt-lerobot|rwt-webrtc)==[^"]*"', rf'"\1=={version}"', project)
 
 
 def git(*arguments: str) -> str:

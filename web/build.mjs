@@ -9,7 +9,7 @@ import { brotliCompressSync, constants, gzipSync } from "node:zlib";
 import { build } from "esbuild";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const out = join(here, "..", "src", "rwt", "web", "static");
+const out = join(here, "..", "src", "rwt", "extensions", "dashboard", "static");
 
 const TYPES = {
   ".html": "text/html; charset=utf-8",

@@ -6,7 +6,7 @@ import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const built = join(here, "..", "src", "rwt", "web", "static", "web");
+const built = join(here, "..", "src", "rwt", "extensions", "dashboard", "static", "web");
 const out = resolve(process.argv[2] ?? join(here, "dist", "widgets"));
 
 /** The version of the Python distribution, which has the same elements in it. */

@@ -30,7 +30,7 @@ from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
 from rwt_interfaces.structs import MessageType
 from rwt_participant.messages import RawMessage
-from rwt_protocol.codecs import CODECS
+from rwt_protocol.codecs import ENCODINGS
 from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter
 
@@ -80,7 +80,7 @@ def main() -> int:
 
 
 def _recording(load: Load, types: RemoteTypes, message: MessageType, payloads: list[Payload]) -> float:
-    encode = CODECS["cbor-raw"].publish_encoder(load.stream.topic)
+    encode = ENCODINGS["cbor-raw"].publish_encoder(load.stream.topic)
     frames = [encode(Sample(load.stream.topic, payload, STAMP, "/bench")).data for payload in payloads]
     form = channel_form(load.stream.topic, message, "ros")
 

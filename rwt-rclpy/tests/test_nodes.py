@@ -517,10 +517,9 @@ def test_a_goal_is_charged_to_who_sent_it_until_it_has_ended(
 
     held: list[str] = []
 
-    class Account:
-        def hold(self, size: int) -> Any:
-            held.append("held")
-            return lambda: held.append("released")
+    def hold(size: int) -> Any:
+        held.append("held")
+        return lambda: held.append("released")
 
     Fibonacci = classes("example_interfaces/action/Fibonacci")
     it = node(rclpy, executor)
@@ -530,7 +529,7 @@ def test_a_goal_is_charged_to_who_sent_it_until_it_has_ended(
     browser = graph.participant("/browser")
 
     def call(short: str, name: str, request: dict[str, Any]) -> list[str]:
-        before = WORK_ACCOUNT.set(Account())
+        before = WORK_ACCOUNT.set(hold)
         try:
             kind = graph.registry.service(name)
             payload = Payload.from_value(kind.request, request)

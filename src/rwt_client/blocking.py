@@ -34,6 +34,7 @@ from rwt_participant.blocking import (
     BlockingSubscription,
     BlockingTransforms,
     BlockingVerbs,
+    LoopThread,
     holds,
     waits,
 )
@@ -43,8 +44,8 @@ from rwt_transports.endpoint import Accept
 T = TypeVar("T")
 
 
-class _PortalThread:
-    """Event loop of a connection in its thread; satisfies :class:`rwt_participant.blocking.LoopThread`.
+class _PortalThread(LoopThread):
+    """Event loop of a connection in its thread.
 
     Attributes:
         closed: True if this program has closed the connection, and with it the loop.

@@ -18,14 +18,10 @@ Release = Callable[[], None]
 """Releases a charge; call it once."""
 
 
-class WorkAccount(Protocol):
-    """Account of the client whose request a program of the robot handles."""
+Hold = Callable[[int], Release]
+"""Keeps the request of a client charged to it until it is released; see :func:`hold_for_asker`."""
 
-    def hold(self, size: int) -> Release:
-        """Keep the request charged until it is released; see :func:`hold_for_asker`."""
-
-
-WORK_ACCOUNT: Final[ContextVar[WorkAccount | None]] = ContextVar("work account", default=None)
+WORK_ACCOUNT: Final[ContextVar[Hold | None]] = ContextVar("work account", default=None)
 """Account of the client whose request is handled now; None for requests of the robot's own programs."""
 
 
@@ -40,29 +36,24 @@ def hold_for_asker(size: int) -> Release:
     Raises:
         CallFailed: the account has no room for that many bytes.
     """
-    account = WORK_ACCOUNT.get()
-    return (lambda: None) if account is None else account.hold(size)
+    hold = WORK_ACCOUNT.get()
+    return (lambda: None) if hold is None else hold(size)
 
 
-class ParameterCharge(Protocol):
-    """Bytes charged to an account."""
+class OpenCharge(Protocol):
+    """Amount that is charged to a client until it is ended."""
 
     def end(self) -> None:
-        """Release the bytes."""
+        """End the charge; no-op after the first call."""
 
 
-class Account(Protocol):
-    """Account of a client that sets parameters."""
+ChargeBytes = Callable[[int, OpenCharge | None], OpenCharge]
+"""Charges bytes to a client that sets parameters, in place of an older charge if that is on its account, too.
 
-    def charge(self, amount: int, replaced: ParameterCharge | None) -> ParameterCharge:
-        """Charge `amount` bytes, in place of an older charge if that is on this account too.
+Raises ParameterRejected if the account has no room for them.
+"""
 
-        Raises:
-            ParameterRejected: the account has no room for that many bytes.
-        """
-
-
-ACCOUNT: Final[ContextVar[Account | None]] = ContextVar("parameter account", default=None)
+ACCOUNT: Final[ContextVar[ChargeBytes | None]] = ContextVar("parameter account", default=None)
 """Account that parameters are set for now; None for the robot's own programs."""
 
 
@@ -72,7 +63,7 @@ class Charges:
     __slots__ = ("_by_name",)
 
     def __init__(self) -> None:
-        self._by_name: dict[str, ParameterCharge] = {}
+        self._by_name: dict[str, OpenCharge] = {}
 
     def put(self, name: str, amount: int) -> None:
         """Charge a value to the current account, and release the charge of the previous value.
@@ -80,12 +71,12 @@ class Charges:
         Raises:
             ParameterRejected: the account has no room; nothing has changed.
         """
-        account = ACCOUNT.get()
-        if account is None:
+        charge_bytes = ACCOUNT.get()
+        if charge_bytes is None:
             self.drop(name)
         else:
             replaced = self._by_name.get(name)
-            charge = account.charge(amount, replaced)
+            charge = charge_bytes(amount, replaced)
             if replaced is not None:
                 replaced.end()
             self._by_name[name] = charge

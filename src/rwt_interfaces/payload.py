@@ -4,95 +4,54 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
-from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
-from rwt_interfaces.serialise.json import (
-    MAX_LENIENT_VALUES,
-    MAX_VALUES,
-    REJECTIONS,
-    SEQUENCE,
-    Unsplittable,
-    begins_too_deep,
-    has_many_values,
-    parse,
-    require_quick_numbers,
-)
+from rwt_interfaces.serialise import json_reader
+from rwt_interfaces.serialise.forms import BinaryForm, CutText, Relayed, Source, SplicedMessage, SplitText
+from rwt_interfaces.serialise.json import REJECTIONS, SEQUENCE, parse
+from rwt_interfaces.serialise.json_reader import LARGE_BYTES, LONG_FORMS_BYTES, Now, complete, read_json
 from rwt_interfaces.serialise.long_lists import plain, plain_lists
-from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, substituted
-from rwt_interfaces.serialise.splice import (
-    LONG_TEXT_CHARS,
-    LongField,
-    SplicedMessage,
-    json_of_text,
-    long_octets,
-    long_text,
-    put,
-    without_views,
-)
+from rwt_interfaces.serialise.long_strings import Parts, RawText
+from rwt_interfaces.serialise.splice import encode_long_text, long_octets, long_text, put, without_views
 from rwt_interfaces.steps import Steps, finished
-from rwt_interfaces.validation.lenient_decoder import Completion
 
 if TYPE_CHECKING:
-    from rwt_interfaces.serialise.large_json import LargeJson
-    from rwt_interfaces.structs import BinaryForm, MessageType
+    from rwt_interfaces.structs import MessageType
 
-LONG_STRING_BYTES: Final = 4096
-"""Minimum size of a JSON text whose long string is kept separate."""
-LARGE_BYTES: Final = 64 * 1024
-"""Minimum size of a JSON text for :meth:`Payload.from_json_in_steps`."""
-WHOLE_BYTES: Final = 384 * 1024
-"""Maximum size of a JSON text that is checked at once, to be passed on untouched.
-
-Checking 1 MB takes, in ms on the benchmark machine: LaserScan 6.2, OccupancyGrid 5.5, String with escapes
-4.0, Path 1.7, Image and PointCloud2 0.5, String 0.2. So 384 KiB take at most 2.5 ms, or 10 ms on a board four
-times slower.
-"""
-SLOW_BYTES: Final = 64 * 1024
-"""Maximum size of a JSON text that is completed at once; 1 MB takes up to 40 ms."""
-LONG_FORMS_BYTES: Final = 128 * 1024
-"""Minimum size of a JSON text with arrays whose other forms are made in steps."""
+__all__ = ["LARGE_BYTES", "LONG_FORMS_BYTES", "Form", "Payload"]
 
 _NULL: Final = re.compile(b"null")
-_CHECKED_BYTES: Final = 32 * 1024
-"""Maximum size of a JSON text whose checked Struct is kept for other forms: numbers take up to 16 times as
-much memory."""
-
-_SEQUENCE_PATH = ("header", "seq")
+_SEQUENCE_PATH: Final = ("header", "seq")
 Form = Literal["json", "cbor", "serialised", "plain"]
 """Payload representation of frames; :meth:`Payload.prepare` makes nothing for `plain`."""
-Now = Callable[[], int]
-"""ROS time in nanoseconds."""
 
 
 class Payload(msgspec.Struct, eq=False):
-    """Checked message of one type, in one or more forms.
+    """Checked message of one type: the form in which it came, and the forms made of it so far.
 
-    Forms are made on first use and shared by all readers. Exact JSON keeps its bytes and nothing else, so a
-    relaying server never builds objects. Make payloads with the ``from_…`` class methods.
-
-    Invariant: at least one form exists: ``_json`` (with ``_string``, if most of the text is one long string),
-    ``_json_parts``, ``_message``, ``_spliced``, or a relayed form in ``_forms``.
+    Other forms are made on first use and shared by all readers. Exact JSON keeps its bytes and nothing else,
+    so a relaying server never builds objects. Make payloads with the ``from_…`` class methods.
 
     Attributes:
+        type: type of the message.
+        source: whole message in one of the forms of :mod:`rwt_interfaces.serialise.forms`. The private
+            attributes are made of it, and :meth:`forget_forms` drops them.
         is_long: True if other forms should be made in steps, by :meth:`prepare`.
         checked: small text with arrays as :meth:`MessageJson.check` returned it, so that other forms need not
             read it again. A retained message has none.
     """
 
     type: MessageType
-    _json: RawText | None
-    _message: msgspec.Struct | None = None
-    _string: LongString | None = None
-    _spliced: SplicedMessage | None = None
-    _json_parts: Parts | None = None
-    _forms: dict[BinaryForm, Parts] | None = None
+    source: Source
     is_long: bool = False
     checked: msgspec.Struct | None = None
+    _json: Parts | None = None
+    _value: msgspec.Struct | None = None
+    _spliced: SplicedMessage | None = None
+    _binary: dict[BinaryForm, Parts] | None = None
 
     def __repr__(self) -> str:
         return f"<Payload {self.type.name}>"
@@ -103,6 +62,9 @@ class Payload(msgspec.Struct, eq=False):
     ) -> Payload:
         """Check a JSON message, and complete it if necessary.
 
+        A small text is checked as a whole and completed if it is not exact. For others
+        :mod:`rwt_interfaces.serialise.json_reader` lists the attempts, in their order.
+
         Args:
             message_type: expected type.
             raw: JSON text. It is kept without a copy if it may be passed on untouched.
@@ -112,15 +74,14 @@ class Payload(msgspec.Struct, eq=False):
         Raises:
             InvalidMessage: the message does not fit. No other exception is raised, whatever the bytes.
         """
-        if len(raw) < LONG_STRING_BYTES:
-            codec = message_type.json
-            try:
-                checked = codec.check(raw)
-            except REJECTIONS:
-                message = finished(_completed(message_type, raw, now or time.time_ns))
-                return cls(message_type, None, message)
-            return cls(message_type, raw, checked=checked) if codec.has_arrays else cls(message_type, raw)
-        return finished(cls.from_json_in_steps(message_type, raw, now, is_trusted=is_trusted))
+        if len(raw) >= json_reader.LONG_STRING_BYTES:
+            return finished(cls.from_json_in_steps(message_type, raw, now, is_trusted=is_trusted))
+        codec = message_type.json
+        try:
+            checked = codec.check(raw)
+        except REJECTIONS:
+            return cls(message_type, finished(complete(message_type, raw, now or time.time_ns)))
+        return cls(message_type, raw, checked=checked) if codec.has_arrays else cls(message_type, raw)
 
     @classmethod
     def from_json_in_steps(
@@ -143,53 +104,9 @@ class Payload(msgspec.Struct, eq=False):
             NotExact: the text is dense and not exact.
             InvalidMessage: the message does not fit, or has too many slow numbers.
         """
-        codec, now = message_type.json, now or time.time_ns
-        # From cheap to expensive, so that exact messages pay for nothing else: around a long string; as a
-        # whole, up to `WHOLE_BYTES`; around exact arrays; completed by msgspec; completed value by value, of
-        # which there may be fewer. An attempt returns, or leaves the text to the next one.
-        string = yield from codec.cut(raw)
-        if string is not None and is_dense and len(string.text) >= LONG_STRING_BYTES:
-            string = None
-        # Before any decoder reads a number: a text of slow ones would block the event loop for seconds.
-        if not is_trusted:
-            yield from require_quick_numbers(raw if string is None else string.text)
-        if string is not None:
-            try:
-                codec.check(string.text)
-            except REJECTIONS:
-                return _around_string(message_type, string, now)
-            is_long = bool(string.unescaped) and len(string.content) >= LONG_TEXT_CHARS
-            return cls(message_type, raw, None, string, is_long=is_long)
-        is_long = codec.has_arrays and len(raw) >= LONG_FORMS_BYTES
-        if len(raw) <= WHOLE_BYTES:
-            try:
-                checked = codec.check(raw)
-            except REJECTIONS:
-                if is_dense:
-                    raise NotExact from None
-            else:
-                kept = checked if codec.has_arrays and len(raw) <= _CHECKED_BYTES else None
-                return cls(message_type, raw, is_long=is_long, checked=kept)
-        if len(raw) > SLOW_BYTES and codec.has_lists:
-            large = yield from message_type.large_json.split(raw)
-            if large is not None:
-                with suppress(Unsplittable):
-                    return (yield from _split(message_type, raw, large, now, is_dense=is_dense))
-        if len(raw) > WHOLE_BYTES:
-            if (yield from has_many_values(raw)):
-                if is_dense:
-                    raise NotExact
-                raise TooManyValues(
-                    "", f"more than {MAX_VALUES} values: so many are taken only as items of long lists"
-                )
-            yield
-            with suppress(*REJECTIONS):
-                codec.check(raw)
-                return cls(message_type, raw, is_long=is_long)
-            if is_dense:
-                raise NotExact
-        message = yield from _completed(message_type, raw, now)
-        return cls(message_type, None, message, is_long=is_long)
+        now = now or time.time_ns
+        read = yield from read_json(message_type, raw, now, is_trusted=is_trusted, is_dense=is_dense)
+        return cls(message_type, *read)
 
     @classmethod
     def from_args(cls, message_type: MessageType, raw: RawText | None, now: Now | None = None) -> Payload:
@@ -225,7 +142,7 @@ class Payload(msgspec.Struct, eq=False):
         is_long = (holds_list is not None and holds_list(message)) or (
             bool(message_type.long_text_fields) and long_text(message_type, message) is not None
         )
-        return cls(message_type, None, message, is_long=is_long)
+        return cls(message_type, message, is_long)
 
     @classmethod
     def from_value_in_steps(
@@ -235,12 +152,12 @@ class Payload(msgspec.Struct, eq=False):
         message = yield from message_type.large_json.complete_values(value, now or time.time_ns)
         if message is None:
             return cls.from_value(message_type, value, now)
-        return cls(message_type, None, message, is_long=True)
+        return cls(message_type, message, is_long=True)
 
     @classmethod
     def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Decode a message in its distribution's serialisation; raises only InvalidMessage."""
-        return cls(message_type, None, message_type.deserialise(data))
+        return cls(message_type, message_type.deserialise(data))
 
     @classmethod
     def from_cbor(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
@@ -256,7 +173,7 @@ class Payload(msgspec.Struct, eq=False):
     @classmethod
     def from_cdr(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Decode a message in CDR, with its encapsulation header; raises only InvalidMessage."""
-        return cls(message_type, None, message_type.from_cdr(data))
+        return cls(message_type, message_type.from_cdr(data))
 
     @classmethod
     def relayed_cdr(cls, message_type: MessageType, data: bytes) -> Payload:
@@ -265,7 +182,7 @@ class Payload(msgspec.Struct, eq=False):
         If it does not fit its type, the first call of a method other than :meth:`cdr` raises
         :exc:`InvalidMessage`.
         """
-        return cls(message_type, None, None, None, None, None, {"cdr": (data,)}, _is_long(message_type, data))
+        return cls(message_type, Relayed("cdr", data), _is_long(message_type, data))
 
     @classmethod
     def relayed_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
@@ -273,57 +190,84 @@ class Payload(msgspec.Struct, eq=False):
 
         A view must not change while the message, or what was made of it, exists.
         """
-        return cls(
-            message_type, None, None, None, None, None, {"ros1": (data,)}, _is_long(message_type, data)
-        )
+        return cls(message_type, Relayed("ros1", data), _is_long(message_type, data))
 
     @classmethod
     def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Decode a message in ROS 1's serialisation, without a length prefix; raises only InvalidMessage."""
-        return cls(message_type, None, message_type.from_ros1(data))
+        return cls(message_type, message_type.from_ros1(data))
 
     @classmethod
     def from_ros1_in_steps(cls, message_type: MessageType, data: bytes | memoryview) -> Steps[Payload]:
         """Same as :meth:`from_ros1`, long lists in steps."""
-        message = yield from message_type.deserialise_in_steps(data)
-        is_long = _is_long(message_type, data)
-        return cls(message_type, None, without_views(message_type, message), is_long=is_long)
+        message = yield from message_type.step_decoder(data)
+        return cls(message_type, without_views(message_type, message), _is_long(message_type, data))
 
     @property
     def is_passthrough(self) -> bool:
         """True if the message arrived as JSON and is passed on untouched."""
-        return self._json is not None and self._message is None
+        return isinstance(self.source, bytes | memoryview | CutText)
 
     @property
     def received_json(self) -> RawText | None:
         """JSON text that is passed on untouched; None if the message has none."""
-        return self._json
+        match self.source:
+            case bytes() | memoryview() as text:
+                return text
+            case CutText(raw=text):
+                return text
+            case _:
+                return None
 
     @property
     def is_decoded(self) -> bool:
         """True if :meth:`value` has nothing to decode."""
-        return self._message is not None
+        return self._value is not None or isinstance(self.source, msgspec.Struct)
+
+    @property
+    def is_relayed(self) -> bool:
+        """True if the message is only in the form in which another program sent it."""
+        return (
+            isinstance(self.source, Relayed)
+            and self._value is None
+            and self._spliced is None
+            and self._json is None
+        )
 
     def json(self) -> RawText:
         """Return the message in JSON: the received bytes, if they may be passed on."""
-        json = self._json
-        if json is None:
-            parts = self.json_parts()
-            json = self._json = parts[0] if len(parts) == 1 else b"".join(parts)
-        return json
+        source = self.source
+        if isinstance(source, bytes):
+            return source
+        parts = self.json_parts()
+        if len(parts) > 1:
+            self._json = parts = (b"".join(parts),)
+        return parts[0]
 
     def json_parts(self) -> Parts:
         """Return :meth:`json` in parts, so that long messages are not copied."""
-        if self._json is not None:
-            return (self._json,)
-        if self._json_parts is not None:
-            return self._json_parts
-        type = self.type
-        spliced = self._apart() if type.long_fields else None
-        if spliced is not None:
-            return spliced.json(type.json.encode)
-        self._json = type.json.encode(self._message or self.value())
-        return (self._json,)
+        source = self.source
+        if isinstance(source, bytes):  # The usual case, once per message and encoding.
+            return (source,)
+        made = self._json
+        if made is None:
+            match source:
+                case memoryview():
+                    made = (source,)
+                case CutText(raw=text):
+                    made = (text,)
+                case SplitText(parts=made):
+                    pass
+                case _:
+                    encode = self.type.json.encode
+                    spliced = self._apart() if self.type.long_fields else None
+                    if spliced is not None:
+                        made = spliced.json(encode)
+                    else:
+                        # Unlike other encoders, this one takes any Struct: a None is written like NaN.
+                        made = (encode(source if isinstance(source, msgspec.Struct) else self.value()),)
+            self._json = made
+        return made
 
     def cbor(self) -> bytes:
         """Return the message in CBOR, without any envelope (CBR-02 to CBR-07)."""
@@ -347,63 +291,68 @@ class Payload(msgspec.Struct, eq=False):
 
     def prepare(self, forms: Iterable[Form]) -> Steps[None]:
         """Make forms of a message with long lists or strings in steps; existing forms take none."""
-        has_lists = self.type.json.has_arrays
-        text: SplicedMessage | None = None
-        for form in forms:
-            if form == "plain":
-                continue
-            if form == "json":
-                yield from self._decode_in_steps()
-                if self._spliced is not None:
-                    continue
-                if self._json is None and self._json_parts is None and has_lists:
-                    self._json_parts = yield from self.type.large_json.encode(self._encodable())
-                if self._json is None and self._json_parts is None:
-                    field = self._long_text()
-                    if field is not None:
-                        self._json_parts = yield from json_of_text(self.type, self.value(), field)
-                continue
-            name = self.type.registry.distro.serialisation if form == "serialised" else form
-            if self._forms is not None and name in self._forms:
-                continue
-            yield from self._decode_in_steps()
-            spliced = self._apart()
-            if spliced is not None:
-                yield from spliced.octets_in_steps()
-            elif not has_lists:
-                field = self._long_text()
-                if field is not None:
-                    text = text or SplicedMessage.from_text(self.value(), field)
-                    yield from text.octets_in_steps()
-                    made = text.binary(*self.type.binary_encoder(name))
-                    self._forms = {**(self._forms or {}), name: made}
-            else:
+        wanted = set(forms)
+        if "json" in wanted:
+            yield from self._prepare_json()
+        binary: dict[Form, BinaryForm] = {
+            "cbor": "cbor",
+            "serialised": self.type.registry.distro.serialisation,
+        }
+        missing = [name for form, name in binary.items() if form in wanted and self._existing(name) is None]
+        if missing:
+            yield from self._prepare_binary(missing)
+
+    def _prepare_json(self) -> Steps[None]:
+        if self._json is not None or self._has_text:
+            return
+        yield from self._decode()
+        if isinstance(self.source, SplicedMessage) or self._spliced is not None:
+            return
+        if self.type.json.has_arrays:
+            self._json = yield from self.type.large_json.encode(self._encodable())
+        if self._json is None and self.is_decoded:
+            field = long_text(self.type, self.value())
+            if field is not None:
+                self._json = yield from encode_long_text(self.type, self.value(), field)
+
+    def _prepare_binary(self, forms: Iterable[BinaryForm]) -> Steps[None]:
+        yield from self._decode()
+        spliced = self._apart()
+        if spliced is not None:
+            yield from spliced.prepare_octets()
+        elif self.type.json.has_arrays:
+            for form in forms:
                 large = None
-                if self._message is None and (self._json is not None or self._json_parts is not None):
+                if self._has_text and self._value is None:
                     large = yield from self.type.large_json.split(self.json())
                 short, lists = (self._encodable(), {}) if large is None else (yield from large.apart())
-                made = yield from self.type.step_encoder(name)(short, lists)
-                self._forms = {**(self._forms or {}), name: made}
+                self._keep(form, (yield from self.type.step_encoder(form)(short, lists)))
+        elif self.is_decoded:
+            field = long_text(self.type, self.value())
+            if field is not None:
+                text = SplicedMessage.from_text(self.value(), field)
+                yield from text.prepare_octets()
+                for form in forms:
+                    self._keep(form, text.binary(*self.type.binary_encoder(form)))
 
-    def _decode_in_steps(self) -> Steps[None]:
+    def _decode(self) -> Steps[None]:
         """Decode a relayed message with long lists in steps; others take none."""
-        if self.is_long and self.is_relayed:
-            message = yield from self.type.deserialise_in_steps(self._serialised())
+        if self.is_long and self.is_relayed and isinstance(self.source, Relayed):
+            message = yield from self.type.step_decoder(self.source.data)
             holds_list = self.type.holds_long_list
             if holds_list is None or not holds_list(message):
                 self._take_views(message)
             else:
-                self._message = without_views(self.type, message)
+                self._value = without_views(self.type, message)
 
-    def _take_views(self, message: msgspec.Struct) -> None:
+    def _take_views(self, message: msgspec.Struct) -> SplicedMessage | msgspec.Struct:
+        """Keep a decoded message whose long octets may be views: as a whole, or in two parts."""
         found = SplicedMessage.from_views(self.type, message)
         if isinstance(found, SplicedMessage):
             self._spliced = found
         else:
-            self._message = found
-
-    def _long_text(self) -> LongField | None:
-        return None if self._message is None else long_text(self.type, self._message)
+            self._value = found
+        return found
 
     def plain(self) -> object:
         """Return the message as dicts, lists and scalars, octets as bytes."""
@@ -412,7 +361,7 @@ class Payload(msgspec.Struct, eq=False):
     def plain_in_steps(self) -> Steps[object]:
         """Same as :meth:`plain`, long lists in steps; other messages take none."""
         if self.is_long:
-            yield from self._decode_in_steps()
+            yield from self._decode()
             return (yield from plain_lists(self.type, self._encodable()))
         return self.plain()
 
@@ -425,33 +374,41 @@ class Payload(msgspec.Struct, eq=False):
         parts = self._made(form)
         if len(parts) == 1 and isinstance(parts[0], bytes):
             return parts[0]
-        assert self._forms is not None  # Made above.
         whole = b"".join(parts)
-        self._forms[form] = (whole,)
+        self._keep(form, (whole,))
         return whole
 
     def _made(self, form: BinaryForm) -> Parts:
-        if self._forms is None:
-            self._forms = {}
-        made = self._forms.get(form)
+        made = self._existing(form)
         if made is None:
             spliced = self._apart()
             encode, length_head = self.type.binary_encoder(form)
             made = (encode(self._encodable()),) if spliced is None else spliced.binary(encode, length_head)
-            self._forms[form] = made
+            self._keep(form, made)
         return made
+
+    def _existing(self, form: BinaryForm) -> Parts | None:
+        made = None if self._binary is None else self._binary.get(form)
+        if made is None and isinstance(self.source, Relayed) and self.source.form == form:
+            return (self.source.data,)
+        return made
+
+    def _keep(self, form: BinaryForm, parts: Parts) -> None:
+        # A new dict, because forms may be dropped between two steps, or made in another thread.
+        self._binary = {**(self._binary or {}), form: parts}
 
     def _apart(self) -> SplicedMessage | None:
         """Return the message in two parts if most of it is one long string or octets."""
-        if self._spliced is None and self.type.long_fields:
-            if self._string is not None:
-                short = self.type.json.decode(self._string.text)
-                self._spliced = SplicedMessage.from_string(self.type, short, self._string)
-                self._string = None
-            elif self.is_relayed and self.type.long_octets_fields:
-                self._take_views(self.type.deserialise_views(self._serialised()))
-            elif self._message is not None or (self._json is None and self._json_parts is None):
-                field = long_octets(self.type, self._encodable())
+        type, source = self.type, self.source
+        if isinstance(source, SplicedMessage):
+            return source
+        if self._spliced is None and type.long_fields:
+            if isinstance(source, CutText):
+                self._spliced = SplicedMessage.from_cut(type, type.json.decode(source.short), source)
+            elif isinstance(source, Relayed) and self._value is None:
+                self._take_views(type.deserialise_views(source.data))
+            elif self.is_decoded:
+                field = long_octets(type, self._encodable())
                 self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
         return self._spliced
 
@@ -461,75 +418,101 @@ class Payload(msgspec.Struct, eq=False):
         Raises:
             InvalidMessage: the message was relayed and does not fit.
         """
-        message = self._message
-        if message is None:
-            raw = self._json
-            if raw is None or self._string is not None:
-                message = self._decoded()
-            else:
-                checked = None if self.checked is None else self._without_nulls()
-                message = self.type.json.decode(raw) if checked is None else self._own_struct(checked)
-            self._message = message
-        elif message.__class__ is not self.type.struct:
-            message = self._message = self._own_struct(message)
-        return message
+        value = self._value
+        if value is None:
+            match self.source:
+                case bytes() | memoryview() as text:
+                    checked = None if self.checked is None else self._without_nulls()
+                    value = self.type.json.decode(text) if checked is None else self._own_struct(checked)
+                case CutText(raw=text):
+                    spliced = self._apart()
+                    value = self.type.json.decode(text) if spliced is None else spliced.value()
+                case SplitText():
+                    value = self.type.json.decode(self.json())
+                case SplicedMessage() as spliced:
+                    value = spliced.value()
+                case Relayed(data=data):
+                    found = self._spliced or self._take_views(self.type.deserialise_views(data))
+                    value = found.value() if isinstance(found, SplicedMessage) else found
+                case message:
+                    value = message
+                    if message.__class__ is not self.type.struct:
+                        value = self.source = self._own_struct(message)
+            self._value = value
+        return value
 
     @property
     def kept_size(self) -> int:
-        """Approximate bytes of the message in its present forms."""
-        if self._json is not None:
-            return len(self._json)
-        if self._forms:
-            return max(sum(map(len, parts)) for parts in self._forms.values())
-        if self._json_parts is not None:
-            return sum(map(len, self._json_parts))
-        if self._spliced is not None:
-            return self._spliced.kept_size
-        return self.type.sizes([self._message])
+        """Approximate bytes of the message without the forms that :meth:`forget_forms` drops."""
+        source = self.source
+        if isinstance(source, bytes):
+            return len(source)
+        match source:
+            case memoryview():
+                return len(source)
+            case CutText(raw=text):
+                return len(text)
+            case SplitText(parts=parts):
+                return sum(map(len, parts))
+            case SplicedMessage() as spliced:
+                return spliced.kept_size
+            case Relayed(data=data):
+                return len(data)
+            case message:
+                return self.type.sizes([message])
 
     def detach(self) -> Payload:
         """Return the message without references to the receive buffer, for retaining it."""
-        if isinstance(self._json, memoryview):
-            raw = bytes(self._json)
-            string = None if self._string is None else self._string.moved(raw)
-            return Payload(self.type, raw, self._message, string, is_long=self.is_long)
-        self.checked = None
-        if self._json_parts is not None:
-            return Payload(self.type, bytes(self.json()), self._message, is_long=self.is_long)
-        if self._spliced is not None:
-            return Payload(self.type, self._json, self._message, None, self._spliced.detached())
-        forms = self._forms or {}
-        if any(isinstance(part, memoryview) for parts in forms.values() for part in parts):
-            is_only = self._json is None and self._message is None
-            own: dict[BinaryForm, Parts] = {form: (b"".join(parts),) for form, parts in forms.items()}
-            kept = own if is_only else None
-            return Payload(self.type, self._json, self._message, None, None, None, kept, self.is_long)
-        return self
+        own: Source
+        match self.source:
+            case memoryview() as text:
+                own = bytes(text)
+            case CutText(raw=memoryview() as text) as cut:
+                own = cut.moved(bytes(text))
+            case SplitText():
+                own = bytes(self.json())
+            case SplicedMessage() as spliced:
+                own = spliced.detached()
+            case Relayed(form, memoryview() as data):
+                own = Relayed(form, bytes(data))
+            case own:
+                pass
+        if own is self.source:
+            self.checked = None
+            return self
+        return Payload(self.type, own, self.is_long, _value=self._value)
 
     def forget_forms(self) -> None:
-        """Drop all forms but one; others are made again on use."""
-        if self._json is not None:
-            self._message = self._forms = None
-        elif self._message is not None or self._spliced is not None:
-            self._forms = None
+        """Drop all forms but the source; others are made again on use."""
+        self._json = self._value = self._spliced = self._binary = None
 
     def numbered(self, number: int) -> Payload:
         """Return the message with that `header.seq`; its type must have one."""
-        parts = (self._json,) if self._json is not None else self._json_parts
-        found = None if parts is None or self._string is not None else SEQUENCE.match(parts[0])
-        if parts is None or found is None:
+        match self.source:
+            case bytes() | memoryview() as text:
+                parts: Parts = (text,)
+            case SplitText(parts=parts):
+                pass
+            case _:
+                parts = ()
+        found = SEQUENCE.match(parts[0]) if parts else None
+        if found is None:
             spliced = self._apart()
             if spliced is not None:
-                return Payload(self.type, None, None, None, spliced.numbered(number))
-            return Payload(self.type, None, put(self.value(), _SEQUENCE_PATH, number))
+                return Payload(self.type, spliced.numbered(number))
+            return Payload(self.type, put(self.value(), _SEQUENCE_PATH, number))
         start, end = found.span(1)
         first = memoryview(parts[0])
         before = b"".join((first[:start], b"%d" % number))
-        if len(first) < LONG_STRING_BYTES and len(parts) == 1:
+        if len(first) < json_reader.LONG_STRING_BYTES and len(parts) == 1:
             return Payload(self.type, before + first[end:])
-        known = None if self._message is None else put(self.value(), _SEQUENCE_PATH, number)
-        numbered = (before, first[end:], *parts[1:])
-        return Payload(self.type, None, known, None, None, numbered, is_long=self.is_long)
+        known = None if self._value is None else put(self.value(), _SEQUENCE_PATH, number)
+        numbered = SplitText((before, first[end:], *parts[1:]))
+        return Payload(self.type, numbered, self.is_long, _value=known)
+
+    @property
+    def _has_text(self) -> bool:
+        return isinstance(self.source, bytes | memoryview | CutText | SplitText)
 
     def _own_struct(self, message: msgspec.Struct) -> msgspec.Struct:
         try:
@@ -540,97 +523,22 @@ class Payload(msgspec.Struct, eq=False):
             return own
 
     def _encodable(self) -> msgspec.Struct:
-        message = self._message
-        if message is None:
-            return self._without_nulls() or self.value()
-        return message if message.__class__ is self.type.json.sendable else self.value()
+        """Return the message as a Struct that all encoders take: without None in a float."""
+        if self._value is not None:
+            return self._value
+        source = self.source
+        if isinstance(source, msgspec.Struct):
+            return source if source.__class__ is self.type.json.sendable else self.value()
+        return self._without_nulls() or self.value()
 
     def _without_nulls(self) -> msgspec.Struct | None:
         """Return the checked Struct if no float can be None in it, as encoders require."""
-        return None if self.checked is None or _NULL.search(self._json or b"") else self.checked
-
-    def _decoded(self) -> msgspec.Struct:
-        spliced = self._spliced or (self._apart() if self._string is not None else None)
-        if spliced is not None:
-            return spliced.value()
-        if self._json is not None or self._json_parts is not None:
-            return self.type.json.decode(self.json())
-        return self.type.deserialise(self._serialised())
-
-    @property
-    def is_relayed(self) -> bool:
-        """True if only a relayed form exists."""
-        return (
-            self._json is None
-            and self._message is None
-            and self._spliced is None
-            and self._json_parts is None
-        )
-
-    def _serialised(self) -> RawText:
-        assert self._forms is not None  # Invariant: text, message or a relayed form exists.
-        parts = self._forms[self.type.registry.distro.serialisation]
-        return parts[0] if len(parts) == 1 else b"".join(parts)
+        if self.checked is None or not isinstance(self.source, bytes | memoryview):
+            return None
+        return None if _NULL.search(self.source) else self.checked
 
 
 def _is_long(message_type: MessageType, data: bytes | memoryview) -> bool:
-    return len(data) >= LONG_FORMS_BYTES and (
+    return len(data) >= json_reader.LONG_FORMS_BYTES and (
         message_type.json.has_arrays or bool(message_type.long_text_fields)
     )
-
-
-def _split(
-    message_type: MessageType, raw: RawText, large: LargeJson, now: Now, *, is_dense: bool
-) -> Steps[Payload]:
-    """Decode a message in chunks of its long arrays; raises Unsplittable."""
-    is_large, is_long = len(raw) > WHOLE_BYTES, len(raw) >= LONG_FORMS_BYTES
-    # The check of a smaller message has failed, so if its arrays are exact, what is around them is not.
-    is_exact_around = is_large and (yield from large.is_exact_around())
-    if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
-        if is_exact_around and large.has_sequence_first:
-            return Payload(message_type, raw, is_long=is_long)
-        # In the first part, a publisher can replace `header.seq` without a copy of the rest.
-        parts = yield from large.around_arrays(now)
-        return Payload(message_type, None, None, None, None, parts, is_long=is_long)
-    if is_dense:
-        raise NotExact
-    if not is_large:
-        yield
-        with suppress(*REJECTIONS):
-            return Payload(message_type, None, message_type.complete_quickly(raw, now), is_long=is_long)
-    message = yield from large.complete(Completion(now))
-    return Payload(message_type, None, message, is_long=is_long)
-
-
-def _completed(message_type: MessageType, raw: RawText, now: Now) -> Steps[msgspec.Struct]:
-    """Complete a message as a whole; each attempt is a step."""
-    yield
-    with suppress(*REJECTIONS):
-        return message_type.complete_quickly(raw, now)
-    if (yield from has_many_values(raw, MAX_LENIENT_VALUES)):
-        if begins_too_deep(raw):
-            raise InvalidMessage("", "nested too deeply")
-        raise TooManyValues(
-            "",
-            f"more than {MAX_LENIENT_VALUES} values, and not as ROS writes it:"
-            " so many are taken only as items of long lists",
-        )
-    yield
-    parsed = parse(raw)
-    yield
-    message: msgspec.Struct = message_type.decode_leniently(parsed, now)
-    return message
-
-
-def _around_string(message_type: MessageType, string: LongString, now: Now) -> Payload:
-    """Complete a message around its long string, which may be passed on as it is."""
-    complete = message_type.decode_leniently
-    parsed = parse(string.text)
-    with suppress(InvalidMessage):
-        short = complete(parsed, now)
-        spliced = SplicedMessage.from_string(message_type, short, string)
-        if spliced is not None:
-            return Payload(message_type, None, None, None, spliced)
-    # The error may lie in the long string, or quote it.
-    whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
-    return Payload(message_type, None, complete(whole, now))

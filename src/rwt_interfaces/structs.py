@@ -10,7 +10,7 @@ from __future__ import annotations
 import keyword
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -21,6 +21,7 @@ from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struc
 
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
+    from rwt_interfaces.serialise.forms import BinaryForm
     from rwt_interfaces.serialise.json import MessageJson
     from rwt_interfaces.serialise.large_json import LargeMessages
     from rwt_interfaces.serialise.long_lists import Chunks
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from rwt_interfaces.validation.lenient_decoder import LenientDecoder
     from rwt_interfaces.validation.quick_completion import QuickCompletion
 
-    BinaryForm = Literal["cbor", "cdr", "ros1"]
     BinaryEncoder = tuple[Callable[[msgspec.Struct], bytes], LengthHead]
 
 
@@ -180,8 +180,8 @@ class MessageType:
         return unpack.compile_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1, views=True)
 
     @cached_property
-    def deserialise_in_steps(self) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
-        """Same as :attr:`deserialise_views`, long lists in steps."""
+    def step_decoder(self) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
+        """Decoder of messages with long lists in steps; otherwise the same as :attr:`deserialise_views`."""
         from rwt_interfaces.serialise import unpack, wire_rules
 
         is_cdr = self.registry.distro.serialisation == "cdr"

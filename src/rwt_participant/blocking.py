@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import functools
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator
-from typing import Any, Concatenate, Generic, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
 from rwt_participant.api import Parameters, RobotApi
 from rwt_participant.goals import Goal, GoalStatus
 from rwt_participant.handles import Handle, Publisher, Subscription
 from rwt_participant.messages import Message
-from rwt_participant.timers import PeriodicTimer
+from rwt_participant.timers import PeriodicTimer, ResettableTimer
 from rwt_participant.transforms import Transforms
 
 P = ParamSpec("P")
@@ -25,16 +26,19 @@ Inner = TypeVar("Inner")
 Robot = TypeVar("Robot", bound=RobotApi)
 
 
-class LoopThread(Protocol):
+class LoopThread(ABC):
     """Event loop that runs in another thread."""
 
     @property
+    @abstractmethod
     def here(self) -> bool:
         """True on its thread."""
 
+    @abstractmethod
     def run(self, function: Callable[[], T]) -> T:
         """Run a plain function there and return its result; at once on its thread."""
 
+    @abstractmethod
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
         """Run a coroutine function there and return its result.
 
@@ -114,7 +118,7 @@ def holds(
     return hold
 
 
-class BlockingTimer(Blocking[PeriodicTimer]):
+class BlockingTimer(Blocking[PeriodicTimer], ResettableTimer):
     """Timer with a callback in the loop's thread; see :class:`~rwt_participant.timers.PeriodicTimer`."""
 
     reset = runs(PeriodicTimer.reset)

@@ -6,11 +6,15 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rwt_participant.errors import CallFailed
-from rwt_participant.messages import MessageLike, is_coroutine_function
+from rwt_participant.messages import is_coroutine_function
 from rwt_participant.timers import HasTimers
+
+if TYPE_CHECKING:
+    from rwt_participant.blocking import BlockingPublisher
+    from rwt_participant.handles import Publisher
 
 logger = logging.getLogger(__name__)
 
@@ -43,16 +47,10 @@ class DiagnosticStatus:
 Check = Callable[[], DiagnosticStatus]
 
 
-class _StatusPublisher(Protocol):
-    def publish(self, message: MessageLike, /) -> object: ...
-
-    def close(self) -> None: ...
-
-
 class Reports(HasTimers, Protocol):
     """Robot for the updater: :class:`~rwt_participant.api.RobotApi`, or its blocking form."""
 
-    def advertise(self, topic: str, type: str, /) -> _StatusPublisher:
+    def advertise(self, topic: str, type: str, /) -> Publisher | BlockingPublisher:
         """Become a publisher."""
 
 

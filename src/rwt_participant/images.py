@@ -9,7 +9,7 @@ import io
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import ImageFormat
@@ -21,56 +21,60 @@ if TYPE_CHECKING:
     from PIL import Image
 
 
+Colours = Literal["rgb", "bgr", "grey", "depth", "uyvy", "yuyv", "bayer", "none"]
+"""Meaning of the values of a pixel: order of colours, with alpha if there are four; none for mere numbers."""
+
+
 @dataclass(frozen=True, slots=True)
-class _Layout:
+class PixelLayout:
     """Layout of a pixel in an encoding.
 
     Attributes:
         sample: numpy's type of one value, without byte order.
         count: number of values per pixel.
-        swapped: True if blue comes first, as in OpenCV.
+        colours: meaning of the values.
         mode: Pillow's mode of such an image; empty if it has none.
     """
 
     sample: str
     count: int = 1
-    swapped: bool = False
+    colours: Colours = "none"
     mode: str = ""
 
 
-ENCODINGS: Final[Mapping[str, _Layout]] = {
-    "rgb8": _Layout("u1", 3, mode="RGB"),
-    "bgr8": _Layout("u1", 3, swapped=True, mode="RGB"),
-    "rgba8": _Layout("u1", 4, mode="RGBA"),
-    "bgra8": _Layout("u1", 4, swapped=True, mode="RGBA"),
-    "mono8": _Layout("u1", mode="L"),
-    "mono16": _Layout("u2", mode="I;16"),
-    "8UC1": _Layout("u1", mode="L"),
-    "8UC3": _Layout("u1", 3, swapped=True, mode="RGB"),
-    "8UC4": _Layout("u1", 4, swapped=True, mode="RGBA"),
-    "16UC1": _Layout("u2", mode="I;16"),
-    "32FC1": _Layout("f4", mode="F"),
-    "rgb16": _Layout("u2", 3),
-    "bgr16": _Layout("u2", 3, swapped=True),
-    "rgba16": _Layout("u2", 4),
-    "bgra16": _Layout("u2", 4, swapped=True),
-    "8UC2": _Layout("u1", 2),
-    "8SC1": _Layout("i1"),
-    "16SC1": _Layout("i2"),
-    "32SC1": _Layout("i4"),
-    "32FC2": _Layout("f4", 2),
-    "32FC3": _Layout("f4", 3),
-    "32FC4": _Layout("f4", 4),
-    "64FC1": _Layout("f8"),
-    "yuv422": _Layout("u1", 2),
-    "uyvy": _Layout("u1", 2),
-    "yuv422_yuy2": _Layout("u1", 2),
-    "yuyv": _Layout("u1", 2),
+ENCODINGS: Final[Mapping[str, PixelLayout]] = {
+    "rgb8": PixelLayout("u1", 3, "rgb", "RGB"),
+    "bgr8": PixelLayout("u1", 3, "bgr", "RGB"),
+    "rgba8": PixelLayout("u1", 4, "rgb", "RGBA"),
+    "bgra8": PixelLayout("u1", 4, "bgr", "RGBA"),
+    "rgb16": PixelLayout("u2", 3, "rgb"),
+    "bgr16": PixelLayout("u2", 3, "bgr"),
+    "rgba16": PixelLayout("u2", 4, "rgb"),
+    "bgra16": PixelLayout("u2", 4, "bgr"),
+    "mono8": PixelLayout("u1", 1, "grey", "L"),
+    "mono16": PixelLayout("u2", 1, "grey", "I;16"),
+    "8UC1": PixelLayout("u1", 1, "grey", "L"),
+    "8UC3": PixelLayout("u1", 3, "bgr", "RGB"),
+    "8UC4": PixelLayout("u1", 4, "bgr", "RGBA"),
+    "16UC1": PixelLayout("u2", 1, "depth", "I;16"),
+    "32FC1": PixelLayout("f4", 1, "depth", "F"),
+    "yuv422": PixelLayout("u1", 2, "uyvy"),
+    "uyvy": PixelLayout("u1", 2, "uyvy"),
+    "yuv422_yuy2": PixelLayout("u1", 2, "yuyv"),
+    "yuyv": PixelLayout("u1", 2, "yuyv"),
     **{
-        f"bayer_{pattern}{bits}": _Layout(f"u{bits // 8}")
+        f"bayer_{pattern}{bits}": PixelLayout(f"u{bits // 8}", 1, "bayer")
         for bits in (8, 16)
         for pattern in ("rggb", "bggr", "gbrg", "grbg")
     },
+    "8UC2": PixelLayout("u1", 2),
+    "8SC1": PixelLayout("i1"),
+    "16SC1": PixelLayout("i2"),
+    "32SC1": PixelLayout("i4"),
+    "32FC2": PixelLayout("f4", 2),
+    "32FC3": PixelLayout("f4", 3),
+    "32FC4": PixelLayout("f4", 4),
+    "64FC1": PixelLayout("f8"),
 }
 """Supported values of `encoding` (`sensor_msgs/image_encodings.hpp`)."""
 
@@ -101,8 +105,8 @@ def image_to_numpy(message: Message) -> NDArray[Any]:
     Returns:
         Array of rows x columns, with a third dimension if a pixel has several values. Values of an Image are
         not converted: `bgr8` stays blue first, depths of `16UC1` are millimetres, of `32FC1` metres. The
-            array
-        may be a read-only view of the message: copy it before you change it. A CompressedImage becomes RGB.
+        array may be a read-only view of the message: copy it before you change it. A CompressedImage becomes
+        RGB.
 
     Raises:
         ImageFormat: the encoding is unknown, or there are too few bytes for the image.
@@ -134,7 +138,7 @@ def image_to_pillow(message: Message) -> Image.Image:
         known = ", ".join(name for name, each in ENCODINGS.items() if each.mode)
         raise ImageFormat(f'encoding "{message.encoding}" is none of Pillow\'s; expected one of {known}')
     samples = read_samples(message)
-    if layout.swapped:
+    if layout.colours == "bgr":
         samples = samples[:, :, [2, 1, 0, 3][: layout.count]]
     native = samples.astype(samples.dtype.newbyteorder("="), copy=False)
     return Image.fromarray(native[:, :, 0] if layout.count == 1 else native)

@@ -58,7 +58,19 @@ class TimerLoop(Protocol):
         """Run a coroutine function as a task; on the loop's thread only."""
 
 
-class PeriodicTimer(Timer):
+class ResettableTimer(ABC):
+    """Timer of a robot program: :class:`PeriodicTimer`, or the blocking form of it."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Postpone the next call by one whole period."""
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Stop the timer."""
+
+
+class PeriodicTimer(Timer, ResettableTimer):
     """Timer of :meth:`~rwt_participant.api.RobotApi.create_timer`, on a grid that does not drift."""
 
     def __init__(
@@ -155,16 +167,6 @@ class PeriodicTimer(Timer):
         if timer is not None:
             timer.cancel()
         self._on_cancel(self)
-
-
-class ResettableTimer(Protocol):
-    """Timer of a robot program: :class:`PeriodicTimer`, or the blocking form of it."""
-
-    def reset(self) -> None:
-        """Postpone the next call by one whole period."""
-
-    def cancel(self) -> None:
-        """Stop the timer."""
 
 
 class HasTimers(Protocol):

@@ -6,12 +6,16 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Final, Generic, Never, TypeVar, cast
 
 from rwt_protocol.errors import IncompleteDispatcher, Refused
-from rwt_protocol.ops import SPEC_OF, Direction, Op, ReplyTo, inbound
+from rwt_protocol.ops import OPS, Direction, Op, ReplyTo, inbound
+from rwt_protocol.ops.light import LIGHT, LightOp
 
 C = TypeVar("C")
 
 Steps = Iterator[None]
 """Remaining work of a handler in short steps. The op ends with the last step."""
+
+_Handler = tuple[Callable[[object, Op], Steps | None], Callable[..., object] | None]
+"""Handler, and the function that returns its context; None: the context itself."""
 
 INTERNAL_ERROR: Final = "internal error"
 """Error text for peers of exceptions other than `Refused`."""
@@ -29,6 +33,8 @@ class Dispatcher(Generic[C]):
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
         later: called with the context, the op and the steps of its handler, to run them by :meth:`go_on`;
             returns the result of :meth:`dispatch`. None: run all steps at once.
+        parts: by op type, functions such as `operator.attrgetter("topics")` that return the part of the
+            context with which the handler is called; other handlers are called with the context itself.
 
     Raises:
         IncompleteDispatcher: a handler is missing, or exists for an op that does not arrive.
@@ -41,15 +47,18 @@ class Dispatcher(Generic[C]):
         refusals: tuple[type[Exception], ...] = (),
         direction: Direction = Direction.TO_SERVER,
         later: Callable[[C, Op, Steps], Op | None] | None = None,
+        parts: Mapping[type[Op], Callable[[C], object]] | None = None,
     ) -> None:
         expected = inbound(direction)
         missing, extra = expected - set(handlers), set(handlers) - expected
         if missing or extra:
             raise IncompleteDispatcher(_disagreement(missing, extra, direction))
         # Each handler accepts the type of its key, which a mapping's type cannot express.
-        self._handlers = {
-            model: cast("Callable[[C, Op], Steps | None]", handler) for model, handler in handlers.items()
+        self._handlers: dict[type[Op | LightOp], _Handler] = {
+            model: (cast("Callable[[object, Op], Steps | None]", handler), (parts or {}).get(model))
+            for model, handler in handlers.items()
         }
+        self._handlers |= {LIGHT[model]: self._handlers[model] for model in LIGHT if model in self._handlers}
         self._on_error = on_error
         self._refusals = refusals
         self._later = later
@@ -61,7 +70,8 @@ class Dispatcher(Generic[C]):
             None, or the op that reports the rejection to the sender.
         """
         try:
-            steps = self._handlers[type(op)](context, op)
+            handler, part = self._handlers[type(op)]
+            steps = handler(context if part is None else part(context), op)
         except Exception as error:
             return self.refused(context, op, error)
         if steps is None:
@@ -88,7 +98,7 @@ class Dispatcher(Generic[C]):
 
     def refused(self, context: C, op: Op, error: Exception) -> Op:
         """Return the op that reports the current exception to the sender; call within the `except` block."""
-        refuse = SPEC_OF[type(op)].refuse
+        refuse = OPS[op.op].refuse
         if isinstance(error, Refused):
             return refuse(ReplyTo.of(op), error.reason, error.level)
         if isinstance(error, self._refusals):

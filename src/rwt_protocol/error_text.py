@@ -64,6 +64,7 @@ def describe(value: object) -> str:
     """Describe a JSON value briefly: scalars as written, others by kind."""
     if value is None:
         return "null"
+    # Before int, of which bool is a subclass.
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
@@ -74,7 +75,9 @@ def describe(value: object) -> str:
         text = value if len(value) <= _LONGEST_QUOTE else value[:_LONGEST_QUOTE] + "…"
         return msgspec.json.encode(text).decode()
     if isinstance(value, int):
-        return str(value) if abs(value) < 10**_LONGEST_QUOTE else "a very large integer"
+        return (
+            str(value) if abs(value) < 10**_LONGEST_QUOTE else "a very large integer"
+        )  # Python rejects more than 4,300 digits.
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else "a number out of range"
     return describe_kind(value)
@@ -92,6 +95,7 @@ def describe_kind(value: object) -> str:
 
 def explain(op: str, model: type[BaseModel], error: ValidationError) -> str:
     """Return the error text of a message in JSON's terms: ``publish.topic: expected a string, got 42``."""
+    # One error per message: others are often consequences of the first.
     first = error.errors(include_url=False)[0]
     key, annotation = locate(model, first["loc"])
     where = ".".join(map(str, (op, *key)))
@@ -138,6 +142,7 @@ def locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, objec
     key: list[str | int] = []
     for part in loc:
         known = annotation_at(model, [*key, part]) is not None
+        # Below a model an unknown part is a misspelt key; below a union it is a tag of pydantic.
         if not known and model_in(annotation_at(model, key)) is None:
             break
         key.append(part)

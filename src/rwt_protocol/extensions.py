@@ -37,6 +37,7 @@ def exports(
 def imported_on_call(reference: str) -> Callable[..., Any]:
     """Return a function that imports and calls another, named as in an entry point: ``module:function``."""
     module, _, name = reference.partition(":")
+    # Not cached: importlib finds a loaded module in sys.modules at once.
     return lambda *arguments: getattr(import_module(module), name)(*arguments)
 
 
@@ -63,6 +64,7 @@ def load_extension(group: str, name: str, builtin: Iterable[str]) -> Any:
     if not found:
         known = ", ".join((*builtin, *extension_names(group)))
         raise ExtensionError(f"unknown name {name!r}: expected one of {known}")
+    # Two distributions may claim a name; the order of sys.path decides, as for modules.
     entry_point = next(iter(found))
     try:
         return entry_point.load()

@@ -60,6 +60,7 @@ class MessageReassembly:
             raise Refused(f"fragment.total: expected {pieces.total} as before, got {fragment.total}")
         if fragment.num in pieces.texts:
             raise Refused(f"fragment.num: piece {fragment.num} has already arrived")
+        # Charged before it counts as arrived: a piece that exceeds the limit drops its whole message.
         self._keep(fragment, pieces)
         pieces.touched = now
         if len(pieces.texts) < pieces.total:
@@ -77,6 +78,7 @@ class MessageReassembly:
         pieces = self._open.get(fragment.id)
         if pieces is not None:
             return pieces
+        # Expired messages are dropped only here, when a new one begins, so that no timer is needed.
         for late in [
             mark for mark, held in self._open.items() if now - held.touched > self._limits.fragment_seconds
         ]:
@@ -93,12 +95,14 @@ class MessageReassembly:
     def _keep(self, fragment: Fragment, pieces: _Pieces) -> None:
         size = len(fragment.data) + _OVERHEAD
         most = self._limits.fragment_characters
+        # A peer could announce a huge total and send small pieces, so the total is charged, too.
         if self._size + size > most or fragment.total * _OVERHEAD > most:
             self.forget(fragment.id)
             raise Refused(
                 f"fragment: the pieces take more than {most} characters; the message was dropped"
                 " (limits.fragment_characters)"
             )
+        # As bytes: text beyond ASCII takes up to four bytes per character in a str.
         pieces.texts[fragment.num] = fragment.data.encode()
         pieces.size += size
         self._size += size
@@ -118,6 +122,7 @@ def cut(frame: Frame, size: int, id: str = "") -> Sequence[Frame]:  # as on the 
     """
     if frame.binary or size < 1 or frame.size <= size:
         return (frame,)
+    # The limit counts characters, so a frame of more bytes may still fit.
     text = frame.data.decode()
     if len(text) <= size:
         return (frame,)

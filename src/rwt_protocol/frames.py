@@ -20,6 +20,7 @@ class Frame:
     def __init__(self, *parts: Buffer, binary: bool = False) -> None:
         self.parts = parts
         self.binary = binary
+        # A loop: for the one to three parts of a frame it is faster than sum() and map().
         size = 0
         for part in parts:
             size += len(part)
@@ -151,6 +152,7 @@ class Burst:
         if self.is_sealed:
             return
         self.is_sealed = True
+        # Each member is called once: a queue counts the first frame itself, and here the others.
         members, self.members = self.members, []
         added = len(self.frames) - 1
         if added:
@@ -169,6 +171,7 @@ class Burst:
         """Return the bytes of all frames on a wire with that `framing`; cached. Seals the burst."""
         framed = self._framed.get(framing.whole)
         if framed is None:
+            # Sealed first, because the bytes are shared: a later frame would be missing in them.
             self.seal()
             framed = self._framed[framing.whole] = self._join(framing)
         return framed
@@ -199,6 +202,7 @@ class FilledBurst(Burst):
     __slots__ = ("_all", "_own")
 
     def __init__(self, of_all: Burst, own: bytes) -> None:
+        # Without the constructor of Burst: frames, members and the seal are those of the common burst.
         self._all = of_all
         self._own = own
         self._framed: dict[object, bytes] = {}

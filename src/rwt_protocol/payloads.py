@@ -123,6 +123,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         Raises:
             MalformedPayload: the message is not JSON, not UTF-8, or :attr:`dense`.
         """
+        # Not cached, because instances are immutable: callers keep the result.
         return self if self.validate is None else RawJson(self.validate())
 
     def json(self) -> Buffer:
@@ -152,6 +153,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
     def __hash__(self) -> int:
         return hash(comparable(self.plain()))
 
+    # A memoryview cannot be pickled.
     def __reduce__(self) -> tuple[type[RawJson], tuple[bytes, Callable[[], bytes] | None, str]]:
         return RawJson, (bytes(self.data), self.validate, self.dense)
 
@@ -223,10 +225,12 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
 
     def plain(self) -> object:
         """Return the value, its numpy arrays as lists."""
+        # Decoders make arrays of numpy only in frames above this size.
         return self.value if self.size <= FEW_BYTES else _listed(self.value)
 
 
 def _is_array(value: object) -> TypeGuard[Any]:
+    # If numpy is not loaded, no value can be an array, so it need not be imported here.
     array = getattr(sys.modules.get("numpy"), "ndarray", None)
     return array is not None and isinstance(value, array)
 
@@ -253,6 +257,7 @@ def plain_copy(value: object) -> object:
     if value is None or isinstance(value, bool):
         return value
     if isinstance(value, str):
+        # Raises for a lone surrogate; `str` turns an instance of a subclass, such as an enum, into text.
         value.encode()
         return str(value)
     if isinstance(value, int):
@@ -285,6 +290,7 @@ def comparable(value: object) -> object:
         return tuple(comparable(each) for each in value)
     if _is_array(value):
         return comparable(_as_list(value))
+    # Before numbers: True == 1 in Python, but not in JSON.
     if isinstance(value, bool):
         return _TRUE if value else _FALSE
     if isinstance(value, float) and math.isnan(value):

@@ -46,6 +46,7 @@ class Profile:
             return self.ops
         return frozenset(op for op in self.ops if self.direction(op) in (direction, Direction.BOTH))
 
+    # Dataclasses hash all fields, and mappings have no hash; names of profiles are unique.
     def __hash__(self) -> int:
         return hash(self.name)
 

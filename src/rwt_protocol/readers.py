@@ -26,6 +26,7 @@ class OpReader:
         self.model = spec.model
         self.in_session = spec.in_session
         self._ignored = tuple(ignored)
+        # The validator itself: `model_validate` adds a call per message.
         self._validate: Callable[[Members], Op] = spec.model.__pydantic_validator__.validate_python
         self._payloads = _converters(spec.model)
         self._optional = tuple(n for n, field in spec.model.model_fields.items() if not field.is_required())
@@ -40,6 +41,7 @@ class OpReader:
         for name, convert in self._payloads:
             if name in members:
                 members[name] = convert(members[name])  # type: ignore[arg-type]  # codecs leave these members as Raw or RawPayload
+        # Removed before validation: the model knows members of all versions and would check these, too.
         for name in self._ignored:
             members.pop(name, None)
         try:
@@ -70,6 +72,7 @@ def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
     found: list[tuple[str, _Convert]] = []
     for name, field in model.model_fields.items():
         marks = [item for item in field.metadata if isinstance(item, Opaque)]
+        # A model's own mark wins over the table of undecoded names.
         if marks:
             found.append((name, marks[0].convert))
         elif name in UNDECODED:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 import msgspec
 from pydantic import ValidationError
@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import JSON, codec_of, decode_png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SteppedCodec
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.quick_frames import QUICK
+from rwt_protocol.codecs.quick_frames import quick_reader
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import MessageReassembly, cut
@@ -25,11 +25,6 @@ from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
 
 _MOST_INSIDE: Final = 4
-
-_QUICK_OPS: Final = frozenset({"publish", "call_service", "service_response"})
-
-_DEEP: Final = 64
-"""Depth that exceeds all message types; a payload that fits its type is less deep."""
 
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
 
@@ -63,6 +58,8 @@ class Session:
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
         limits: limits of the peer.
         codec: exclusive encoding of all messages both ways; None: JSON, and binary encodings are accepted.
+        light: True to return common small messages as light ops (:mod:`rwt_protocol.ops.light`). They are no
+            `Op`, and have its attributes; a `Dispatcher` calls the handler of the op.
 
     Attributes:
         encode: encodes an op; raises `MalformedPayload` if its payload came from another peer and is not
@@ -70,10 +67,9 @@ class Session:
         response: encodes the response to a successful call, from the service, its response and the caller's
             id.
         call: encodes a call to a provider, from the service, its request and the id.
-        is_quick: True if common small text frames may be read by
-            :func:`~rwt_protocol.codecs.quick_frames.split_publish` and
-            :func:`~rwt_protocol.codecs.quick_frames.split_call` instead of :meth:`decode`. False while the
-            client requests `status` messages about successes or defaults, which need the whole op.
+        level: minimum severity of `status` messages for the client; None if it receives none in this profile.
+        wants_warnings: True if the client receives `status` messages about warnings; also True if it receives
+            those about successes.
     """
 
     def __init__(
@@ -82,6 +78,8 @@ class Session:
         direction: Direction = Direction.TO_SERVER,
         limits: WireLimits = WIRE_LIMITS,
         codec: Codec | None = None,
+        *,
+        light: bool = False,
     ) -> None:
         self._profile = profile
         self._direction = direction
@@ -96,15 +94,11 @@ class Session:
         self._inside = 0
         self._reassembly = MessageReassembly(limits)
         self._readers = readers(profile, direction)
-        self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
-        self._can_be_quick = (
-            codec is None
-            and direction is Direction.TO_SERVER
-            and self._readers.keys() >= _QUICK_OPS
-            and limits.max_message_size >= QUICK
-            and limits.max_depth >= _DEEP
-        )
-        self._note_level()
+        quick = quick_reader(profile, limits, self._readers) if light and codec is None else None
+        # A light op has the attributes of an op. Bound to the reader's method, to save time per message.
+        self._read_light = None if quick is None else cast("Callable[[bytes], Op | None]", quick.read)
+        self.level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
+        self.wants_warnings = False
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
         """Return the messages of one frame, in order. Never raises, and keeps nothing of a truncated frame.
@@ -115,6 +109,11 @@ class Session:
         Args:
             now: seconds of any monotonic clock.
         """
+        read_light = self._read_light
+        if read_light is not None and not binary:
+            op = read_light(data)
+            if op is not None:
+                return (op,)
         codec = self._codec or (codec_of(data) if binary else JSON)
         return self._decode(data, codec, now)
 
@@ -173,14 +172,9 @@ class Session:
             return None
         return self.encode(op)
 
-    @property
-    def level(self) -> Level | None:
-        """Minimum severity for the client; None if it receives no `status` in this profile."""
-        return self._level
-
     def wants_status(self, level: Level) -> bool:
         """Return True if a `status` of that severity may be sent now (STA-02)."""
-        return self._level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self._level]
+        return self.level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self.level]
 
     def _read(self, members: Members | DecodeFailure, now: float) -> Sequence[Op | Refusal]:
         """Read a message as its op; empty if the session handled it."""
@@ -209,8 +203,8 @@ class Session:
         """Handle an op for the session itself."""
         try:
             if isinstance(op, SetLevel):
-                self._level = op.level
-                self._note_level()
+                self.level = op.level
+                self.wants_warnings = self.wants_status("warning")
             elif isinstance(op, Fragment):
                 return self._join(op, now)
             elif isinstance(op, Png):
@@ -218,9 +212,6 @@ class Session:
         except Refused as refused:
             return (self._refusal({"op": op.op, "id": op.id}, refused.reason),)
         return ()
-
-    def _note_level(self) -> None:
-        self.is_quick = self._can_be_quick and not self.wants_status("warning")
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
         """Add a fragment, and read the message that it completes as if it had arrived whole (FRG-11)."""

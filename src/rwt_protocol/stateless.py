@@ -58,6 +58,7 @@ def parse(
         EncodingUnavailable: the encoding needs a package that is not installed.
     """
     data = frame.encode("utf-8", "surrogatepass") if isinstance(frame, str) else bytes(frame)
+    # Given as the exclusive codec, so that the session does not look for another one by the first byte.
     codec = codec_of(data) if encoding is None else _codec(encoding)
     session = _Stateless(profile, direction, limits, codec)
     ops = [_checked(found) for found in session.decode(data, False, 0.0)]
@@ -86,6 +87,7 @@ def dump(op: Op, encoding: EncodingName = "json") -> str | bytes:
         EncodingUnavailable: the encoding needs a package that is not installed.
     """
     try:
+        # Ops made by `model_construct` are unvalidated, so any value may reach the encoder.
         frame = _codec(encoding).encode(op)
         data = (png.encode(frame) if encoding == "png" else frame).data
     except (ValueError, OverflowError) as error:
@@ -104,6 +106,7 @@ def _checked(found: Op | Refusal) -> Op:
     if isinstance(found, Refusal):
         raise MalformedMessage(found.reason, found.op, found.id, found.name)
     payloads = {name: getattr(found, name) for name in PAYLOADS[found.op]}
+    # Here nobody decodes payloads by a message type, which would check them.
     checked = {
         name: payload.validated()
         for name, payload in payloads.items()

@@ -12,7 +12,7 @@ import pytest
 
 from bench.network import changing_link
 from bench.network.changing_link import CASES, RECORD, Case, Run, Seen, draw, measure, read_runs, table
-from rwt_webrtc.transport.ice_guard import CONSENT_EXPIRES_SECONDS
+from rwt_webrtc.packets.ice_guard import CONSENT_EXPIRES_SECONDS
 from tests.browser.driver import find_browser
 
 HAS_NAMESPACES = os.path.exists("/dev/net/tun") and shutil.which("ip") is not None and os.geteuid() == 0

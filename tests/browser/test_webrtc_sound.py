@@ -10,8 +10,8 @@ from rwt import Server
 from tests.browser.driver import IS_MUTE, MUTE, Browser
 from tests.browser.stand import stand
 from tests.browser.test_panels import violations
-from tests.extensions.webrtc.sounds import TONE
 from tests.waiting import until
+from tests.webrtc.sounds import TONE
 
 pytestmark = pytest.mark.anyio
 

@@ -15,8 +15,8 @@ from rwt import Server
 from rwt_client import connect
 from rwt_webrtc.settings import WebRtcSettings
 from rwt_webrtc.transport.signalling import PeerBounds
-from tests.extensions.webrtc.peers import OtherSide, other_side
 from tests.waiting import until
+from tests.webrtc.peers import OtherSide, other_side
 
 pytestmark = pytest.mark.anyio
 

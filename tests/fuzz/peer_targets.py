@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from collections import deque
 from functools import cache
 from unittest.mock import Mock
 
@@ -30,15 +29,15 @@ from rwt_protocol.frames import Frame
 from rwt_transports.limits import Limits
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import WHOLE_MESSAGES
+from rwt_webrtc.congestion.feedback import MAX_STATUSES, read_feedback
 from rwt_webrtc.media.decoding import BadFrame, check_frame
-from rwt_webrtc.transport.aiortc_internals import INCOMPLETE, Association
+from rwt_webrtc.packets.rtp import BadMedia, check_rtp, split_rtcp
+from rwt_webrtc.packets.sctp import MAX_CHUNKS, BadPacket, check_packet
+from rwt_webrtc.packets.stun import BadStun, check_stun
 from rwt_webrtc.transport.channels import ChannelLink
-from rwt_webrtc.transport.congestion.feedback import MAX_STATUSES, read_feedback
-from rwt_webrtc.transport.ice_agent import TURN_MESSAGES, GuardedTurnTcp
-from rwt_webrtc.transport.rtp_packets import BadMedia, check_rtp, split_rtcp
-from rwt_webrtc.transport.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
 from rwt_webrtc.transport.sdp import CANDIDATES, BadDescription, read_description
-from rwt_webrtc.transport.stun_messages import BadStun, check_stun
+from rwt_webrtc.upstream.association import INCOMPLETE, Association
+from rwt_webrtc.upstream.turn_clients import TURN_MESSAGES, GuardedTurnTcp
 
 PORT, TAG = 5000, 0x01020304
 
@@ -172,17 +171,16 @@ async def _associate(data: bytes) -> None:
         sent.append(packet)
 
     handshake = Mock(state="connected", _role="server", _send_data=send)
-    found = Association(handshake)
     failures: list[str] = []
-    found._local_verification_tag, found._remote_verification_tag = TAG, TAG + 1
-    found._local_tsn = found._reconfig_request_seq = FIRST_TSN
-    found._last_sacked_tsn = found._advanced_peer_ack_tsn = FIRST_TSN - 1
     limits = Limits(message_bytes=MESSAGE_BYTES)
-    adopted = Association.adopt(found, limits, ReceiveBufferPool(), failures.append)
-    adopted._remote_port, adopted._last_received_tsn = PORT, FIRST_TSN - 1
-    adopted._remote_partial_reliability = True
-    adopted._set_state(RTCSctpTransport.State.ESTABLISHED)
-    adopted.on("datachannel", lambda channel: _serve(adopted, channel))
+    tested = Association(handshake, limits, ReceiveBufferPool(), failures.append)
+    tested._local_verification_tag, tested._remote_verification_tag = TAG, TAG + 1
+    tested._local_tsn = tested._reconfig_request_seq = FIRST_TSN
+    tested._last_sacked_tsn = tested._advanced_peer_ack_tsn = FIRST_TSN - 1
+    tested._remote_port, tested._last_received_tsn = PORT, FIRST_TSN - 1
+    tested._remote_partial_reliability = True
+    tested._set_state(RTCSctpTransport.State.ESTABLISHED)
+    tested.on("datachannel", lambda channel: _serve(tested, channel))
     try:
         packets = 0
         while data and not failures:
@@ -190,40 +188,40 @@ async def _associate(data: bytes) -> None:
             chunks, data = data[:size], data[size:]
             packets += 1
             if not size:
-                _expire(adopted)
+                _expire(tested)
             else:
                 header = struct.pack("!HHL", PORT, PORT, TAG)
                 check = crc32c(header + bytes(4) + chunks)
-                await adopted._handle_data(header + struct.pack("<L", check) + chunks)
+                await tested._handle_data(header + struct.pack("<L", check) + chunks)
             await asyncio.sleep(0)
-            assert adopted.held_bytes <= 2 * MESSAGE_BYTES + (1 << 20) and adopted._incomplete <= INCOMPLETE
+            assert tested.held_bytes <= 2 * MESSAGE_BYTES + (1 << 20) and tested._incomplete <= INCOMPLETE
         assert "could not be handled" not in "".join(failures), failures
         # Each packet of 255 bytes has 63 chunks at most, each of which has an answer.
         assert len(sent) <= 64 * packets + 16
     finally:
-        await adopted.stop()
+        await tested.stop()
         for _ in range(4):
             await asyncio.sleep(0)
     assert len(asyncio.all_tasks()) == 1, asyncio.all_tasks()
-    assert not adopted.held_bytes and not adopted.unread_bytes
+    assert not tested.held_bytes and not tested.unread_bytes
 
 
-def _serve(adopted: Association, channel: RTCDataChannel) -> None:
-    link = ChannelLink(adopted, channel, deque())
+def _serve(tested: Association, channel: RTCDataChannel) -> None:
+    link = ChannelLink(tested, channel)
     answers = [WHOLE_MESSAGES.whole(Frame(b"hello"))] * 3
     callbacks = Mock(take=lambda: answers.pop() if answers else None)
     link.set_callbacks(callbacks)
     link.wake()
 
 
-def _expire(adopted: Association) -> None:
+def _expire(tested: Association) -> None:
     """Let the timer of unacknowledged data or of a request expire."""
-    if adopted._t3_handle is not None:
-        adopted._t3_handle.cancel()
-        adopted._t3_expired()
-    elif adopted._reconfig_handle is not None:
-        adopted._reconfig_handle.cancel()
-        adopted._reconfig_timer_expired()
+    if tested._t3_handle is not None:
+        tested._t3_handle.cancel()
+        tested._t3_expired()
+    elif tested._reconfig_handle is not None:
+        tested._reconfig_handle.cancel()
+        tested._reconfig_timer_expired()
 
 
 _DECODERS = {"video/VP8": "vp8", "video/H264": "h264"}

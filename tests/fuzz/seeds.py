@@ -36,11 +36,6 @@ from tests.core.transports.rfc6455 import compression
 from tests.core.transports.rfc6455.chapters import CHAPTERS
 from tests.core.transports.rfc6455.frames import text
 from tests.core.transports.rfc6455.handshake import HANDSHAKES
-from tests.extensions.webrtc.test_frame_size import encoded, sequence_parameters, vp8_header
-from tests.extensions.webrtc.test_rtp_packets import VALID as RTCP_VALID
-from tests.extensions.webrtc.test_sctp_packets import INVALID as SCTP_INVALID
-from tests.extensions.webrtc.test_sctp_packets import VALID as SCTP_VALID
-from tests.extensions.webrtc.test_sdp import CANDIDATE, CHROMIUM
 from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.asgi_targets import requests
 from tests.fuzz.file_targets import record
@@ -48,6 +43,9 @@ from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
 from tests.fuzz.peer_targets import FIRST_TSN
 from tests.fuzz.ros1_targets import calls, connections
+from tests.webrtc.descriptions import CANDIDATE, CHROMIUM
+from tests.webrtc.encoded_frames import encoded, sequence_parameters, vp8_header
+from tests.webrtc.packets import RTCP_VALID, SCTP_INVALID, SCTP_VALID
 
 _LARGEST = 300
 """Small inputs change fast."""

@@ -19,11 +19,11 @@ from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import MessageWire
-from rwt_webrtc.transport.reassembly import Reassembly
+from rwt_webrtc.packets.reassembly import Reassembly
 from rwt_webrtc.transport.sdp import BadDescription, read_description, read_fragment
 from tests.core.transports.rfc6455.frames import BINARY, frame
-from tests.extensions.webrtc.chunks import Chunk
 from tests.memory_pipe import MemoryPipe
+from tests.webrtc.chunks import Chunk
 
 LARGEST = 2_000
 """Largest message, so that small inputs reach what happens beyond it."""

@@ -141,8 +141,8 @@ def _cloned(folder: Path) -> str:
             str(environment / "bin/pip"),
             "install",
             "--quiet",
-            f"{clone}[mcap,mcp,webrtc]",
-            *(str(clone / name) for name in ("conformance", "rwt-rclpy", "rwt-lerobot")),
+            f"{clone}[mcap,mcp]",
+            *(str(clone / name) for name in ("conformance", "rwt-webrtc", "rwt-rclpy", "rwt-lerobot")),
             *("mujoco", "pytest", "roslibpy"),
         ],
     ):

@@ -84,6 +84,8 @@ def test_release_is_complete(built: Path) -> None:
     assert names == {
         "robot_web_tools-py3-none-any.whl",
         "robot_web_tools.tar.gz",
+        "rwt_webrtc-py3-none-any.whl",
+        "rwt_webrtc.tar.gz",
         "rwt_rclpy-py3-none-any.whl",
         "rwt_rclpy.tar.gz",
         "rwt_lerobot-py3-none-any.whl",
@@ -100,13 +102,15 @@ def test_release_is_complete(built: Path) -> None:
 def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
     program = (
         "from importlib.metadata import metadata\n"
-        "for name in ('robot-web-tools', 'rwt-rclpy', 'rwt-lerobot', 'rosbridge-conformance'):\n"
+        "ours = ('robot-web-tools', 'rwt-webrtc', 'rwt-rclpy', 'rwt-lerobot', 'rosbridge-conformance')\n"
+        "for name in ours:\n"
         "    found = metadata(name)\n"
         "    print(name, found['License-Expression'], *sorted(found.get_all('License-File')))\n"
     )
     lines = run(bare / "python", "-c", program, folder=tmp_path).splitlines()
     assert lines == [
         "robot-web-tools BSD-3-Clause LICENSE NOTICE",
+        "rwt-webrtc BSD-3-Clause LICENSE",
         "rwt-rclpy BSD-3-Clause LICENSE",
         "rwt-lerobot BSD-3-Clause LICENSE",
         "rosbridge-conformance BSD-3-Clause LICENSE",

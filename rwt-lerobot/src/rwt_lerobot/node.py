@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import partial
 from typing import Any, Final, Protocol
 
@@ -126,8 +127,30 @@ def motor_joints(
     return tuple(found)
 
 
+class _NodeState(Enum):
+    RUNNING = "running"
+    FAILED = "failed"
+    CLOSED = "closed"
+
+
+_TRANSITIONS: Final = {
+    _NodeState.RUNNING: {_NodeState.FAILED, _NodeState.CLOSED},
+    _NodeState.FAILED: {_NodeState.RUNNING, _NodeState.FAILED, _NodeState.CLOSED},
+    _NodeState.CLOSED: {_NodeState.CLOSED},
+}
+
+
 class LeRobotNode:
     """Node for one robot of LeRobot, which is connected already.
+
+    Life cycle::
+
+        RUNNING ── the robot does not answer ──> FAILED ── close() ──> CLOSED
+         │^────── the robot answers again ──────────┘                    ^
+         └────────────────────────── close() ────────────────────────────┘
+
+    In FAILED, ``error`` is the reason, and reading is tried again at ``_retry_at``. After CLOSED, an exchange
+    with the robot may still end in its thread.
 
     It reads and commands the robot `rate` times a second, in a thread. Trajectories arrive on
     `arm_controller/joint_trajectory` and the action `arm_controller/follow_joint_trajectory`; a mobile base
@@ -172,7 +195,7 @@ class LeRobotNode:
         self._period = 1.0 / rate
         self._stepped = api.clock.monotonic()
         self._retry_at = 0.0
-        self._is_closed = False
+        self._state = _NodeState.RUNNING
         self.error = ""
         self.controller = TrajectoryController(
             api,
@@ -203,9 +226,13 @@ class LeRobotNode:
         if isinstance(api, Robot):
             api.on_event(self._on_event)
 
+    def _become(self, state: _NodeState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
     def close(self) -> None:
         """Stop reading and commanding. The robot stays connected, and its motors hold their position."""
-        self._is_closed = True
+        self._become(_NodeState.CLOSED)
         self._timer.cancel()
         self.controller.close()
         if self._watchdog is not None:
@@ -231,27 +258,29 @@ class LeRobotNode:
 
     async def _step(self) -> None:
         now = self._api.clock.monotonic()
-        if self.error and now < self._retry_at:
+        if self._state is _NodeState.FAILED and now < self._retry_at:
             return
         seconds, self._stepped = min(now - self._stepped, _MAX_STEP_SECONDS), now
         action = None if self.error else self._action(seconds)
         try:
             observation, images = await anyio.to_thread.run_sync(self._exchange, action)
         except Exception as error:  # Drivers raise errors of many classes; clients get the text.
-            if self._is_closed:
+            if self._state is _NodeState.CLOSED:
                 return
             self._retry_at = now + _RETRY_SECONDS
             self._fail(f"{type(error).__name__}: {error}")
             return
-        if self._is_closed:  # Meanwhile.
+        if self._state is _NodeState.CLOSED:  # Meanwhile.
             return
-        if self.error:
+        if self._state is _NodeState.FAILED:
+            self._become(_NodeState.RUNNING)
             self.error = ""
             warn(self._api, self._name, "the robot answers again, and holds its position")
         with suppress(NotConnected):  # Nobody hears it until the client has restored the connection.
             self._publish(observation, images)
 
     def _fail(self, reason: str) -> None:
+        self._become(_NodeState.FAILED)
         if reason != self.error:
             logger.exception("the robot failed")
             self.error = reason

@@ -51,7 +51,7 @@ async def serve_webrtc(context: ServiceContext, settings: WebRtcSettings) -> Asy
         settings.channels,
         settings.candidates,
         settings.connect_seconds,
-        tell_private=settings.addresses != "auto",
+        announce_private=settings.addresses != "auto",
         relay_only=settings.addresses == "relay",
     )
     credential = settings.credential.get_secret_value() if settings.credential else ""

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.admission import Admission
 from rwt.access.audit import Audit
-from rwt.access.client_graph import ClientGraph
+from rwt.access.client_graph import ClientGraph, ServerPolicy
 from rwt.access.decisions import decisions_of
 from rwt.access.disclosure import Disclosures, setting_parameters
 from rwt.access.graph_view import GraphView
-from rwt.access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
+from rwt.access.quotas import AddressQuotas, ClientQuotas, WorkLimit, WorkTotals
 from rwt.access.roles import Role
 from rwt.access.settings import AccessSettings, GateSettings, RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
@@ -94,13 +94,13 @@ class Access:
         self.work = WorkTotals()
         self.nobody = GraphView(graph, Role("nobody", RoleSettings()), self._work(0.0))
         self._addresses: dict[str, AddressQuotas] = {}
-        self._disclosures = {**PARAMETER_DISCLOSURES, **LOGGER_DISCLOSURES, **disclosures}
-        self._setting_parameters = setting_parameters(self._disclosures)
+        all_disclosures = {**PARAMETER_DISCLOSURES, **LOGGER_DISCLOSURES, **disclosures}
+        self._reserved: set[str] = set()
+        self._policy = ServerPolicy(all_disclosures, setting_parameters(all_disclosures), self._reserved)
         self.audit = Audit()
         self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
         self._open_responses: dict[object, _OpenResponse] = {}
-        self._reserved: set[str] = set()
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
         if not settings.rules and not settings.audit.is_on:
@@ -160,16 +160,7 @@ class Access:
             from rwt.access.gate.client_gate import ClientGate
 
             gate = ClientGate(self.gate, name, role, address, device_of(user_agent))
-        return ClientGraph(
-            shared,
-            role,
-            quotas,
-            self._disclosures,
-            self._setting_parameters,
-            gate,
-            self._reserved,
-            decisions_of(name),
-        )
+        return ClientGraph(shared, role, quotas, self._policy, gate, decisions_of(name))
 
     def may_latch(self, topic: str) -> bool:
         """Return True unless a gate rule forbids latched publishers of a topic."""
@@ -202,8 +193,8 @@ class Access:
             quotas = self._addresses[network] = AddressQuotas(work)
         return quotas
 
-    def _work(self, rate: float, of_address: Work | None = None) -> Work:
-        return Work(rate, self.limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
+    def _work(self, rate: float, of_address: WorkLimit | None = None) -> WorkLimit:
+        return WorkLimit(rate, self.limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
 
     def reader(self, info: PeerInfo) -> GraphView:
         """Return the view of the graph for the sender of an HTTP request, by the token in the request.

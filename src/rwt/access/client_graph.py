@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar, Union
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar, Union
 
-from rwt.access.decisions import VERBS
 from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_parameters, written_text
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
 from rwt_graph.names import resolve
+from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 
@@ -134,7 +134,7 @@ class WrappedPublisher:
 class GoalMessages(WrappedPublisher):
     """Publisher of an action's goal topic for one client; running goals are charged to the client (ALB-01).
 
-    Also the account of the program that runs the goals (:class:`rwt_graph.accounts.WorkAccount`).
+    The program that runs the goals holds their charges with :meth:`hold` (:data:`rwt_graph.accounts.Hold`).
     """
 
     __slots__ = ("_quotas",)
@@ -169,31 +169,23 @@ class GoalMessages(WrappedPublisher):
         Raises:
             QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
-        asker = WORK_ACCOUNT.set(self)
+        asker = WORK_ACCOUNT.set(self.hold)
         try:
             self._inner.publish(payload)
         finally:
             WORK_ACCOUNT.reset(asker)
 
 
-class _ParameterAccount:
-    """Account for the parameters that one client has set."""
+def _charge_parameters(quota: Quota, amount: int, replaced: object) -> Charge:
+    """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
 
-    __slots__ = ("_quota",)
-
-    def __init__(self, quota: Quota) -> None:
-        self._quota = quota
-
-    def charge(self, amount: int, replaced: object) -> Charge:
-        """Charge `amount` bytes to the client, in place of the charge `replaced`.
-
-        Raises:
-            ParameterRejected: `limits.parameter_bytes` is reached.
-        """
-        try:
-            return self._quota.exchange(replaced, amount)
-        except QuotaExceeded as exceeded:
-            raise ParameterRejected(str(exceeded)) from None
+    Raises:
+        ParameterRejected: `limits.parameter_bytes` is reached.
+    """
+    try:
+        return quota.exchange(replaced, amount)
+    except QuotaExceeded as exceeded:
+        raise ParameterRejected(str(exceeded)) from None
 
 
 class LatchedPublisher(WrappedPublisher):
@@ -222,6 +214,20 @@ ClientPublisher = Union[
 """Publisher of a client."""
 
 
+class ServerPolicy(NamedTuple):
+    """Rules that hold for all clients of a server.
+
+    Attributes:
+        disclosures: declarations of what services reveal, by service type.
+        setting_parameters: service types whose calls set parameters.
+        reserved: topics that clients cannot publish on, see :meth:`rwt.access.access.Access.reserve`.
+    """
+
+    disclosures: Disclosures
+    setting_parameters: frozenset[str]
+    reserved: Set[str]
+
+
 class ClientGraph(GraphView):
     """Robot graph as one client may see and use it.
 
@@ -241,19 +247,16 @@ class ClientGraph(GraphView):
 
     Attributes by purpose:
 
-    * Policy: ``role``, ``_decisions``, ``_quotas``, ``_gate``, ``_reserved``, ``_disclosures``,
-      ``_setting_parameters``.
+    * Policy: ``role``, ``_decisions``, ``_quotas``, ``_gate``, ``_policy``.
     * Graph: ``_graph`` (from `GraphView`), ``_shared`` (publishers, fan-outs and counters of the gateway).
     * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark),
       ``_services``, ``_actions``, ``_subscriptions``.
     * In progress: ``_calls``. Goals hold their own charges.
-    * Parameters it has set: ``_parameters``.
+    * Parameters it has set: ``_charge_parameters`` counts their bytes.
 
     Args:
-        disclosures: declarations of what services reveal, by service type.
-        setting_parameters: service types whose calls set parameters.
+        policy: rules that hold for all clients.
         gate: gate of the client; None if the server has no gate.
-        reserved: topics that clients cannot publish on, see :meth:`rwt.access.access.Access.reserve`.
         decisions: permission by verb; verbs without are rejected.
     """
 
@@ -262,25 +265,21 @@ class ClientGraph(GraphView):
         shared: SharedGraph,
         role: Role,
         quotas: ClientQuotas,
-        disclosures: Disclosures,
-        setting_parameters: frozenset[str],
-        gate: ClientGate | None = None,
-        reserved: Set[str] = frozenset(),
-        decisions: Mapping[str, Act] = VERBS,
+        policy: ServerPolicy,
+        gate: ClientGate | None,
+        decisions: Mapping[str, Act],
     ) -> None:
         super().__init__(shared.graph, role, quotas.work)
-        self._reserved = reserved
+        self._policy = policy
         self._decisions = decisions
         self._shared = shared
         self._gate = gate
-        self._disclosures = disclosures
-        self._setting_parameters = setting_parameters
         self._advertised: dict[str, dict[Hashable, Charge]] = {}
         self._services: dict[str, tuple[Registration, Charge]] = {}
         self._actions: dict[str, tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
         self._quotas = quotas
-        self._parameters = _ParameterAccount(quotas.parameters)
+        self._charge_parameters = partial(_charge_parameters, quotas.parameters)
         self._subscriptions: list[Charge] = []
 
     def take_role(self, role: Role) -> None:
@@ -421,7 +420,7 @@ class ClientGraph(GraphView):
 
     def _require_publish(self, verb: str, topic: str, qos: QoS | None) -> str:
         name = self._admit(verb, topic)
-        if name in self._reserved:
+        if name in self._policy.reserved:
             raise NotAllowed(f"{name} is published by the server alone")
         if self._gate is not None:
             self._gate.check_publisher(name, qos)
@@ -559,14 +558,14 @@ class ClientGraph(GraphView):
     def call_service(
         self,
         service: str,
-        request: Callable[[ServiceType], Payload],
+        request: Callable[[MessageType], Payload],
         on_reply: OnReply,
         timeout: float | None = None,
     ) -> PendingCall | None:
         """Call a service; listings in the response are filtered by the client's role.
 
         Args:
-            request: creates the request of the service's type.
+            request: creates the request, of the service's request type.
             on_reply: called once with the outcome, unless the client leaves first.
             timeout: seconds; None: no timeout.
 
@@ -588,7 +587,7 @@ class ClientGraph(GraphView):
         if gate is not None and is_gates and name == STOP:
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
-            on_reply(gate.stop(request(info.type), info.type))
+            on_reply(gate.stop(request(info.type.request), info.type))
             return None
         quotas = self._quotas
         quotas.calls.add(1)
@@ -596,13 +595,13 @@ class ClientGraph(GraphView):
         written: list[str] = []
         text = ""
         try:
-            payload, filtered = request(info.type), None
+            payload, filtered = request(info.type.request), None
             if not self.role.unrestricted:
-                payload, filtered = restrict(self, self._disclosures, name, info.type, payload)
+                payload, filtered = restrict(self, self._policy.disclosures, name, info.type, payload)
             if gate is not None and not is_gates:
-                if info.type.name in self._setting_parameters:
-                    written = written_parameters(self._disclosures, name, info.type, payload)
-                    text = written_text(self._disclosures, info.type, payload)
+                if info.type.name in self._policy.setting_parameters:
+                    written = written_parameters(self._policy.disclosures, name, info.type, payload)
+                    text = written_text(self._policy.disclosures, info.type, payload)
                 payload, needed = gate.check_call(name, info.type, payload, written, text)
             size = payload.kept_size
             if size > _SMALL_BYTES:
@@ -625,12 +624,12 @@ class ClientGraph(GraphView):
 
     def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
         send = self._shared.participant.call_service
-        asker = WORK_ACCOUNT.set(call)
+        asker = WORK_ACCOUNT.set(call.hold)
         try:
-            if info.type.name in self._setting_parameters:
+            if info.type.name in self._policy.setting_parameters:
                 # The handler, called now or in a task, sets parameters on the client's account.
                 context = copy_context()
-                context.run(ACCOUNT.set, self._parameters)
+                context.run(ACCOUNT.set, self._charge_parameters)
                 return context.run(send, info.name, payload, call, timeout)
             return send(info.name, payload, call, timeout)
         finally:
@@ -804,10 +803,9 @@ class ClientGraph(GraphView):
     def close(self) -> None:
         """Leave, and release everything."""
         self.leave()
-        for _ in self.close_in_steps():
-            pass
+        finished(self.close_in_steps())
 
-    def close_in_steps(self) -> Iterator[None]:
+    def close_in_steps(self) -> Steps[None]:
         """Release services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
 
         Call after :meth:`leave`.

@@ -12,7 +12,7 @@ from rwt_transports.errors import Refused
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rwt.access.quotas import Work
+    from rwt.access.quotas import WorkLimit
     from rwt.access.roles import Act, Role
     from rwt_graph.clock import Clock
     from rwt_interfaces.distro import Distro
@@ -39,7 +39,7 @@ class GraphView(GraphListings):
         self,
         graph: Graph,
         role: Role,
-        work: Work,
+        work: WorkLimit,
         keep: Callable[[Iterable[str], Callable[[str], None]], Callable[[], None]] | None = None,
     ) -> None:
         self.role = role

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.errors import QuotaExceeded
+from rwt_transports.http.routes import WorkAccount
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,19 +17,19 @@ if TYPE_CHECKING:
 class Quota:
     """Quota of a client for one kind of thing: used and maximum amount.
 
-    What outlives the client, as a publisher that lingers, stays charged to its address: clients from there
-    may leave behind a few times as much as one may hold.
+    Resources that outlive the client, such as a lingering publisher, stay charged to its address. Clients of
+    one address may leave behind a few times the maximum of one client.
 
     Attributes:
         held: amount in use.
 
     Args:
-        setting: the key below `limits` that says how much it may hold.
+        setting: key below `limits` that sets the maximum.
         most: maximum amount.
-        outlived: what earlier clients of the same address have left behind.
-        times: how much that may be, with this client's, as a multiple of `most`.
+        outlived: amount that earlier clients of the same address left behind.
+        times: maximum for the address, this client's amount included, as a multiple of `most`.
         noun: noun for error texts; the setting's own name by default.
-        together: True if what the other clients of the address hold counts there too.
+        together: True if the amounts of all connected clients count for the address, too.
     """
 
     __slots__ = (
@@ -89,13 +90,13 @@ class Quota:
         self.held += amount
 
     def give_back(self, amount: int) -> None:
-        """Count some less."""
+        """Return an amount to the quota."""
         self.held -= amount
         if self._outlived is not None and (self._has_left or self._together):
             self._outlived.held -= amount
 
     def leave(self) -> None:
-        """Charge to the client's address from now on what goes on without it."""
+        """Charge the remaining amount to the client's address: the client has left."""
         if self._outlived is not None and not self._has_left and not self._together:
             self._has_left = True
             self._outlived.held += self.held
@@ -109,7 +110,7 @@ class Charge:
     amount: int
 
     def end(self) -> None:
-        """Count no more."""
+        """Return the amount to its quota; no-op after the first call."""
         quota, self.quota = self.quota, None
         if quota is not None:
             quota.give_back(self.amount)
@@ -136,7 +137,7 @@ class WorkTotals:
     refused: int = 0
 
 
-class Work:
+class WorkLimit(WorkAccount):
     """Work for a client, or for all clients of an address, in seconds of processor time.
 
     Work is counted after it is done. Beyond the rate, a client's next work waits until it does not delay
@@ -145,14 +146,14 @@ class Work:
     The rate is a token bucket, stored as the time at which all work so far is within the rate.
 
     Attributes:
-        seconds: so far.
+        seconds: work so far.
 
     Args:
-        rate: seconds each second in the long run; 0 for any number.
-        burst: seconds at once.
-        totals: where the work of all is counted.
-        monotonic: seconds on a clock that never goes back.
-        of_address: of all clients from where this one comes; None for an address itself.
+        rate: seconds of work per second in the long run; 0 for no limit.
+        burst: seconds of work at once.
+        totals: counters of the work of all clients.
+        monotonic: returns the seconds of a steady clock.
+        of_address: limit of all clients of the same address; None for an address itself.
     """
 
     __slots__ = ("_burst", "_monotonic", "_of_address", "_paid_at", "_rate", "_totals", "seconds")
@@ -163,7 +164,7 @@ class Work:
         burst: float,
         totals: WorkTotals,
         monotonic: Callable[[], float],
-        of_address: Work | None = None,
+        of_address: WorkLimit | None = None,
     ) -> None:
         self._rate = rate
         self._burst = burst / rate if rate else 0.0
@@ -203,7 +204,7 @@ class Work:
         self._totals.waits += 1
 
     def refusal(self) -> tuple[str, float] | None:
-        """Why what cannot wait is not done for the client now, and for how many seconds; None if it is."""
+        """Return why a page is refused now, and the seconds until it is not; None if it is served."""
         excess = self.excess
         if not excess:
             return None
@@ -218,7 +219,7 @@ class AddressQuotas:
     Both count towards the quotas of the next clients.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: WorkLimit) -> None:
         self.advertisements = Quota("advertisements", 0)
         self.kept = Quota("kept_bytes", 0)
         self.parameters = Quota("parameter_bytes", 0)
@@ -246,7 +247,7 @@ class ClientQuotas:
 
     __slots__ = ("_address", "advertisements", "calls", "kept", "parameters", "subscriptions", "work")
 
-    def __init__(self, limits: ClientLimits, address: AddressQuotas, work: Work) -> None:
+    def __init__(self, limits: ClientLimits, address: AddressQuotas, work: WorkLimit) -> None:
         self.subscriptions = Quota("subscriptions", limits.subscriptions)
         self.advertisements = Quota("advertisements", limits.advertisements, address.advertisements, 10)
         self.calls = Quota("calls", limits.calls)
@@ -264,7 +265,7 @@ class ClientQuotas:
         address.clients += 1
 
     def leave(self) -> None:
-        """Charge to the client's address from now on what goes on without it."""
+        """Charge the remaining amounts to the client's address: the client has left."""
         self._address.clients -= 1
         self.advertisements.leave()
         self.kept.leave()

@@ -135,7 +135,7 @@ def _field_path(path: str) -> str:
 
 
 FieldPath = Annotated[str, AfterValidator(_field_path)]
-"""The way from a message to one of its fields; `[]` stands for every item of a list, `[2]` for the third."""
+"""Path to a field of a message, as `points[].x`: `[]` selects all items of a list, `[2]` the third."""
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 LeaseSeconds = Annotated[float, Field(ge=0.05, le=60.0)]

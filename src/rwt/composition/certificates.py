@@ -29,6 +29,7 @@ def renewal(clock: Clock, context: SSLContext, settings: TlsSettings) -> Periodi
         try:
             renew_server_tls(context, settings)
         except SettingsError as error:
+            # The old one is better than none, and the next check tries again.
             logger.error("the certificate stays as it was: %s", error)
 
     return Periodic(clock, _PERIOD, renew)

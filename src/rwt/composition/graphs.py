@@ -39,6 +39,7 @@ def make_registry(settings: Settings) -> Registry:
             registry.add_directory(folder)
         except (InterfaceError, OSError) as error:
             raise SettingsError(f"`interfaces`: {error}") from error
+    # At startup: otherwise the first message of a broken type would fail.
     try:
         registry.verify()
     except InterfaceError as error:
@@ -81,6 +82,7 @@ def bridged_graphs(settings: Settings, first: Graph) -> Iterator[Graph]:
     for name in settings.bridge:
         required = distro_of_graph(name)
         distro = DISTROS[required] if required else JAZZY if first.distro is NOETIC else first.distro
+        # Without `bridge`, which is a setting of the first graph.
         other = settings.model_copy(update={"graph": name, "distro": distro.name, "bridge": ()})
         yield make_graph(other, None, first.registry if distro is first.distro else None, None, None)
 

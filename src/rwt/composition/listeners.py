@@ -66,7 +66,9 @@ class Listeners:
         self._mounts = mounts
         self._proxies = Proxies(settings.proxies)
         self.limits = _limits(settings)
+        # One pool for all ports: its size bounds the memory of half-received messages.
         self.buffers = self.limits.receive_pool()
+        # Over all ports, so that an address gains nothing by connecting to several.
         self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
         self.routes: list[MakeRoutes] = []
 
@@ -107,6 +109,7 @@ class Listeners:
     def pages(self, url: str) -> Routes:
         """Return the routes of requests that arrive through `url`."""
         gather = None if self._worker is None else self._worker.gather_metrics
+        # Made per port: the accept function knows whether clients can only come from this machine.
         accept = self.accept(url)
         added = tuple(route for make in self.routes for route in make(accept))
         found = routes(

@@ -82,6 +82,7 @@ def routes(
     )
     brought = [route for extension in extensions for route in extension.routes]
     if all(route.path != "/" for route in brought):
+        # No other page is at the root; with a dashboard, there is one.
         brought.append(Route("/", index, Audience.ADMITTED))
     routes = Routes()
     methods: dict[str, list[str]] = {}
@@ -97,7 +98,7 @@ def routes(
             presses_stop=route.presses_stop,
         )
         routes.add(route.path, page, route.method)
-        if route.method != "*":
+        if route.method != "*":  # A route for every method answers OPTIONS itself.
             methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():
         if allowed != ["GET"]:
@@ -144,6 +145,7 @@ def _admitted(
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
         raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+    # Refused, not delayed: unlike messages, a request cannot wait without its client noticing.
     if (beyond := reader.work.refusal()) is not None and not (
         access.is_stop_due(reader.role) and presses_stop(request)
     ):
@@ -178,6 +180,8 @@ def guarded(
             return page(request, access.nobody)
         origin = request.headers.get("origin")
         # An origin is ASCII (RFC 6454 section 6.2); others cannot be sent back, even if globs allow them.
+        # Pages of other origins may read nothing, but requests without effects need no refusal: the browser
+        # hides the response, which has no CORS headers.
         if origin and not (
             origin.isascii() and access.admission.allows_page(request.headers, loopback=loopback)
         ):

@@ -107,8 +107,10 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
     def start(part: NodePart, own: Any, name: str = "") -> None:
         made = part.make(context, own)
         if isinstance(made, HttpExtension):
+            # Pages only: there is nothing to close, and no name to look it up by.
             http.append(made)
             return
+        # Before the next node starts: if that fails, this one is closed.
         stack.enter_context(closing(made))
         http.extend(http_of(made))
         if name:
@@ -117,6 +119,7 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
     for name in settings.nodes:
         part = loaded("node", name, "nodes", NodePart)
         start(part, settings.of(part.settings), name)
+    # After the named ones: these are switched on by their own settings tables.
     for each, own in settings.active("node"):
         if isinstance(each.part, NodePart):
             start(each.part, own)

@@ -95,6 +95,7 @@ class DropNotices:
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
             self._log(text)
+        # The text contains the counts: the same text means that nothing was dropped since.
         if text != self._last:
             self._last = text
             self._notify(text)

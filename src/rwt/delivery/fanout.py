@@ -73,6 +73,7 @@ class _DeferredSamples:
 
     def drop_second(self) -> None:
         """Drop the oldest sample of which no step was taken."""
+        # Not the first: its steps have begun, so its payload is in the middle of a conversion.
         del self.waiting[1]
         self._sent += 1
 
@@ -96,6 +97,7 @@ class _DeferredSamples:
             elif not self._has_failed:
                 self._has_failed = True  # A robot may send many such messages.
                 logger.warning("samples that do not fit their type are not sent, such as one with %s", error)
+            # A step raised: the sample is still queued. After a failed send, it is not.
             if self.waiting and self.waiting[0][0] is steps:
                 self.waiting.popleft()
                 self._sent += 1
@@ -113,7 +115,7 @@ class _DeferredSamples:
 
 
 class _EncodedSample:
-    """Sample that is encoded on first use; the frame is shared by all gates of the stream."""
+    """Sample that is encoded on first use; the frame is shared by all throttles of the stream."""
 
     __slots__ = ("_frame", "_stream", "sample")
 
@@ -135,6 +137,7 @@ class _EncodedSample:
         in turn."""
         late = self._stream.late
         if late.waiting or (self._frame is None and self._stream.is_slow(self.sample)):
+            # Behind deferred samples, even if this one is encoded: samples of a topic never change places.
             late.add(self._stream.prepare(self.sample), lambda: take(self.frame()))
         else:
             take(self.frame())
@@ -147,20 +150,20 @@ class EncodedStream:
     protocols where clients number their subscriptions, the frame has a gap for the number
     (:class:`~rwt_protocol.frames.GapFrame`), which is filled in for each client.
 
-    Each client has a gate. :meth:`sort` splits the gates into two groups:
+    Each subscription has a throttle. :meth:`sort` splits the throttles into two groups:
 
-    * **open** gates pass every sample. Frames go straight to their senders, and the frames of one turn of the
-      event loop share a :class:`~rwt_protocol.frames.Burst`.
-    * **throttled** gates decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the first
-      one needs it.
+    * **open** throttles pass every sample. Frames go straight to their senders, and the frames of one turn of
+      the event loop share a :class:`~rwt_protocol.frames.Burst`.
+    * **limiting** throttles decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the
+      first one needs it.
 
     Attributes by purpose:
 
-    * Gates: ``_gates`` (all), ``_direct`` (``join`` and ``send`` of the open ones), ``_gated`` (the throttled
-      ones), ``_open_since`` (for each open gate, the value of ``_sendings`` when it opened).
-    * Burst: ``_burst`` (collects frames now; None if no gate joined it), ``_apart`` (senders of the open
-      gates outside it).
-    * Counters: ``_encoded`` and ``_encoded_bytes`` (through open gates, since the last :meth:`settle`),
+    * Throttles: ``_throttles`` (all), ``_direct`` (``join`` and ``send`` of the open ones), ``_limiting``
+      (the others), ``_open_since`` (for each open throttle, the value of ``_sendings`` when it opened).
+    * Burst: ``_burst`` (collects frames now; None if no throttle joined it), ``_apart`` (senders of the open
+      throttles outside it).
+    * Counters: ``_encoded`` and ``_encoded_bytes`` (through open throttles, since the last :meth:`settle`),
       ``_sendings`` (all before that), ``_sent_at`` (monotonic time of the last one).
 
     Attributes:
@@ -188,52 +191,54 @@ class EncodedStream:
         self._sendings = 0
         self.counts = counts
         self.form = form
-        self._gates: list[Throttle] = []
+        self._throttles: list[Throttle] = []
         self._direct: tuple[tuple[Callable[[Burst], bool], Callable[[Frame], None]], ...] = ()
         self._burst: Burst | None = None
         self._apart: list[Callable[[Frame], None]] = []
-        self._gated: tuple[Throttle, ...] = ()
+        self._limiting: tuple[Throttle, ...] = ()
         self._encoded = 0
         self._encoded_bytes = 0
 
     def __len__(self) -> int:
-        return len(self._gates)
+        return len(self._throttles)
 
     @property
     def is_open(self) -> bool:
-        """True if there is an open gate, so that every sample is encoded."""
+        """True if there is an open throttle, so that every sample is encoded."""
         return bool(self._direct)
 
-    def add(self, gate: Throttle) -> None:
-        """Add a gate, effective from the next sample."""
-        self._gates.append(gate)
+    def add(self, throttle: Throttle) -> None:
+        """Add a throttle, effective from the next sample."""
+        self._throttles.append(throttle)
         self.sort()
 
-    def remove(self, gate: Throttle) -> None:
-        """Remove a gate."""
-        self._gates.remove(gate)
-        self._open_since.pop(gate, None)
+    def remove(self, throttle: Throttle) -> None:
+        """Remove a throttle."""
+        self._throttles.remove(throttle)
+        self._open_since.pop(throttle, None)
         self.sort()
 
     def sort(self) -> None:
-        """Split the gates. Call after a gate was added, removed or reconfigured."""
+        """Split the throttles. Call after a throttle was added, removed or reconfigured."""
         self.settle()
-        # A burst belongs to the gates that joined it: a new gate must not get frames from before.
+        # A burst belongs to the throttles that joined it: a new throttle must not get frames from before.
         self._note_sendings()
         self._end_burst()
-        self._direct = tuple((gate.join, gate.send) for gate in self._gates if gate.is_open)
-        self._gated = tuple(gate for gate in self._gates if not gate.is_open)
+        self._direct = tuple(
+            (throttle.join, throttle.send) for throttle in self._throttles if throttle.is_open
+        )
+        self._limiting = tuple(throttle for throttle in self._throttles if not throttle.is_open)
 
     def _note_sendings(self) -> None:
-        """Tell gates that are no longer open when they were last sent a sample (THR-06)."""
-        for gate in self._gates:
-            if gate.is_open:
-                self._open_since.setdefault(gate, self._sendings)
-            elif self._open_since.pop(gate, self._sendings) < self._sendings:
-                gate.note_sent(self._sent_at)
+        """Tell throttles that are no longer open when they were last sent a sample (THR-06)."""
+        for throttle in self._throttles:
+            if throttle.is_open:
+                self._open_since.setdefault(throttle, self._sendings)
+            elif self._open_since.pop(throttle, self._sendings) < self._sendings:
+                throttle.note_sent(self._sent_at)
 
     def settle(self) -> None:
-        """Update `counts` with the samples sent through open gates."""
+        """Update `counts` with the samples sent through open throttles."""
         counts, receivers = self.counts, len(self._direct)
         counts.encodes += self._encoded
         counts.messages += self._encoded * receivers
@@ -258,15 +263,18 @@ class EncodedStream:
             yield from self.steps(sample)
 
     def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
-        """Send a sample to every gate except `newer`."""
+        """Send a sample to every throttle except `newer`."""
         self._end_burst()
-        self._offer(_EncodedSample(self, sample), [gate for gate in self._gates if gate not in newer])
+        self._offer(
+            _EncodedSample(self, sample), [throttle for throttle in self._throttles if throttle not in newer]
+        )
 
     def deliver(self, sample: Sample) -> None:
-        """Send a sample to every gate."""
+        """Send a sample to every throttle."""
+        # Frames in a burst have no lifespan: open throttles are offered the sample, too.
         if sample.expires_ns:
             self._end_burst()
-            self._offer(_EncodedSample(self, sample), self._gates)
+            self._offer(_EncodedSample(self, sample), self._throttles)
             return
         frame: Frame | None = None
         direct = self._direct
@@ -282,14 +290,14 @@ class EncodedStream:
                     send(frame)
             else:
                 self._begin_burst(frame)
-        if self._gated:
-            self._offer(_EncodedSample(self, sample, frame), self._gated)
+        if self._limiting:
+            self._offer(_EncodedSample(self, sample, frame), self._limiting)
 
     def _begin_burst(self, frame: Frame) -> None:
-        """Send a frame to every open gate, and begin a burst for the frames that follow in this turn.
+        """Send a frame to every open throttle, and begin a burst for the frames that follow in this turn.
 
-        A burst of one frame costs more than the frame alone. All gates join only if the previous burst grew.
-        Otherwise only the first gate joins, as a probe.
+        A burst of one frame costs more than the frame alone. All throttles join only if the previous burst
+        grew. Otherwise only the first throttle joins, as a probe.
         """
         last = self._burst
         all_share = last is not None and len(last.frames) > 1
@@ -313,14 +321,14 @@ class EncodedStream:
         if burst is not None:
             burst.seal()
 
-    def _offer(self, encoded: _EncodedSample, gates: Iterable[Throttle]) -> None:
-        for gate in gates:
-            gate.offer(encoded.sample, encoded.send)
+    def _offer(self, encoded: _EncodedSample, throttles: Iterable[Throttle]) -> None:
+        for throttle in throttles:
+            throttle.offer(encoded.sample, encoded.send)
 
-    def replay(self, sample: Sample, gate: Throttle) -> None:
-        """Send a retained sample to one gate (SUB-13)."""
+    def replay(self, sample: Sample, throttle: Throttle) -> None:
+        """Send a retained sample to one throttle (SUB-13)."""
         self._end_burst()
-        gate.offer(sample, _EncodedSample(self, sample).send)
+        throttle.offer(sample, _EncodedSample(self, sample).send)
 
 
 class Fanout:
@@ -333,7 +341,8 @@ class Fanout:
       is encoded. While the queue is not empty, later samples of the topic are queued behind it, to keep their
       order.
 
-    A gate that joins while samples are deferred does not receive those: they were published before it joined.
+    A throttle that joins while samples are deferred does not receive those: they were published before it
+    joined.
 
     Attributes by purpose:
 
@@ -341,7 +350,7 @@ class Fanout:
       ``_is_stepped`` (True if an encoder works in steps); ``_takers`` (callbacks that get samples as they
       are).
     * Deferral: ``late`` (the queue), ``_late_samples`` (samples in it), ``_number`` (number of the newest
-      deferred sample), ``_joined`` (for gates and streams that joined meanwhile: ``_number`` at that time).
+      deferred sample), ``_joined`` (throttles and takers that joined meanwhile: ``_number`` at that time).
 
     Attributes:
         counts: totals of the topic. Up to date after :meth:`settle`.
@@ -392,14 +401,15 @@ class Fanout:
         Remote publishers send their retained samples once per subscription. A client that joins while none is
         reachable needs a new subscription to get them when one returns.
         """
+        # The new one first, so that the topic is subscribed to without a gap.
         old = self.subscription
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
-    def join(self, gate: Throttle, name: str, encoding: Encoding) -> EncodedStream:
-        """Add a gate to the stream of this spelling and encoding, which is created if needed."""
+    def join(self, throttle: Throttle, name: str, encoding: Encoding) -> EncodedStream:
+        """Add a throttle to the stream of this spelling and encoding, which is created if needed."""
         if self._late_samples:
-            self._joined[gate] = self._number  # Samples from before it joined reach it by replay() only.
+            self._joined[throttle] = self._number  # Samples from before it joined reach it by replay() only.
         key = (name, encoding.name)
         stream = self._streams.get(key)
         if stream is None:
@@ -411,15 +421,15 @@ class Fanout:
                 encoding.form,
             )
             self._update_active()
-        stream.add(gate)
+        stream.add(throttle)
         return stream
 
-    def leave(self, gate: Throttle, name: str, encoding: Encoding) -> None:
-        """Remove a gate from its stream; drop the stream if it is empty."""
+    def leave(self, throttle: Throttle, name: str, encoding: Encoding) -> None:
+        """Remove a throttle from its stream; drop the stream if it is empty."""
         key = (name, encoding.name)
         stream = self._streams[key]
-        stream.remove(gate)
-        self._joined.pop(gate, None)
+        stream.remove(throttle)
+        self._joined.pop(throttle, None)
         if not stream:
             del self._streams[key]
             self._update_active()
@@ -451,6 +461,7 @@ class Fanout:
             return
         for stream in self._active:
             stream.deliver(sample)
+        # A copy: a taker may end itself, or add another.
         for take in tuple(self._takers):
             self._pass_on(take, sample)
 
@@ -458,7 +469,7 @@ class Fanout:
         try:
             take(sample)
         except Exception:
-            logger.exception("what takes samples of %s failed", sample.topic)
+            logger.exception("a callback for the samples of %s failed", sample.topic)
 
     def _send_late(self, sample: Sample) -> None:
         """Defer a sample until it is encoded; later samples of the topic queue behind it."""
@@ -474,6 +485,7 @@ class Fanout:
                 self.late.finish_first()
 
     def _steps(self, sample: Sample) -> Iterator[None]:
+        # Without an open throttle, the sample may reach nobody: then it is encoded when a throttle admits it.
         streams = [stream for stream in self._active if stream.is_open]
         try:
             if sample.payload.is_long:
@@ -487,8 +499,9 @@ class Fanout:
 
     def _send(self, sample: Sample, number: int) -> None:
         self._late_samples -= 1
-        newer = [gate for gate, after in self._joined.items() if after >= number]
+        newer = [joined for joined, after in self._joined.items() if after >= number]
         if not self._late_samples:
+            # No deferred sample is left from before somebody joined.
             self._joined.clear()
         for stream in self._active:
             if newer:

@@ -50,6 +50,7 @@ class SharedGraph:
                 raise TypeConflict(topic, type.name, fanout.type.name)  # SUB-03
             known = self.graph.topic(topic)
             if known is not None and not known.publishers:
+                # A remote publisher that returns sends retained samples once per subscription.
                 fanout.renew()
         return fanout
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
-from typing import TYPE_CHECKING, Final, Protocol
+from enum import Enum
+from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
 from rwt_graph.api import Participant, Publisher, Sample
@@ -13,6 +14,7 @@ from rwt_participant.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters
+    from rwt_graph.accounts import OpenCharge
     from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
@@ -20,13 +22,6 @@ if TYPE_CHECKING:
 
 Lacks = Callable[[QoS], str]
 """Function that names the requested policies that a publisher does not offer; empty if there are none."""
-
-
-class Ends(Protocol):
-    """Charge of a client that lasts until it is ended."""
-
-    def end(self) -> None:
-        """End the charge."""
 
 
 class IncompatiblePolicies(GraphError):
@@ -37,17 +32,35 @@ _LAST_SEQUENCE: Final = (1 << 32) - 1
 """Maximum of `header.seq`, which then restarts at zero."""
 
 
+class _PublisherState(Enum):
+    USED = "used"
+    LINGERING = "lingering"
+    CLOSED = "closed"
+
+
+_TRANSITIONS: Final = {
+    _PublisherState.USED: {_PublisherState.LINGERING, _PublisherState.CLOSED},
+    _PublisherState.LINGERING: {_PublisherState.USED, _PublisherState.CLOSED},
+    _PublisherState.CLOSED: set[_PublisherState](),
+}
+
+
 class SharedPublisher:
     """Publisher of one topic, with the clients that use it.
 
-    Life cycle:
+    Life cycle::
 
-    * **startup**, for `STARTUP_SECONDS` unless the topic is latched: messages are also kept for late
-      subscribers.
-    * **used**, while it has ``users``.
-    * **lingering**, without users: the timer ``linger`` closes it, unless it is used again. ``lingers_for``
-      are the charges of its last users.
-    * **closed**.
+        USED ── last user leaves ──> LINGERING ── timer ──> CLOSED
+         │^──── used again ──────────────┘                    ^
+         └────── other policies, may no longer be latched ────┘
+
+    * **USED**: it has ``users``, or is about to get its first.
+    * **LINGERING**: ``_linger`` closes it, unless it is used again. ``lingers_for`` are the charges of its
+      last users.
+    * **CLOSED**: users that remain must request the publisher again.
+
+    During its first `STARTUP_SECONDS`, unless the topic is latched, ``_startup`` keeps messages for late
+    subscribers.
 
     Private attributes: ``_sequence`` (last `header.seq`), ``_logged`` (monotonic time of the last log line
     about the deadline), ``_kept`` (charges of retained messages of a latched topic, oldest first).
@@ -59,8 +72,9 @@ class SharedPublisher:
     """
 
     __slots__ = (
-        "_clock", "_counters", "_kept", "_log", "_logged", "_sequence", "_startup", "_startup_timer",
-        "counts", "deadline", "linger", "lingers_for", "publish", "publisher", "topic", "type", "users",
+        "_clock", "_counters", "_kept", "_linger", "_log", "_logged", "_sequence", "_startup",
+        "_startup_timer", "_state", "counts", "deadline", "lingers_for", "publish", "publisher", "topic",
+        "type", "users",
     )  # fmt: skip
 
     def __init__(
@@ -70,8 +84,9 @@ class SharedPublisher:
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
-        self.linger: Timer | None = None
-        self.lingers_for: list[Ends] = []
+        self._state = _PublisherState.USED
+        self._linger: Timer | None = None
+        self.lingers_for: list[OpenCharge] = []
         self._clock = clock
         self._counters = counters
         self._log = log
@@ -80,14 +95,41 @@ class SharedPublisher:
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
         self._sequence = 0
-        self._kept: deque[Ends] = deque()
-        self._startup: StartupBuffer | None = None
+        self._kept: deque[OpenCharge] = deque()
+        self._startup: _StartupBuffer | None = None
         self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
-            self._startup = StartupBuffer(publisher.topic, node)
+            self._startup = _StartupBuffer(publisher.topic, node)
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
+        # Replaced by the graph's own function as soon as a message needs no more: see _choose_publish().
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
+
+    def _become(self, state: _PublisherState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    def use(self, user: Hashable) -> None:
+        """Add a user; the charges of former users end."""
+        if self._state is _PublisherState.LINGERING:
+            self._become(_PublisherState.USED)
+            self._stop_lingering()
+        self.users.add(user)
+
+    def linger(self, seconds: float, charge: OpenCharge, close: Callable[[], None]) -> None:
+        """Call `close` in a while, unless it is used again: the last user has left its charge."""
+        self._become(_PublisherState.LINGERING)
+        self.lingers_for.append(charge)
+        self.end_startup()
+        self._linger = self._clock.call_later(seconds, close)
+
+    def _stop_lingering(self) -> None:
+        if self._linger is not None:
+            self._linger.cancel()
+            self._linger = None
+        settled, self.lingers_for = self.lingers_for, []
+        for each in settled:
+            each.end()
 
     def _choose_publish(self) -> None:
         if self._startup is None and self.deadline is None and not self.type.has_sequence:
@@ -101,6 +143,7 @@ class SharedPublisher:
         if self.deadline is not None:
             self.deadline.met()
         self.publisher.publish(payload)
+        # After publishing, so that the copy does not delay subscribers.
         if self._startup is not None:
             self._startup.add(payload, self._clock.time_ns())
 
@@ -110,13 +153,13 @@ class SharedPublisher:
         return self.publisher.qos.durability is Durability.TRANSIENT_LOCAL
 
     @property
-    def kept_next_to_go(self) -> Ends | None:
+    def kept_next_to_go(self) -> OpenCharge | None:
         """Charge of the sample that the next one replaces; None while there is room."""
         qos = self.publisher.qos
         full = qos.history is History.KEEP_LAST and len(self._kept) >= qos.depth
         return self._kept[0] if full else None
 
-    def publish_kept(self, payload: Payload, kept: Ends) -> None:
+    def publish_kept(self, payload: Payload, kept: OpenCharge) -> None:
         """Publish a message of a latched topic; the charge `kept` ends when it is no longer retained."""
         if self.kept_next_to_go is not None:
             self._kept.popleft().end()
@@ -141,19 +184,12 @@ class SharedPublisher:
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
             seconds = self.publisher.qos.deadline
-            self._log(f"nothing came for {self.topic} within its deadline of {seconds:g} s")
-
-    def settle(self) -> None:
-        """End the charges of former users."""
-        settled, self.lingers_for = self.lingers_for, []
-        for each in settled:
-            each.end()
+            self._log(f"{self.topic}: no message within the deadline of {seconds:g} s")
 
     def close(self) -> None:
         """Stop publishing on the topic."""
-        self.settle()
-        if self.linger is not None:
-            self.linger.cancel()
+        self._become(_PublisherState.CLOSED)
+        self._stop_lingering()
         if self.deadline is not None:
             self.deadline.close()
         if self._startup_timer is not None:
@@ -216,7 +252,7 @@ class SharedPublishers:
         """
         shared = self._by_topic.get(topic)
         if shared is not None and lacks is not None and (lacking := lacks(shared.publisher.qos)):
-            if shared.users - {user}:
+            if shared.users - {user}:  # A sole user may change its policies: no other relies on them.
                 raise IncompatiblePolicies(
                     f"{topic} is published here with other policies: {lacking}; "
                     "leave `qos` out to publish with these"
@@ -234,19 +270,15 @@ class SharedPublishers:
             )
         elif shared.type.name != type.name:
             raise TypeConflict(topic, type.name, shared.type.name)
-        if shared.linger is not None:
-            shared.linger.cancel()
-            shared.linger = None
-            shared.settle()
-        shared.users.add(user)
+        shared.use(user)
         return shared
 
-    def lingering(self, topic: str) -> Ends | None:
+    def lingering(self, topic: str) -> OpenCharge | None:
         """Return the first charge of a publisher without users; None if there is none."""
         shared = self._by_topic.get(topic)
         return shared.lingers_for[0] if shared is not None and shared.lingers_for else None
 
-    def linger_for(self, topic: str, charge: Ends) -> None:
+    def linger_for(self, topic: str, charge: OpenCharge) -> None:
         """Add a charge to a publisher without users; end the charge if there is no such publisher."""
         shared = self._by_topic.get(topic)
         if shared is None or shared.users:
@@ -254,28 +286,28 @@ class SharedPublishers:
         else:
             shared.lingers_for.append(charge)
 
-    def release(self, topic: str, user: Hashable, charge: Ends) -> None:
+    def release(self, topic: str, user: Hashable, charge: OpenCharge) -> None:
         """Stop using the topic's publisher. Unknown topics and users are ignored.
 
         The charge ends now if the publisher has other users, else when it closes or is used again.
         """
         shared = self._by_topic.get(topic)
         if shared is None or user not in shared.users:
+            # The user was released already, or end_latched() has closed the publisher.
             charge.end()
             return
         shared.users.discard(user)
         if shared.users:
             charge.end()
         else:
-            shared.lingers_for.append(charge)
-            shared.end_startup()
-            shared.linger = self._clock.call_later(self._linger, lambda: self._end(topic, shared))
+            shared.linger(self._linger, charge, lambda: self._end(topic, shared))
 
     def end_latched(self, may_latch: Callable[[str], bool]) -> None:
         """Close the latched publishers of topics that may no longer be latched, with what they retain.
 
         Their users stay, and must request the publisher again: then it is not latched.
         """
+        # A copy, since closing a publisher removes it.
         for topic, shared in list(self._by_topic.items()):
             if shared.keeps_samples and not may_latch(topic):
                 self._end(topic, shared)
@@ -286,8 +318,7 @@ class SharedPublishers:
             self._end(topic, shared)
 
     def _end(self, topic: str, shared: SharedPublisher) -> None:
-        if self._by_topic.get(topic) is shared:
-            del self._by_topic[topic]
+        del self._by_topic[topic]
         shared.close()
 
 
@@ -298,7 +329,7 @@ _MAX_SAMPLES: Final = 100
 _MAX_BYTES: Final = 64 * 1024
 
 
-class StartupBuffer:
+class _StartupBuffer:
     """Samples of a publisher's first second (ADV-08); only the newest if they are many or large.
 
     A program that publishes right after advertising cannot know whether its subscribers are connected yet.

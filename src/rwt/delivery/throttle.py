@@ -24,7 +24,7 @@ def _refuse(_burst: Burst) -> bool:
     return False
 
 
-SendTo = Callable[[Callable[["Frame"], None]], None]
+_SendTo = Callable[[Callable[["Frame"], None]], None]
 """Passes the frame of a sample to a function: now, or once it is encoded."""
 
 
@@ -73,24 +73,24 @@ class Throttle:
         self._throttle = 0.0
         self._lifespan_ns = 0
         self._deadline: DeadlineWatch | None = None
-        self._queue: deque[tuple[Sample, SendTo, int]] = deque(maxlen=0)
+        self._queue: deque[tuple[Sample, _SendTo, int]] = deque(maxlen=0)
         self._last = float("-inf")
         self._timer: Timer | None = None
         self._is_closed = False
 
     @property
     def is_open(self) -> bool:
-        """True if every sample passes, so that callers may bypass the gate."""
+        """True if every sample passes, so that callers may bypass the throttle."""
         return not (self._throttle or self._queue or self._lifespan_ns or self._deadline)
 
     @property
     def send(self) -> Callable[[Frame], None]:
-        """Function that sends the frames of an open gate."""
+        """Function that sends the frames of an open throttle."""
         return self._send_pieces if self._piece else self._flow.send
 
     @property
     def join(self) -> Callable[[Burst], bool]:
-        """Function that queues a burst of an open gate; fragmented messages are sent separately."""
+        """Function that queues a burst of an open throttle; fragmented messages are sent separately."""
         return _refuse if self._piece else self._flow.join
 
     def cut_to(self, size: int) -> None:
@@ -118,7 +118,8 @@ class Throttle:
             self._start_timer()
 
     def note_sent(self, at: float) -> None:
-        """Note that the last sample bypassed the open gate at the monotonic time `at` (THR-06)."""
+        """Note that the last sample bypassed the open throttle at the monotonic time `at` (THR-06)."""
+        # Never backwards: the throttle may have sent since, by its own count.
         self._last = max(self._last, at)
 
     def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:
@@ -128,10 +129,11 @@ class Throttle:
             self._deadline.close()
         self._deadline = deadline
 
-    def offer(self, sample: Sample, send_to: SendTo) -> None:
+    def offer(self, sample: Sample, send_to: _SendTo) -> None:
         """Process one sample: send it now, queue it, or drop it."""
         if self._deadline is not None:
             self._deadline.met()
+        # Not past queued samples, even if one is due: the order of a topic is kept.
         if not self._queue and self._due():
             self._send(sample, send_to)
         elif self._queue.maxlen:
@@ -139,7 +141,7 @@ class Throttle:
         else:
             self._withheld(DropReason.THROTTLE)
 
-    def _enqueue(self, sample: Sample, send_to: SendTo) -> None:
+    def _enqueue(self, sample: Sample, send_to: _SendTo) -> None:
         """Queue a sample; older ones of its topic are dropped to make room."""
         size = sample.payload.kept_size
         full = len(self._queue) == self._queue.maxlen
@@ -155,7 +157,7 @@ class Throttle:
         if self._timer is None:
             self._start_timer()
 
-    def _pop(self) -> tuple[Sample, SendTo]:
+    def _pop(self) -> tuple[Sample, _SendTo]:
         sample, send_to, size = self._queue.popleft()
         self._room.left += size
         return sample, send_to
@@ -175,15 +177,17 @@ class Throttle:
         while self._queue and self._due():
             self._send(*self._pop())
 
-    def _send(self, sample: Sample, send_to: SendTo) -> None:
+    def _send(self, sample: Sample, send_to: _SendTo) -> None:
         expires_ns = self._expiry(sample)
         if expires_ns and expires_ns < self._clock.time_ns():
+            # An expired sample does not count as sent: the next one need not wait for the throttle.
             self._expired(DropReason.LIFESPAN)
             return
         self._last = self._clock.monotonic()
         send_to(partial(self._send_frame, expires_ns))
 
     def _send_frame(self, expires_ns: int, frame: Frame) -> None:
+        # Closed while the sample was being encoded.
         if not self._is_closed:
             self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
 
@@ -218,6 +222,7 @@ def rules_as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
         for qos in offers
         if qos.reliability is Reliability.BEST_EFFORT and qos.history is History.KEEP_LAST
     ]
+    # One reliable publisher suffices for a queue without a bound of its own: its samples may not be lost.
     if offers and len(lossy) == len(offers):
         return FlowRules(max(1, *(qos.depth for qos in lossy)))
     return AS_MANY_AS_FIT

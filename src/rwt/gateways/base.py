@@ -13,6 +13,7 @@ import logging
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from enum import Enum
 from functools import partial
 from itertools import chain
 from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
@@ -45,8 +46,9 @@ _SMALL_BYTES: Final = 4096
 """Maximum size of a message that is read in a turn that is full."""
 
 T = TypeVar("T")
+W = TypeVar("W")
 C = TypeVar(
-    "C", bound="ConnectedClient[Any]"
+    "C", bound="ConnectedClient[Any, Any]"
 )  # Any: each gateway defines the form in which its messages wait.
 
 
@@ -91,7 +93,7 @@ class Gateway(ABC):
         self.http: HttpExtension[GraphView] = HttpExtension()
 
     @property
-    def clients(self) -> Sequence[ConnectedClient[Any]]:
+    def clients(self) -> Sequence[ConnectedClient[Any, Any]]:
         """Connected clients, oldest first. Requests over HTTP are only counted."""
         return ()
 
@@ -189,8 +191,8 @@ class ConnectionGateway(Gateway, Generic[C]):
             client.reload_role()
 
 
-class ControlLane:
-    """Control lane to one client: messages besides samples, their size limit, and log lines about the client.
+class ReplySender:
+    """Sender of messages besides samples to one client, with their size limit; logs lines about the client.
 
     Attributes:
         max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
@@ -250,25 +252,51 @@ class UnreadFrame(NamedTuple):
     binary: bool
 
 
-class ConnectedClient(ABC, Generic[T]):
+class _ClientState(Enum):
+    READING = "reading"
+    HELD = "held"
+    RELEASING = "releasing"
+    GONE = "gone"
+
+
+_TRANSITIONS: Final = {
+    _ClientState.READING: {_ClientState.HELD, _ClientState.RELEASING},
+    _ClientState.HELD: {_ClientState.READING, _ClientState.RELEASING},
+    _ClientState.RELEASING: {_ClientState.GONE},
+    _ClientState.GONE: set[_ClientState](),
+}
+
+_READING: Final = _ClientState.READING
+
+
+class ConnectedClient(ABC, Generic[T, W]):
     """Client with a connection, whose messages are read in turns. Each connection is a new client (DIS-06).
 
     Life cycle::
 
-        join() ──> connected ──── closed() ────> releasing ──> gone
-                    │     ▲                      one thing per step, a share of each turn
-                    └─────┘
-                reload_role()
+        READING ── something waits ──> HELD ── closed() ──> RELEASING ── all is released ──> GONE
+           │ ^─── nothing waits ────────┘                       ^
+           └──────────────────────── closed() ──────────────────┘
 
-    Messages wait beyond the client's share of a turn (`MESSAGES`), in turns that all clients together
-    have filled, and beyond the client's rate of work. While something waits, the client is **held**: nothing
-    is read from it. A client that exceeds its rate of messages, or is no longer admitted, is disconnected.
+    * **READING**: each frame is read when it arrives.
+    * **HELD**: frames, messages, or the rest of one wait; nothing is read from the client.
+    * **RELEASING**: the connection has ended. What the client holds is released one thing per step, for a
+      share of each turn. Whatever waited is dropped.
+    * **GONE**: nothing is left.
+
+    The way of a frame: its size, turn and rate are checked, in this order; then it is read once, by the
+    gateway's `decode`, and its messages are run.
+
+    A frame waits beyond the client's share of a turn (`MESSAGES`), in turns that all clients together have
+    filled, and beyond the client's rate of work. A client that exceeds its rate of messages, or is no longer
+    admitted, is disconnected.
 
     Attributes by purpose:
 
     * Connection: ``number``, ``info``, ``sink``, ``replies``, ``_flow_control`` (None without one, and once
       over).
     * View of the graph: ``graph``, and ``is_role_by_auth`` (True once an `auth` op gave the role).
+    * Reading: ``_decode``.
     * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one), ``_work``.
     * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_turn_began``
       (``_worked`` at the beginning of this turn), ``_began`` (monotonic time at which the current frame
@@ -276,7 +304,11 @@ class ConnectedClient(ABC, Generic[T]):
     * This turn: ``_received`` (bytes that had arrived at the last read: another number is another turn),
       ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
       its own).
-    * Queue: ``_waiting``, ``_is_held``; ``_over`` once the connection has ended.
+    * Queue: ``_state``, ``_waiting``.
+
+    Args:
+        decode: reads a frame (its bytes, True if it is binary, and the monotonic time) and returns its
+            messages in order. Never raises.
     """
 
     def __init__(
@@ -285,7 +317,8 @@ class ConnectedClient(ABC, Generic[T]):
         number: int,
         info: PeerInfo,
         graph: ClientGraph,
-        replies: ControlLane,
+        replies: ReplySender,
+        decode: Callable[[bytes, bool, float], Sequence[T]],
     ) -> None:
         limits = gateway.access.limits
         rate = limits.messages_per_second
@@ -298,17 +331,29 @@ class ConnectedClient(ABC, Generic[T]):
         self.replies = replies
         self.graph = graph
         self.is_role_by_auth = False
+        self._decode = decode
         self.messages = 0
         self._rate = RateLimit(rate, limits.messages_burst) if rate else None
         self._work = graph.work
         self._flow_control: FlowControl | None = None
-        self._is_held = False
-        self._over = False
+        self._state = _READING
         self._received = 0
         self._worked = self._counted = self._turn_began = 0.0
         self._is_beyond = self._needs_turn = graph.work.excess > 0.0
         self._began = 0.0
-        self._waiting: deque[T | UnreadFrame | Arriving] = deque()
+        self._waiting: deque[T | W | UnreadFrame | Arriving] = deque()
+
+    def _become(self, state: _ClientState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    @property
+    def _is_held(self) -> bool:
+        return self._state is _ClientState.HELD
+
+    @property
+    def _is_over(self) -> bool:
+        return self._state in (_ClientState.RELEASING, _ClientState.GONE)
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Process one frame, or queue it if the client has used its share of the turn.
@@ -329,7 +374,7 @@ class ConnectedClient(ABC, Generic[T]):
             self._wait_unread(data, binary)
             return
         if (
-            self._is_held
+            self._state is not _READING
             or self._needs_turn
             or self._turns.is_full
             or self._worked - self._turn_began > MESSAGES.share
@@ -338,19 +383,15 @@ class ConnectedClient(ABC, Generic[T]):
                 self._wait_unread(data, binary)
             return
         now = self._began = self._monotonic()
-        if self._rate is not None:
-            self._read(data, binary, now)
-        else:
+        if self._rate is None or self._is_within_rate(now, data, binary):
             self.messages += 1
-            if binary or not self._run_usual(data):
-                self._decode(data, binary, now)
+            if size > LARGE_BYTES:
+                self._read(data, binary, now)
+            else:  # Without that call.
+                self._run(self._decode(data, binary, now), now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > MESSAGES.share:
             self._count_work()
-
-    def _run_usual(self, data: bytes) -> bool:
-        """Run a text frame in the usual form. Returns False, and does nothing, if it has to be decoded."""
-        return False
 
     def _stop_ahead(self, data: bytes, binary: bool) -> bool:
         """Press the emergency stop ahead of queued frames, if the frame requests it.
@@ -360,11 +401,11 @@ class ConnectedClient(ABC, Generic[T]):
         if len(data) > MAX_STOP_BYTES or not self.graph.is_stop_due:
             return False
         now = self._began = self._monotonic()
-        # Decoded twice: the first time has no effects, so a frame that is not a stop can still wait.
+        # Looked at twice: the first time has no effects, so a frame that is not a stop can still wait.
         presses = self._presses_stop(data, binary)
         if presses:
             self.messages += 1
-            self._decode(data, binary, now)
+            self._run(self._decode(data, binary, now), now)
         self._worked += self._monotonic() - now
         return presses
 
@@ -381,37 +422,47 @@ class ConnectedClient(ABC, Generic[T]):
         self._wait(UnreadFrame(data if type(data) is bytes else bytes(data), binary))
 
     @abstractmethod
-    def _resume(self, what: T, now: float) -> None:
+    def _resume(self, what: T | W, now: float) -> None:
         """Run a message that waited for this turn, or the rest of one."""
 
-    def _read(self, data: bytes, binary: bool, now: float) -> None:
-        """Count a frame and decode it, unless the client exceeds its rate."""
-        if self._rate is not None and not self._rate.take(now):
-            if not self._stop_ahead(data, binary):
-                self._end_beyond_rate()
-            return
-        self.messages += 1
-        self._decode(data, binary, now)
-
     @abstractmethod
-    def _decode(self, data: bytes, binary: bool, now: float) -> None:
-        """Decode a frame and process it."""
+    def _run(self, messages: Sequence[T], now: float) -> None:
+        """Process the messages of one frame. The first is already counted."""
 
-    def _may_send(self, now: float) -> bool:
+    def _run_several(self, messages: Sequence[T], now: float) -> None:
+        """Process the messages of a frame one by one, as :meth:`receive` does frames."""
+        for number, message in enumerate(messages):
+            if number:
+                if (
+                    self._waiting
+                    or self._worked - self._turn_began + self._monotonic() - now > MESSAGES.share
+                ):
+                    for later in messages[number:]:
+                        self._wait(later)
+                    return
+                self.messages += 1
+                if not self._is_within_rate(now):
+                    return
+            self._run((message,), now)
+
+    def _read(self, data: bytes, binary: bool, now: float) -> None:
+        """Read an admitted frame and run its messages. Gateways may read large frames in steps."""
+        self._run(self._decode(data, binary, now), now)
+
+    def _is_within_rate(self, now: float, data: bytes = b"", binary: bool = False) -> bool:
         """Return True if one more message is within the rate, and disconnect the client otherwise.
 
-        Without disconnecting, further reading would favour the client over all others.
+        Without disconnecting, further reading would favour the client over all others. A frame that presses
+        the emergency stop is processed first, beyond the rate too.
         """
         if self._rate is None or self._rate.take(now):
             return True
-        self._end_beyond_rate()
+        if not self._stop_ahead(data, binary):
+            rate = self._gateway.access.limits.messages_per_second
+            reason = f"more than {rate} messages a second (limits.messages_per_second)"
+            self.replies.log(logging.WARNING, reason)
+            self.sink.close(POLICY, reason)
         return False
-
-    def _end_beyond_rate(self) -> None:
-        rate = self._gateway.access.limits.messages_per_second
-        reason = f"more than {rate} messages a second (limits.messages_per_second)"
-        self.replies.log(logging.WARNING, reason)
-        self.sink.close(POLICY, reason)
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Pause this client through `flow_control` while its messages wait."""
@@ -447,11 +498,13 @@ class ConnectedClient(ABC, Generic[T]):
         """Adopt the steps in which the wire reads a message, charged to the client."""
         self._wait(Arriving(steps, may_go_on))
 
-    def _wait(self, what: T | UnreadFrame | Arriving) -> None:
+    def _wait(self, what: T | W | UnreadFrame | Arriving) -> None:
         """Queue a frame, a message, or the rest of one, and pause reading from this client."""
+        if self._is_over:
+            return
         self._waiting.append(what)
-        if not self._is_held:
-            self._is_held = True
+        if self._state is _READING:
+            self._become(_ClientState.HELD)
             if self._flow_control is not None:
                 self._flow_control.pause()
             self._ask_for_turn()
@@ -461,7 +514,7 @@ class ConnectedClient(ABC, Generic[T]):
             self._work.note_wait()
         self._turns.wait(self._go_on)
 
-    def _is_held_up(self, what: T | UnreadFrame) -> bool:
+    def _is_held_up(self, what: T | W | UnreadFrame) -> bool:
         """Return True if `what` has to wait for something other than a turn."""
         return False
 
@@ -477,7 +530,7 @@ class ConnectedClient(ABC, Generic[T]):
         waiting, self._waiting = self._waiting, deque()
         self._turn_began = self._worked
         try:
-            while waiting and not (self._waiting or self._over):
+            while waiting and not (self._waiting or self._is_over):
                 if self._worked - self._turn_began > MESSAGES.share:
                     break
                 what = waiting.popleft()
@@ -485,23 +538,26 @@ class ConnectedClient(ABC, Generic[T]):
                 if isinstance(what, Arriving):
                     self._read_on(what)
                 elif isinstance(what, UnreadFrame):
-                    self._read(what.data, what.binary, now)
+                    if self._is_within_rate(now, *what):
+                        self.messages += 1
+                        self._read(*what, now)
                 else:
                     self._resume(what, now)
                 self._worked += self._monotonic() - now
         finally:
             # `closed()` has released everything: the remaining steps have no client.
-            if not self._over:
+            if not self._is_over:
                 self._waiting += waiting
                 self._count_work()
             if self._waiting:
                 self._ask_for_turn()
             else:
-                # Before the connection is resumed, which delivers bytes that it has kept within this call.
-                self._is_held = False
+                if self._is_held:
+                    # Before the connection is resumed, which delivers what it has kept within this call.
+                    self._become(_READING)
                 if self._flow_control is not None:
                     self._flow_control.resume()
-                if self._over:
+                if self._is_over:
                     self._flow_control = None
 
     def _read_on(self, arriving: Arriving) -> None:
@@ -532,10 +588,10 @@ class ConnectedClient(ABC, Generic[T]):
 
     def closed(self, code: int, reason: str) -> None:
         """Called when the connection has ended: release everything (DIS-01 … DIS-07)."""
-        self._over = True
-        self._waiting.clear()
-        if not self._is_held:
+        if not self._is_held:  # Else the next turn resumes the connection first.
             self._flow_control = None  # Break the cycle: the connection refers to this client.
+        self._become(_ClientState.RELEASING)
+        self._waiting.clear()
         self.graph.leave()
         self._gateway.left(self)
         self._release_in_turns(chain(self._releases(), self.graph.close_in_steps()))
@@ -559,6 +615,7 @@ class ConnectedClient(ABC, Generic[T]):
                 if self._turns.is_full or not self._has_time():
                     self._turns.wait(partial(self._release_in_turns, steps))
                     return
+            self._become(_ClientState.GONE)
         finally:
             self._worked += self._monotonic() - self._began
             self._count_work()

@@ -78,6 +78,7 @@ class Visitor:
     def release(self) -> None:
         """Undo one :meth:`hold`. Without holds, the visitor leaves after `linger` seconds."""
         self._holds -= 1
+        # Not at once: the next request of a client without a connection finds its topics and leases again.
         if not self._holds:
             self._timer = self._visitors.clock.call_later(self._visitors.linger, self.leave)
 
@@ -189,6 +190,7 @@ def _answer(
 
 def _count(counters: Counters, request: HttpRequest, answer: HttpResponse) -> HttpResponse:
     if isinstance(answer.body, bytes):
+        # A response to HEAD has headers only, whatever its page returns (RFC 9110 section 9.3.2).
         counters.answered(0 if request.method == "HEAD" else len(answer.body))
         return answer
     return replace(answer, body=_CountedStream(answer.body, counters))

@@ -12,6 +12,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import Enum
 from typing import Any, Final, Generic, TypeVar
 
 import anyio
@@ -25,7 +26,7 @@ from rwt_graph import Node
 from rwt_graph.api import Sample
 from rwt_interfaces.payload import Payload
 from rwt_participant.handles import Handle
-from rwt_transports.http.routes import Work
+from rwt_transports.http.routes import WorkAccount
 
 T = TypeVar("T")
 
@@ -53,7 +54,7 @@ class Listener(Generic[T]):
         when_ended: called once when the stream has ended.
     """
 
-    def __init__(self, work: Work, leave: Callable[[Any], None], most: int | None = None) -> None:
+    def __init__(self, work: WorkAccount, leave: Callable[[Any], None], most: int | None = None) -> None:
         self.work = work
         self.failure: VideoError | None = None
         self.when_ended: Callable[[], None] | None = None
@@ -93,8 +94,31 @@ class Listener(Generic[T]):
 AnyListener = TypeVar("AnyListener", bound=Listener[Any])
 
 
+class _StreamState(Enum):
+    STARTING = "starting"
+    RUNNING = "running"
+    ENDED = "ended"
+
+
+_TRANSITIONS: Final = {
+    _StreamState.STARTING: {_StreamState.RUNNING, _StreamState.ENDED},
+    _StreamState.RUNNING: {_StreamState.ENDED},
+    _StreamState.ENDED: set[_StreamState](),
+}
+
+
 class SharedStream(Generic[AnyListener]):
     """Stream of an encoder, until the last listener leaves.
+
+    Life cycle::
+
+        STARTING ── first result ──> RUNNING ── end() ──> ENDED
+           └──────────────── end() ───────────────────────^
+
+    * **STARTING**: nothing has been encoded. A message that cannot be decoded ends the stream: its topic has
+      the wrong format.
+    * **RUNNING**: something has been encoded.
+    * **ENDED**: the subscriptions are closed. A worker thread may still be encoding.
 
     Args:
         on_end: called once when the last listener has left, or when the stream has failed.
@@ -108,7 +132,21 @@ class SharedStream(Generic[AnyListener]):
         self._on_end = on_end
         self._subscriptions: tuple[Handle, ...] = ()
         self._woken = anyio.Event()
-        self._over = False
+        self._state = _StreamState.STARTING
+
+    def _become(self, state: _StreamState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    @property
+    def is_over(self) -> bool:
+        """True once the stream has ended."""
+        return self._state is _StreamState.ENDED
+
+    def note_encoded(self) -> None:
+        """Note that a message was encoded: the first one begins the stream."""
+        if self._state is _StreamState.STARTING:
+            self._become(_StreamState.RUNNING)
 
     def leave(self, listener: AnyListener) -> None:
         """Remove a listener; the last one stops the encoder and the subscriptions."""
@@ -120,9 +158,9 @@ class SharedStream(Generic[AnyListener]):
 
     def end(self, failure: VideoError | None = None) -> None:
         """Stop, and end every listener's stream."""
-        if self._over:
+        if self.is_over:
             return
-        self._over = True
+        self._become(_StreamState.ENDED)
         for subscription in self._subscriptions:
             subscription.close()
         for listener in self.listeners:
@@ -142,7 +180,7 @@ class Viewer(Listener["Encoded"]):
         bitrate: bits per second that its link carries; None if unknown.
     """
 
-    def __init__(self, broadcast: Broadcast, work: Work) -> None:
+    def __init__(self, broadcast: Broadcast, work: WorkAccount) -> None:
         super().__init__(work, broadcast.leave)
         self._broadcast = broadcast
         self._begun = False  # what cannot be shown by itself makes no sense before a key frame
@@ -216,7 +254,7 @@ class EncoderThreads:
         self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
         self._beyond_rate = anyio.Lock()
 
-    async def run(self, encode: Callable[[], T], viewers: Sequence[Work]) -> T:
+    async def run(self, encode: Callable[[], T], viewers: Sequence[WorkAccount]) -> T:
         """Run `encode` in a thread, and charge its CPU time to the viewers in equal parts."""
         seconds = 0.0
 
@@ -238,8 +276,42 @@ class EncoderThreads:
                 viewer.add(seconds / len(viewers), "pictures")
 
 
+class _KeyFrames:
+    """Requests for key frames of one video; the first frame is one.
+
+    Args:
+        now: seconds of a steady clock.
+    """
+
+    __slots__ = ("_is_asked", "_is_wanted", "_sent_at")
+
+    def __init__(self, now: float) -> None:
+        self._is_wanted = True
+        self._is_asked = False
+        self._sent_at = now
+
+    def want(self) -> None:
+        """Make the next frame a key frame."""
+        self._is_wanted = True
+
+    def ask(self) -> None:
+        """Make a frame a key frame soon: many requests share one, since every viewer gets it."""
+        self._is_asked = True
+
+    def take(self, now: float) -> bool:
+        """Return True if the next frame is a key frame; the requests are used up."""
+        key = self._is_wanted or (self._is_asked and now >= self._sent_at + _KEY_PAUSE_SECONDS)
+        if key:
+            self._is_wanted = self._is_asked = False
+        return key
+
+    def note_sent(self, now: float) -> None:
+        """Note that a key frame was sent to the viewers."""
+        self._sent_at = now
+
+
 class Broadcast(SharedStream[Viewer]):
-    """Subscription, encoder and images shared by equal requests.
+    """Subscription, encoder and images shared by equal requests; :class:`SharedStream` has its life cycle.
 
     A task encodes while a message is new and a viewer has room; it is woken by :meth:`wake`.
 
@@ -248,8 +320,7 @@ class Broadcast(SharedStream[Viewer]):
     * Messages: ``_newest`` (not encoded yet; the next message replaces it), ``_last``
       (encoded).
     * Images: ``_encoder`` (created with the first message), ``_shown`` (the last image), ``pixels``.
-    * Key frames: ``_key_wanted`` (the next image is one), ``_key_asked`` (a viewer asked for one),
-      ``_key_at`` (time of the last one).
+    * Key frames of a video: ``_key_frames``.
 
     Args:
         request: request of the viewers, with the topic to subscribe to.
@@ -283,14 +354,12 @@ class Broadcast(SharedStream[Viewer]):
         self._newest: Payload | None = None
         self._last: Payload | None = None
         self._shown: Encoded | None = None
-        self._key_wanted = True
-        self._key_asked = False
-        self._key_at = now()
+        self._key_frames = _KeyFrames(now())
         node.graph.spawn(self._run, f"pictures of {request.topic}")
         # Last: retained samples arrive at once.
         self._subscriptions = (node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take),)
 
-    def join(self, work: Work) -> Viewer:
+    def join(self, work: WorkAccount) -> Viewer:
         """Add a viewer, which receives the last image at once if there is one."""
         viewer = Viewer(self, work)
         self.listeners.append(viewer)
@@ -298,23 +367,17 @@ class Broadcast(SharedStream[Viewer]):
             viewer.put(self._shown)
         elif self._last is not None:
             # A video starts at a key frame, and the topic may be silent: encode the last message again.
-            self._key_wanted = True
+            self._key_frames.want()
             self._newest = self._newest or self._last
         self.wake()
         return viewer
 
     def ask_for_key(self, *, at_once: bool = False) -> None:
         """Request a key frame for a viewer that lost images; it is delayed, since every viewer gets it."""
-        self._key_asked = True
-        self._key_wanted |= at_once
+        self._key_frames.ask()
+        if at_once:
+            self._key_frames.want()
         self.wake()
-
-    def _takes_key(self, now: float) -> bool:
-        """Return True if the next image is a key frame; the request is used up."""
-        key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE_SECONDS)
-        if key:
-            self._key_wanted = self._key_asked = False
-        return key
 
     def _take(self, sample: Sample) -> None:
         """Store a message, in place of one that was not encoded for lack of room."""
@@ -331,7 +394,7 @@ class Broadcast(SharedStream[Viewer]):
             self._encoder = self._newest = self._last = self._shown = None
 
     async def _make_images(self) -> None:
-        while not self._over:
+        while not self.is_over:
             payload = self._newest
             if payload is None or not any(viewer.can_accept for viewer in self.listeners):
                 await self._woken.wait()
@@ -350,18 +413,21 @@ class Broadcast(SharedStream[Viewer]):
                 self._show(encoded)
 
     def _unreadable(self, error: VideoError) -> None:
-        """Count an unreadable image. Cameras send some now and then; after a first one the stream ends."""
+        """Count an image that cannot be decoded.
+
+        Cameras send some now and then, so only one before the first image ends the stream.
+        """
         self.counts.failed += 1
         if self.counts.complaint != str(error):
             # Once: viewers that reconnect repeatedly must not fill the log.
             self.counts.complaint = str(error)
             self._log.warning(f"{self.request.topic}: {error}")
-        if self._shown is None:
+        if self._state is _StreamState.STARTING:
             self.end(error)
 
     async def _encode(self, payload: Payload) -> Encoded | None:
         now = self.now()
-        key, at_ms = self._takes_key(now), int(now * 1000)
+        key, at_ms = self._key_frames.take(now), int(now * 1000)
         bitrate = min((each.bitrate for each in self.listeners if each.bitrate is not None), default=None)
 
         def work() -> Encoded | None:
@@ -373,7 +439,7 @@ class Broadcast(SharedStream[Viewer]):
 
         encoded = await self._threads.run(work, tuple(viewer.work for viewer in self.listeners))
         if encoded is None and key:
-            self._key_wanted = True
+            self._key_frames.want()
         return encoded
 
     def _show(self, image: Encoded | None) -> None:
@@ -381,8 +447,9 @@ class Broadcast(SharedStream[Viewer]):
             self.counts.skipped += 1
             return
         self.counts.encoded += 1
+        self.note_encoded()
         self._shown = image
         if image.key:
-            self._key_at = self.now()
+            self._key_frames.note_sent(self.now())
         for viewer in tuple(self.listeners):
             viewer.put(image)

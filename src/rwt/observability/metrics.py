@@ -184,7 +184,7 @@ _OF_ENCODING: Final[tuple[tuple[str, str, Callable[[EncodingCounts], int]], ...]
     ("rwt_topic_sent_messages_total", "Messages handed to clients' connections.", lambda it: it.messages),
     ("rwt_topic_sent_bytes_total", "Bytes handed to clients' connections.", lambda it: it.bytes),
 )  # fmt: skip
-_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[ConnectedClient[Any], Traffic], float]], ...]] = (
+_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[ConnectedClient[Any, Any], Traffic], float]], ...]] = (
     ("rwt_client_received_messages_total", "Messages from a client.", lambda client, _: client.messages),
     ("rwt_client_received_bytes_total", "Bytes read from a client.", lambda _, it: it.received_bytes),
     ("rwt_client_sent_messages_total", "Messages to a client.", lambda _, it: it.messages),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter
-from typing import Final, Never, TypeVar
+from typing import Final, Never, cast
 
 from rwt.access.access import Access
 from rwt.access.admission import Admission
@@ -26,7 +26,7 @@ from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_participant.timers import Timer
 from rwt_protocol import ops
-from rwt_protocol.codecs import CODECS, Encoding, bson_codec, encoding_of
+from rwt_protocol.codecs import ENCODINGS, Encoding, bson_codec, encoding_of
 from rwt_protocol.codecs.base import Codec
 from rwt_protocol.dispatcher import Dispatcher, Steps
 from rwt_protocol.errors import EncodingUnavailable
@@ -36,26 +36,21 @@ from rwt_protocol.session import Session
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.websocket.close_codes import POLICY
 
-P = TypeVar("P")
-_Handlers = Mapping[type[ops.Op], Callable[[Peer, Never], "Steps | None"]]
+# The dispatcher calls each handler with the part of a client that `_PARTS` names, which a mapping's type
+# cannot express.
+HANDLERS: Final = cast(
+    "Mapping[type[ops.Op], Callable[[Peer, Never], Steps | None]]",
+    {**topics.HANDLERS, **services.HANDLERS, **actions.HANDLERS, ops.Auth: Peer.authenticate},
+)
 
-
-def _handlers_of(
-    handlers: Mapping[type[ops.Op], Callable[[P, Never], Steps | None]], part: Callable[[Peer], P]
-) -> _Handlers:
-    """Bind handlers of one part of a client, such as its topics, to the client."""
-
-    def bind(handler: Callable[[P, Never], Steps | None]) -> Callable[[Peer, Never], Steps | None]:
-        return lambda peer, op: handler(part(peer), op)
-
-    return {model: bind(handler) for model, handler in handlers.items()}
-
-
-HANDLERS: Final[_Handlers] = {
-    **_handlers_of(topics.HANDLERS, attrgetter("topics")),
-    **_handlers_of(services.HANDLERS, attrgetter("services")),
-    **_handlers_of(actions.HANDLERS, attrgetter("actions")),
-    ops.Auth: Peer.authenticate,
+_PARTS: Final = {
+    model: attrgetter(part)
+    for part, handlers in (
+        ("topics", topics.HANDLERS),
+        ("services", services.HANDLERS),
+        ("actions", actions.HANDLERS),
+    )
+    for model in handlers
 }
 
 
@@ -112,6 +107,7 @@ class Bridge(ConnectionGateway[Peer]):
             on_error=lambda peer, op, error: peer.replies.log_internal_error(op.op, error, op.id),
             refusals=(RobotError, AccessError),
             later=Peer.work,
+            parts=_PARTS,
         )
 
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
@@ -121,7 +117,7 @@ class Bridge(ConnectionGateway[Peer]):
         """
         admission = self.access.admission
         role = admission.admit(info, loopback=loopback)
-        session = Session(PROFILES[self.settings.profile], limits=self._limits, codec=self._codec)
+        session = Session(PROFILES[self.settings.profile], limits=self._limits, codec=self._codec, light=True)
         if role is not None:
             return self._join(sink, info, session, role)
 
@@ -140,7 +136,7 @@ class Bridge(ConnectionGateway[Peer]):
 
     def encoding_of(self, compression: str) -> Encoding:
         """Return the encoding of samples for a client that asks for `compression`."""
-        return encoding_of(compression) if self._codec is None else CODECS["bson"]
+        return encoding_of(compression) if self._codec is None else ENCODINGS["bson"]
 
     def left(self, client: Peer) -> None:
         """Remove a client whose connection has ended."""
@@ -195,6 +191,7 @@ class ConnectedClients:
 
     def _changed(self) -> None:
         _publish(self._count, {"data": len(self._clients)})
+        # The count at once, since it is small; the list has an entry for each client.
         if not self._due:
             self._due = True
             self._clock.call_later(0.0, self._publish_list)

@@ -16,11 +16,9 @@ from rwt.rosbridge.ops.services import PeerServices
 from rwt.rosbridge.ops.topics import PeerTopics
 from rwt.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
-from rwt_protocol.codecs.quick_frames import PUBLISH_STARTS, UsualCall, split_call, split_publish
 from rwt_protocol.errors import ProtocolError, Refused
-from rwt_protocol.ops import OPS, Auth, CallService, Op, SendActionGoal, Status
+from rwt_protocol.ops import OPS, Auth, Op, Status
 from rwt_protocol.session import Refusal, Session
-from rwt_transports.scheduler import MESSAGES
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 
 if TYPE_CHECKING:
@@ -37,6 +35,10 @@ if TYPE_CHECKING:
 _find_stop: Final = re.compile(rb"gate\\?/stop").search
 
 
+_WITH_REPLY: Final = frozenset({"call_service", "send_action_goal"})
+"""Ops with a reply of their own, which reports their success."""
+
+
 class _Work(NamedTuple):
     """The remaining steps of one message."""
 
@@ -44,11 +46,11 @@ class _Work(NamedTuple):
     steps: Steps
 
 
-_Waiting = Op | Refusal | _Work | str
-"""Work that waits for a turn: a message, the rest of one, or the reason to close the connection."""
+_Waiting = _Work | str
+"""Rest of a message, or the reason to close the connection, which waits for a turn."""
 
 
-class Peer(ConnectedClient[_Waiting]):
+class Peer(ConnectedClient[Op | Refusal, _Waiting]):
     """One rosbridge client; see :class:`~rwt.gateways.base.ConnectedClient` for its life cycle.
 
     Attributes by purpose:
@@ -68,7 +70,7 @@ class Peer(ConnectedClient[_Waiting]):
         self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session, graph: ClientGraph
     ) -> None:
         replies = Replies(bridge, number, sink, info, session)
-        super().__init__(bridge, number, info, graph, replies)
+        super().__init__(bridge, number, info, graph, replies, session.decode)
         settings, limits = bridge.settings, bridge.access.limits
         self._bridge = bridge
         self._session = session
@@ -89,27 +91,6 @@ class Peer(ConnectedClient[_Waiting]):
         """Send a status: an error if the connection is lost."""
         self.replies.send(Status(level="warning" if is_connected else "error", msg=text))
 
-    def _run_usual(self, data: bytes) -> bool:
-        """Run the usual `publish`, call or response."""
-        if not self._session.is_quick:
-            return False
-        try:
-            if data.startswith(PUBLISH_STARTS):
-                publish = split_publish(data)
-                return publish is not None and self.topics.publish_exact(*publish)
-            usual = split_call(data)
-            if usual is None:
-                return False
-            if isinstance(usual, UsualCall):
-                self.services.call_usual(usual)
-            else:
-                self.services.answer_usual(usual)
-        except Exception as error:
-            (op,) = self._session.decode(data, False, self._began)
-            assert isinstance(op, Op)  # The frame was found to contain one message before the handler ran.
-            self._after(op, self._bridge.dispatcher.refused(self, op, error))
-        return True
-
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         if _find_stop(data) is None:
             return False
@@ -119,43 +100,35 @@ class Peer(ConnectedClient[_Waiting]):
         key = {"call_service": "service", "publish": "topic"}.get(str(members.get("op")))
         return key is not None and canonical(str(members.get(key))) == STOP
 
-    def _decode(self, data: bytes, binary: bool, now: float) -> None:
+    def _read(self, data: bytes, binary: bool, now: float) -> None:
         if binary and len(data) > LARGE_BYTES:
             self._read_on(Arriving(self._read_in_steps(data)))
         else:
-            self._do_all(self._session.decode(data, binary, now), now)
+            super()._read(data, binary, now)
 
     def _read_in_steps(self, data: bytes) -> Steps:
         items = yield from self._session.decode_in_steps(data, True, self._began)
-        self._do_all(items, self._began)
+        self._run(items, self._began)
 
-    def _do_all(self, items: Sequence[Op | Refusal], now: float) -> None:
-        """Run the messages of one frame; the first is already counted."""
-        for number, item in enumerate(items):
-            if number:
-                if (
-                    self._waiting
-                    or self._worked - self._turn_began + self._monotonic() - now > MESSAGES.share
-                ):
-                    for later in items[number:]:
-                        self._wait(later)
-                    return
-                self.messages += 1
-                if self._rate is not None and not self._may_send(now):
-                    return
-            self._do(item)
-
-    def _do(self, item: Op | Refusal) -> None:
-        if isinstance(item, Refusal):
-            self.graph.counters.refuse(item.op if item.op in OPS else UNKNOWN)
-            self.replies.log(logging.WARNING, item.reason, item.id)
-            self._end_what_waits(item)
-            if item.answer is not None:
-                self.replies.send(item.answer)
+    def _run(self, messages: Sequence[Op | Refusal], now: float) -> None:
+        if len(messages) != 1:
+            self._run_several(messages, now)
+            return
+        message = messages[0]
+        if isinstance(message, Refusal):
+            self._reject(message)
         else:
-            answer = self._dispatch(self, item)
+            answer = self._dispatch(self, message)
             if answer is not None or self._session.level == "info":
-                self._after(item, answer)
+                self._after(message, answer)
+
+    def _reject(self, refusal: Refusal) -> None:
+        """Answer a part of a frame that is no valid message."""
+        self.graph.counters.refuse(refusal.op if refusal.op in OPS else UNKNOWN)
+        self.replies.log(logging.WARNING, refusal.reason, refusal.id)
+        self._end_what_waits(refusal)
+        if refusal.answer is not None:
+            self.replies.send(refusal.answer)
 
     def _end_what_waits(self, refusal: Refusal) -> None:
         """End the pending request whose response is malformed."""
@@ -180,13 +153,11 @@ class Peer(ConnectedClient[_Waiting]):
         if answer is not None:
             self.graph.counters.refuse(op.op)
             self.replies.refuse(answer)
-        elif self._session.level == "info" and not (
-            op is self._unfinished or isinstance(op, CallService | SendActionGoal)
-        ):
+        elif self._session.level == "info" and not (op is self._unfinished or op.op in _WITH_REPLY):
             # Success, for ops that have no reply of their own (STA-04).
             self.replies.send(Status(level="info", msg=f"{op.op}: done", id=op.id))
 
-    def _resume(self, what: _Waiting, now: float) -> None:
+    def _resume(self, what: Op | Refusal | _Waiting, now: float) -> None:
         if isinstance(what, _Work):
             self._unfinished = None
             answer = self.work(what.op, what.steps)
@@ -197,10 +168,10 @@ class Peer(ConnectedClient[_Waiting]):
             self.sink.close(TOO_BIG, what)
         else:
             self.messages += 1
-            if self._may_send(now):
-                self._do(what)
+            if self._is_within_rate(now):
+                self._run((what,), now)
 
-    def _is_held_up(self, what: _Waiting | UnreadFrame) -> bool:
+    def _is_held_up(self, what: Op | Refusal | _Waiting | UnreadFrame) -> bool:
         """True if a frame also waits for numpy."""
         return self._loading is not None and isinstance(what, UnreadFrame) and self._loading.holds_up(*what)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from rwt.gateways.base import ConnectionGateway, ControlLane
+from rwt.gateways.base import ConnectionGateway, ReplySender
 from rwt_protocol.frames import Frame
 from rwt_protocol.ops import ActionResult, Op, ServiceResponse, Status
 from rwt_protocol.session import Session
@@ -19,8 +19,8 @@ _LOG_LEVELS = {
 }
 
 
-class Replies(ControlLane):
-    """Control lane to one rosbridge client: all messages except samples."""
+class Replies(ReplySender):
+    """Sender of all messages except samples to one rosbridge client."""
 
     __slots__ = ("_info", "session")
 

@@ -114,7 +114,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     def take_type(self, type: MessageType) -> None:
         self._compression = self._asked if self._asked != "auto" else self._best_compression(type)
         self._decode = self._connection.types.reader(type, self._arrays).read
-        self._session.listen(self)
+        self._session.listen(self.name, self.deliver)
         if self._queue is not None and self._callback is not None:
             self._connection.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
 
@@ -128,7 +128,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     def release(self) -> None:
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
         if self._type is not None:
-            self._session.ignore(self)
+            self._session.ignore(self.name, self.deliver)
 
     def withdrawal(self) -> Unsubscribe:
         return Unsubscribe(topic=self.name, id=self.id)

@@ -19,7 +19,7 @@ from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.wire.decoding import REJECTIONS, UnparsedMessage, read_envelope
-from rwt_protocol.codecs import CODECS
+from rwt_protocol.codecs import ENCODINGS
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
@@ -39,7 +39,7 @@ LARGE_BYTES: Final = 32 * 1024
 
 _CLOSING_BRACE: Final = ord("}")
 
-_MAPS: Final = frozenset(CODECS["cbor"].first_bytes)
+_MAPS: Final = frozenset(ENCODINGS["cbor"].first_bytes)
 
 
 class Restorable(Protocol):
@@ -55,14 +55,8 @@ class Restorable(Protocol):
         """Handle the server's rejection of what was sent under its id. Never raises."""
 
 
-class Destination(Protocol):
-    """Receiver of the messages of one topic, by its name on the wire."""
-
-    name: str
-
-    def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """Receive one message of `size` bytes."""
-
+Deliver = Callable[[UnparsedMessage, int], None]
+"""Receives one message of a topic, and its size in bytes."""
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
 """Beginning of a published message. The rest up to the last brace is the message, if it is one JSON value:
@@ -92,7 +86,7 @@ class ReconnectingSession:
         self._connect_count = 0
         self.events = Events()
         # Keyed by the bytes of the topic's name, as in frames.
-        self._destinations: dict[bytes, tuple[Destination, ...]] = {}
+        self._destinations: dict[bytes, tuple[Deliver, ...]] = {}
         self.dispatcher: Dispatcher[None] | None = None
         self.raw_topics = 0
 
@@ -123,15 +117,15 @@ class ReconnectingSession:
             raise self._closed
         self._restorables[id] = restorable
 
-    def listen(self, destination: Destination) -> None:
-        """Pass the messages of a topic to `destination`."""
-        topic = destination.name.encode()
-        self._destinations[topic] = (*self._destinations.get(topic, ()), destination)
+    def listen(self, name: str, deliver: Deliver) -> None:
+        """Pass the messages of a topic, by its name on the wire, to `deliver`."""
+        topic = name.encode()
+        self._destinations[topic] = (*self._destinations.get(topic, ()), deliver)
 
-    def ignore(self, destination: Destination) -> None:
-        """Pass nothing more to `destination`."""
-        topic = destination.name.encode()
-        left = tuple(each for each in self._destinations.pop(topic) if each is not destination)
+    def ignore(self, name: str, deliver: Deliver) -> None:
+        """Pass no further messages of a topic to `deliver`."""
+        topic = name.encode()
+        left = tuple(each for each in self._destinations.pop(topic) if each != deliver)
         if left:
             self._destinations[topic] = left
 
@@ -226,8 +220,8 @@ class ReconnectingSession:
                 destinations = self._destinations.get(head[1])
                 if destinations is not None:
                     message = (data[head.end() : -1], data)
-                    for destination in destinations:
-                        destination.deliver(message, size)
+                    for deliver in destinations:
+                        deliver(message, size)
                     return
         if binary and data[:1] and data[0] in _MAPS:
             if self.raw_topics and self._receive_raw(data):
@@ -257,8 +251,8 @@ class ReconnectingSession:
         if found is None:
             return False
         destinations = self._destinations.get(found[0], ())
-        for destination in destinations:
-            destination.deliver(found[1], len(data))
+        for deliver in destinations:
+            deliver(found[1], len(data))
         return bool(destinations)
 
     def _receive_cbor(self, data: bytes) -> bool:
@@ -275,8 +269,8 @@ class ReconnectingSession:
         return True
 
     def _deliver(self, topic: str, message: UnparsedMessage, size: int) -> None:
-        for destination in self._destinations.get(topic.encode(), ()):
-            destination.deliver(message, size)
+        for deliver in self._destinations.get(topic.encode(), ()):
+            deliver(message, size)
 
     def _take(self, op: Op | Refusal) -> None:
         if isinstance(op, Refusal):

@@ -44,7 +44,7 @@ def belongs_to_action(topic: str) -> bool:
 
 def struct_payload(type: MessageType, **fields: object) -> Payload:
     """Return a payload from fields that are known to be valid."""
-    return Payload(type, None, type.struct(**fields))
+    return Payload(type, type.struct(**fields))
 
 
 def uuid_struct(type: MessageType, goal_id: str) -> msgspec.Struct:

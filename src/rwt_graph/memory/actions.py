@@ -113,7 +113,20 @@ def run_callback(goal: ClientGoal, callback: Callable[[], None]) -> None:
 
 
 class MemoryGoal(ServerGoal, ClientGoal):
-    """Goal as both sides see it, with its state."""
+    """Goal as both sides see it.
+
+    States, which are ROS 2's (:data:`TRANSITIONS`)::
+
+        UNKNOWN ── accept() ──> ACCEPTED ──> EXECUTING ── cancel() ──> CANCELING
+           │                                     │                         │
+        reject()                          finish(), lose()          finish(), lose()
+           v                                     v                         v
+        UNKNOWN, ended               SUCCEEDED or ABORTED    SUCCEEDED, CANCELED or ABORTED
+
+    A goal has ended once its server's ``goals`` do not contain it. A cancel request before the acceptance
+    waits for it (``cancel_requested``), and reaches the server once (``_cancel_notified``). ``_events`` are
+    the client's callbacks: None once the goal has ended, or its client has left.
+    """
 
     status = GoalStatus.UNKNOWN
     cancel_requested = False

@@ -1,8 +1,4 @@
-"""Execution of a graph on an event loop: one task group, one clock task, and a queue of calls from threads.
-
-Three states: *idle* (not entered yet: calls run in the caller, as tests and set-up code need it), *running*,
-and *over* (left).
-"""
+"""Execution of a graph on an event loop: a task group, a clock task, and a queue of calls from threads."""
 
 from __future__ import annotations
 
@@ -12,7 +8,9 @@ import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
 from contextvars import Context, copy_context
+from enum import Enum
 from functools import partial
+from typing import Final
 
 import anyio
 import anyio.abc
@@ -39,11 +37,41 @@ def call_soon_threadsafe() -> CallSoon:
         return trio.lowlevel.current_trio_token().run_sync_soon
 
 
+class _RuntimeState(Enum):
+    IDLE = "idle"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    OVER = "over"
+
+
+_TRANSITIONS: Final = {
+    _RuntimeState.IDLE: {_RuntimeState.RUNNING},
+    _RuntimeState.RUNNING: {_RuntimeState.STOPPING},
+    _RuntimeState.STOPPING: {_RuntimeState.OVER},
+    _RuntimeState.OVER: set[_RuntimeState](),
+}
+
+
 class Runtime:
-    """Runner of the tasks and calls of one graph: the part of :class:`rwt_graph.api.Graph` about threads."""
+    """Runner of the tasks and calls of one graph: the part of :class:`rwt_graph.api.Graph` about threads.
+
+    Life cycle::
+
+        IDLE ── entered ──> RUNNING ── graph closed ──> STOPPING ── tasks ended ──> OVER
+
+    * **IDLE**: calls run in the caller, as tests and set-up code need it; spawned tasks wait.
+    * **RUNNING**: calls of other threads run on the graph's thread.
+    * **STOPPING**: tasks are being cancelled and none can start; calls of any thread run in the caller.
+    * **OVER**: calls run in the caller.
+
+    Private attributes: ``_inbox`` (calls of other threads), ``_waking`` (True while the event loop is asked
+    to run them), ``_waiting`` (tasks to start), ``_wake`` (wakes their starter). ``_group`` and ``_thread``
+    are None unless RUNNING or STOPPING; ``_call_soon`` is None while IDLE.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
+        self._state = _RuntimeState.IDLE
         self._inbox: deque[Callable[[], None]] = deque()
         self._waking = False
         self._call_soon: CallSoon | None = None
@@ -51,7 +79,10 @@ class Runtime:
         self._group: anyio.abc.TaskGroup | None = None
         self._waiting: list[tuple[Task, str, Context]] = []
         self._wake: anyio.Event | None = None
-        self._over = False
+
+    def _become(self, state: _RuntimeState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     @property
     def running(self) -> bool:
@@ -67,7 +98,7 @@ class Runtime:
             return
         # No lock: a deque's append is atomic, and `_drain` runs every call that was appended before it looks.
         self._inbox.append(call)
-        if self._over:
+        if self._state is not _RuntimeState.RUNNING:
             self._drain_all()
         elif not self._waking:
             self._waking = True
@@ -105,7 +136,7 @@ class Runtime:
             logger.exception("a call handed over to the graph's thread failed")
 
     def spawn(self, task: Task, name: str) -> None:
-        if self._over:
+        if self._state in (_RuntimeState.STOPPING, _RuntimeState.OVER):
             raise NotRunning(f"{name} cannot start: the graph was closed")
         self._waiting.append((task, name, copy_context()))  # The task runs in a copy of the caller's context.
         if self._wake is not None:
@@ -126,13 +157,15 @@ class Runtime:
 
     async def _start(self) -> None:
         """Start the clock and the waiting tasks on the running event loop. Raises :exc:`NotRunning`."""
-        if self._over or self.running:
+        if self._state is not _RuntimeState.IDLE:
             raise NotRunning("a graph can be entered only once")
         group = anyio.create_task_group()
         await group.__aenter__()
+        self._become(_RuntimeState.RUNNING)
         self._group = group
-        self._call_soon = call_soon_threadsafe()
         self._thread = threading.get_ident()
+        # Last: from here on, calls of other threads are queued.
+        self._call_soon = call_soon_threadsafe()
         group.start_soon(_guarded, self.clock.drive, "clock", name="clock")
         group.start_soon(self._start_tasks, group, name="task starter")
 
@@ -144,7 +177,7 @@ class Runtime:
         try:
             close()
         finally:
-            self._over = True
+            self._become(_RuntimeState.STOPPING)
             self._drain_all()
             group.cancel_scope.cancel()
             try:
@@ -154,6 +187,7 @@ class Runtime:
                 self._group = None
                 self._wake = None
                 self._thread = None
+                self._become(_RuntimeState.OVER)
                 waiting, self._waiting = self._waiting, []
                 with anyio.CancelScope() as scope:
                     # Like a task group with what is started after its end: waiting tasks receive an error.

@@ -113,8 +113,6 @@ class ActionlibServer:
         self._interface = interface
         self._participant = participant
         self._graph = graph
-        self._clock = graph.clock
-        self._distro = graph.distro
         self._goals: dict[str, Tracked] = {}
         self._count = 0
         self._node_name = participant.name
@@ -153,8 +151,8 @@ class ActionlibServer:
         """Send a goal; without an id from the client it gets ROS 1's `node-count-time` (ALB-02)."""
         if not self._serving():
             return
-        now = self._clock.time_ns()
-        stamp = self._distro.time_ns(message.goal_id.stamp) or now
+        now = self._graph.clock.time_ns()
+        stamp = self._graph.distro.time_ns(message.goal_id.stamp) or now
         self._count += 1
         goal_id = message.goal_id.id or f"{self._node_name}-{self._count}-{now / NANOSECONDS:.9f}"
         if len(goal_id) > LONGEST_ID:
@@ -168,7 +166,7 @@ class ActionlibServer:
         if goal_id in self._goals:
             logger.warning("goal %s of %s was sent twice; the second is ignored", goal_id, self._action)
             return
-        payload = Payload.from_value(self._interface.goal, message.goal, self._clock.time_ns)
+        payload = Payload.from_value(self._interface.goal, message.goal, self._graph.clock.time_ns)
         tracked = self._goals[goal_id] = Tracked(goal_id, stamp)
         events = GoalEvents(
             partial(self._on_result, tracked),
@@ -184,7 +182,7 @@ class ActionlibServer:
 
     def _on_cancel(self, message: Message) -> None:
         """Cancel all goals, the named one, or those sent no later than the stamp (ALB-07)."""
-        stamp = self._distro.time_ns(message.stamp)
+        stamp = self._graph.distro.time_ns(message.stamp)
         everything = not stamp and not message.id
         for tracked in tuple(self._goals.values()):
             named = bool(message.id) and tracked.id == message.id
@@ -204,16 +202,16 @@ class ActionlibServer:
             tracked.ended = STATUS[status]
             tracked.text = "" if tracked.goal is None else tracked.goal.reason
             result = outcome.value()
-        tracked.forget_at = self._clock.monotonic() + ENDED_GOALS_STAY
+        tracked.forget_at = self._graph.clock.monotonic() + ENDED_GOALS_STAY
         self._send(self._result, tracked, "result", result)
         self._publish_change()
 
     def _send(self, publisher: TopicPublisher, tracked: Tracked, part: str, message: Message) -> None:
-        header = {"stamp": self._distro.time(self._clock.time_ns())}
+        header = {"stamp": self._graph.distro.time(self._graph.clock.time_ns())}
         publisher.publish({"header": header, "status": self._status_of(tracked), part: message})
 
     def _status_of(self, tracked: Tracked) -> dict[str, object]:
-        goal_id = {"stamp": self._distro.time(tracked.stamp_ns), "id": tracked.id}
+        goal_id = {"stamp": self._graph.distro.time(tracked.stamp_ns), "id": tracked.id}
         return {"goal_id": goal_id, "status": int(tracked.status), "text": tracked.text}
 
     def _update_feedback_wanted(self) -> None:
@@ -230,7 +228,7 @@ class ActionlibServer:
             self._update_feedback_wanted()
 
     def _forget_ended(self) -> None:
-        now = self._clock.monotonic()
+        now = self._graph.clock.monotonic()
         ended = [tracked for tracked in self._goals.values() if tracked.ended is not None]
         for number, tracked in enumerate(ended):
             if tracked.forget_at <= now or number < len(ended) - MOST_ENDED:
@@ -245,7 +243,7 @@ class ActionlibServer:
             return
         self._status.publish(
             {
-                "header": {"stamp": self._distro.time(self._clock.time_ns())},
+                "header": {"stamp": self._graph.distro.time(self._graph.clock.time_ns())},
                 "status_list": [self._status_of(tracked) for tracked in self._goals.values()],
             }
         )

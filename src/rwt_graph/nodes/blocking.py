@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
 from rwt_graph.clock import Clock
 from rwt_graph.nodes.node import Node
 from rwt_participant.blocking import (
@@ -11,23 +14,30 @@ from rwt_participant.blocking import (
     BlockingSubscription,
     BlockingTransforms,
     BlockingVerbs,
+    LoopThread,
     holds,
     runs,
     waits,
 )
 
+T = TypeVar("T")
 
-class _GraphThread:
-    """Thread of a graph; satisfies :class:`rwt_participant.blocking.LoopThread`."""
+
+class _GraphThread(LoopThread):
+    """Thread of a graph."""
 
     def __init__(self, node: Node) -> None:
-        self.run = node.run
-        self.wait = node.run_blocking
-        self._graph = node.graph
+        self._node = node
 
     @property
     def here(self) -> bool:
-        return self._graph.on_graph_thread()
+        return self._node.graph.on_graph_thread()
+
+    def run(self, function: Callable[[], T]) -> T:
+        return self._node.run(function)
+
+    def wait(self, function: Callable[[], Awaitable[T]]) -> T:
+        return self._node.run_blocking(function)
 
 
 class BlockingClock(Blocking[Clock]):

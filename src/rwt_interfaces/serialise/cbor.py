@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_lists import Chunks, long_chunks, long_items
 from rwt_interfaces.serialise.long_strings import JoinedParts, Parts
 from rwt_interfaces.steps import Steps
 from rwt_interfaces.validation.numbers import little_endian
@@ -121,14 +121,12 @@ def compile_steps(message: MessageType) -> Callable[[msgspec.Struct, Chunks], St
             if fetch is None:
                 continue
             leaf = fetch(value)
-            if isinstance(field_type, field_types.Array) and (
-                path in apart or len(leaf) > CHUNK_ITEMS or holds_long_lists(field_type, leaf)
-            ):
-                is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
-                chunks = apart.get(path) or chunks_of(leaf, is_numbers)
-                yield from _long_array(parts, chunks, field_type.element)
-            else:
+            chunks = long_chunks(field_type, leaf, apart.get(path))
+            if chunks is None:
                 parts.append(encode(leaf))
+            else:
+                assert isinstance(field_type, field_types.Array)  # No other field has chunks.
+                yield from _long_array(parts, chunks, field_type.element)
         return parts.all()
 
     return encode_in_steps

@@ -17,7 +17,7 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_strings import LongString, RawText, cut_long_string
+from rwt_interfaces.serialise.long_strings import CutText, RawText, cut_long_string
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
 from rwt_interfaces.steps import Steps
 
@@ -71,7 +71,7 @@ class MessageJson:
         self._octets = not sized and "octets" in self._kinds
         self._texts = not sized and "string" in self._kinds
 
-    def cut(self, raw: RawText) -> Steps[LongString | None]:
+    def cut(self, raw: RawText) -> Steps[CutText | None]:
         """Return a large text in two parts, one short with a token; None without a dominant long string."""
         if self._octets or self._texts:
             return (yield from cut_long_string(raw, self._octets, self._texts))

@@ -32,7 +32,7 @@ from rwt_interfaces.serialise.json import (
     items_encoder,
     parse,
 )
-from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, is_long_list
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
 from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader, strict_annotation
@@ -438,29 +438,35 @@ def _complete_values(
     Raises:
         InvalidMessage: the message does not fit.
     """
+    long = list(_long_lists(message, value, ()))
+    if not long:
+        return None
     completion = Completion(now)
+    short = value
     lists: list[tuple[_Path, Steps[Any]]] = []
-    short = _without_lists(message, value, (), lists, completion)
-    return (yield from _complete(message, short, lists, completion)) if lists else None
+    for path, items, values in long:
+        short = _with_empty_list(short, path)
+        lists.append((path, items.complete_values(values, completion)))
+    return (yield from _complete(message, short, lists, completion))
 
 
-def _without_lists(
-    message: MessageType,
-    value: Mapping[str, object],
-    path: _Path,
-    lists: list[tuple[_Path, Steps[Any]]],
-    completion: Completion,
-) -> dict[str, object]:
-    short = dict(value)
+def _long_lists(
+    message: MessageType, value: Mapping[str, object], path: _Path
+) -> Iterator[tuple[_Path, _Items, list[object]]]:
+    """Yield the long lists in a message of plain values: the slots that lead there, decoders, and values."""
     for slot in message.slots:
         here, held = (*path, slot), value.get(slot.name)
         match slot.type:
             case field_types.Message() if isinstance(held, dict):
-                short[slot.name] = _without_lists(slot.type.type, held, here, lists, completion)
+                yield from _long_lists(slot.type.type, held, here)
             case field_types.Array(length=None) if isinstance(held, list) and len(held) > CHUNK_ITEMS:
-                lists.append((here, _items_of(slot.type).complete_values(held, completion)))
-                short[slot.name] = []
-    return short
+                yield here, _items_of(slot.type), held
+
+
+def _with_empty_list(value: Mapping[str, Any], path: _Path) -> dict[str, Any]:
+    """Return a copy of a message of plain values with an empty list at a path; all else is shared."""
+    slot, *rest = path
+    return {**value, slot.name: _with_empty_list(value[slot.name], tuple(rest)) if rest else []}
 
 
 def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
@@ -474,7 +480,7 @@ def _encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
         found: Any = value
         for slot in path:
             found = getattr(found, slot.attribute)
-        if len(found) <= CHUNK_ITEMS and not holds_long_lists(field_type, found):
+        if not is_long_list(field_type, found):
             continue
         short = put(short, field_types.attributes(path), TOKEN)
         parts = JoinedParts()

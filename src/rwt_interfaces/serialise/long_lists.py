@@ -61,6 +61,28 @@ def holds_long_lists(array: field_types.Array, items: Iterable[Any]) -> bool:
     return is_long is not None and any(map(is_long, items))
 
 
+def is_long_list(array: field_types.Array, items: Any) -> bool:
+    """Return True if a list is encoded in steps: it is long, or one of its items holds a long list."""
+    return len(items) > CHUNK_ITEMS or holds_long_lists(array, items)
+
+
+def long_chunks(
+    field_type: FieldType | None, value: Any, apart: Iterator[Any] | None
+) -> Iterator[Any] | None:
+    """Return the items of a long list, some at a time; None for another field.
+
+    Args:
+        field_type: type of the field; None for the filler of an empty message.
+        value: value of the field.
+        apart: items that were separated from the message, in place of the value.
+    """
+    if not isinstance(field_type, field_types.Array):
+        return None
+    if apart is None and is_long_list(field_type, value):
+        return chunks_of(value, isinstance(field_type.element, field_types.Int | field_types.Float))
+    return apart
+
+
 def plain(value: object) -> Any:
     """Messages as dicts, lists and scalars, octets as bytes."""
     # The hook gets arrays of numpy, which is not imported here.
@@ -76,9 +98,7 @@ def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
         value = getattr(message, slot.attribute)
         if isinstance(slot.type, field_types.Message):
             found[slot.name] = yield from plain_lists(slot.type.type, value)
-        elif isinstance(slot.type, field_types.Array) and (
-            len(value) > CHUNK_ITEMS or holds_long_lists(slot.type, value)
-        ):
+        elif isinstance(slot.type, field_types.Array) and is_long_list(slot.type, value):
             found[slot.name] = yield from _plain_items(slot.type, value)
         else:
             found[slot.name] = plain(value)

@@ -81,11 +81,12 @@ class JoinedParts:
         return tuple(self._parts)
 
 
-class LongString(NamedTuple):
+class CutText(NamedTuple):
     """Large JSON text in two parts.
 
     Attributes:
-        text: the JSON text with a token in place of its long string.
+        raw: the whole JSON text.
+        short: the JSON text with a token in place of its long string.
         token: letters of the token.
         content: validated content of the string, as between its quotes.
         is_base64: True if content and token are base64, with the same padding.
@@ -93,17 +94,18 @@ class LongString(NamedTuple):
         begin: offset of the content in the whole text.
     """
 
-    text: bytes
+    raw: RawText
+    short: bytes
     token: bytes
     content: RawText
     is_base64: bool
     unescaped: tuple[str, ...]
     begin: int
 
-    def moved(self, raw: bytes) -> LongString:
+    def moved(self, raw: bytes) -> CutText:
         """Return the same parts for a copy of the text."""
         end = self.begin + len(self.content)
-        return self._replace(content=memoryview(raw)[self.begin : end])
+        return self._replace(raw=raw, content=memoryview(raw)[self.begin : end])
 
 
 def token_for_text(length: int) -> bytes:
@@ -123,7 +125,7 @@ def token_for_base64(length: int, padding: int) -> bytes:
     return token[: -padding - 1] + b"A==="[: padding + 1] if padding else token
 
 
-def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString | None]:
+def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[CutText | None]:
     """Return the text with its long string cut out; None if it has none from near its start to near its end.
 
     Proof: if the text is JSON, the first quote begins a string, since all earlier strings have ended. The cut
@@ -147,7 +149,8 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
         token = token_for_base64(end - begin, bytes(content[-2:]).count(b"="))
     else:
         token = token_for_text(end - begin)
-    return LongString(b"".join((raw[:begin], token, raw[end:])), token, content, is_base64, unescaped, begin)
+    short = b"".join((raw[:begin], token, raw[end:]))
+    return CutText(raw, short, token, content, is_base64, unescaped, begin)
 
 
 def _begin(head: bytes) -> int:

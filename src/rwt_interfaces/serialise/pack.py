@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_lists import Chunks, long_chunks, long_items
 from rwt_interfaces.serialise.long_strings import Parts
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.steps import Steps
@@ -77,17 +77,12 @@ def _step_writer(message: MessageType, rules: WireRules) -> Callable[[bytearray,
 
     def write_in_steps(out: bytearray, value: Any, apart: Chunks) -> Steps[None]:
         for step, path, fetch, field_type in steps:
-            items = None if fetch is None else fetch(value)
-            if (
-                isinstance(field_type, field_types.Array)
-                and items is not None
-                and (path in apart or len(items) > CHUNK_ITEMS or holds_long_lists(field_type, items))
-            ):
-                is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
-                chunks = apart.get(path) or chunks_of(items, is_numbers)
-                yield from _long_array(out, chunks, field_type, rules)
-            else:
+            chunks = None if fetch is None else long_chunks(field_type, fetch(value), apart.get(path))
+            if chunks is None:
                 step(out, value)
+            else:
+                assert isinstance(field_type, field_types.Array)  # No other field has chunks.
+                yield from _long_array(out, chunks, field_type, rules)
 
     return write_in_steps
 

@@ -16,7 +16,7 @@ import pybase64
 
 from rwt_interfaces import field_types
 from rwt_interfaces.serialise.long_strings import (
-    LongString,
+    CutText,
     Parts,
     RawText,
     string_of,
@@ -90,16 +90,24 @@ def without_views(type: MessageType, message: msgspec.Struct) -> msgspec.Struct:
     return message
 
 
-def json_of_text(type: MessageType, message: msgspec.Struct, field: LongField) -> Steps[Parts]:
-    """Return a message in JSON, the long text in one of its fields written in steps."""
+def encode_long_text(type: MessageType, message: msgspec.Struct, field: LongField) -> Steps[Parts]:
+    """Encode a message as JSON, the long text of one field in steps.
+
+    The message is encoded with a token in that field. The encoded text then takes the token's place.
+
+    Returns:
+        The bytes before the text, the text without its quotes, and the bytes after it.
+    """
     text: str = field.fetch(message)
     token = token_for_text(len(text))
     before, _, after = type.json.encode(field.put(message, token.decode())).partition(token)
-    pieces: list[bytes] = []
+    # Escapes stand for single characters, so the pieces encode to the same bytes as the whole text.
+    encoded: list[bytes] = []
     for start in range(0, len(text), _TEXT_STEP_CHARS):
-        pieces.append(_encode_text(text[start : start + _TEXT_STEP_CHARS])[1:-1])
+        quoted = _encode_text(text[start : start + _TEXT_STEP_CHARS])
+        encoded.append(quoted[1:-1])
         yield
-    return before, b"".join(pieces), after
+    return before, b"".join(encoded), after
 
 
 class SplicedMessage:
@@ -124,16 +132,20 @@ class SplicedMessage:
         self._unescaped = unescaped
 
     @classmethod
-    def from_string(
-        cls, type: MessageType, short: msgspec.Struct, string: LongString
-    ) -> SplicedMessage | None:
-        """Return a message whose text was cut; None if the token is not in a long field of the type."""
-        text = string.token.decode()
+    def from_cut(cls, type: MessageType, short: msgspec.Struct, cut: CutText) -> SplicedMessage | None:
+        """Return a message whose text was cut; None if the token is not in a long field of the type.
+
+        Args:
+            type: type of the message.
+            short: message decoded from the short text, which holds the token.
+            cut: text with its long string.
+        """
+        text = cut.token.decode()
         # In a field of octets the short message holds the decoded token.
-        octets = pybase64.b64decode(string.token) if string.is_base64 else None
+        octets = pybase64.b64decode(cut.token) if cut.is_base64 else None
         for field in type.long_fields:
             if field.fetch(short) == (text if field.is_text else octets):
-                return cls(short, field, string.token, string.content, None, string.unescaped)
+                return cls(short, field, cut.token, cut.content, None, cut.unescaped)
         return None
 
     @classmethod
@@ -177,7 +189,7 @@ class SplicedMessage:
             self._octets = pybase64.b64decode(self._content, validate=True)
         return self._octets
 
-    def octets_in_steps(self) -> Steps[None]:
+    def prepare_octets(self) -> Steps[None]:
         """Make the :attr:`octets` of a text with escapes in steps."""
         if self._octets is None and self._unescaped:
             pieces: list[bytes] = []
@@ -227,6 +239,8 @@ class SplicedMessage:
 
     def detached(self) -> SplicedMessage:
         """Return the message without references to the receive buffer."""
+        if not isinstance(self._content, memoryview) and not isinstance(self._octets, memoryview):
+            return self
         detached = copy(self)
         detached._content = None if self._content is None else bytes(self._content)
         detached._octets = None if self._octets is None else bytes(self._octets)

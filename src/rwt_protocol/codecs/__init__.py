@@ -60,7 +60,7 @@ class Encoding:
     exclusive: Callable[[], Codec] | None = None
 
 
-_ENCODINGS: Final = {
+_REGISTERED: Final = {
     encoding.name: encoding
     for encoding in (
         Encoding("none", 0, JSON.publish_encoder),
@@ -86,10 +86,10 @@ _ENCODINGS: Final = {
     )
 }
 
-CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(_ENCODINGS)
+ENCODINGS: Final[Mapping[str, Encoding]] = MappingProxyType(_REGISTERED)
 """Encodings by name: the built-in ones, and those added by :func:`load_encoding`."""
 
-SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.exclusive is None)
+SELECTABLE: Final = tuple(encoding for encoding in ENCODINGS.values() if encoding.exclusive is None)
 """Built-in encodings that `compression` can select."""
 
 
@@ -114,20 +114,22 @@ def load_encoding(name: str) -> Encoding:
     Raises:
         ExtensionError: it is not installed, cannot be imported, or claims the first byte of another encoding.
     """
-    found = CODECS.get(name)
+    found = ENCODINGS.get(name)
+    # Named by settings or by a program, never by a peer, which must not cause imports.
     if found is None:
-        found = load_extension("rwt.codecs", name, CODECS)
+        found = load_extension("rwt.codecs", name, ENCODINGS)
         if not isinstance(found, Encoding) or found.name != name:
             raise ExtensionError(f"the entry point {name!r} of rwt.codecs is not an Encoding of that name")
         first_bytes = _first_bytes(found)
+        # Otherwise frames of existing clients would reach the new codec.
         if first_bytes.keys() & (_BINARY.keys() | _JSON_BYTES):
             raise ExtensionError(f"the encoding {name!r} begins with a byte of JSON or of another encoding")
-        _ENCODINGS[name] = found
+        _REGISTERED[name] = found
         _BINARY.update(first_bytes)
     return found
 
 
 def encoding_of(compression: str) -> Encoding:
     """Return the encoding that `compression` selects; unknown words select none (SUB-10)."""
-    found = CODECS.get(compression)
-    return CODECS["none"] if found is None or found.exclusive is not None else found
+    found = ENCODINGS.get(compression)
+    return ENCODINGS["none"] if found is None or found.exclusive is not None else found

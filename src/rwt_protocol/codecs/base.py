@@ -98,15 +98,14 @@ class SteppedEncoder(ABC):
     def encode_in_steps(self, sample: PublishedMessage) -> Steps[Frame]:
         """Encode a sample in steps."""
 
-    def encode(self, sample: PublishedMessage) -> Frame:
-        """Encode a sample at once."""
-        return finished(self.encode_in_steps(sample))
-
     def __call__(self, sample: PublishedMessage) -> Frame:
         """Return the frame of a sample, which subscribers share."""
         ready, self._ready = self._ready, None
-        return ready[1] if ready is not None and ready[0] is sample else self.encode(sample)
+        if ready is not None and ready[0] is sample:
+            return ready[1]
+        return finished(self.encode_in_steps(sample))
 
     def steps(self, sample: PublishedMessage) -> Iterator[None]:
         """Encode a sample in steps and keep the frame for the next call with that sample."""
+        # Compared by identity in the call: another sample may be encoded between these steps and the call.
         self._ready = (sample, (yield from self.encode_in_steps(sample)))

@@ -97,17 +97,11 @@ class _SampleEncoder(SteppedEncoder):
         super().__init__()
         self._topic = topic
 
-    def encode(self, sample: PublishedMessage) -> Frame:
-        """Encode a sample by one call of the library, in a third of the time of the steps."""
-        return Frame(_encoded(self._message(sample.payload.plain())), binary=True)
-
     def encode_in_steps(self, sample: PublishedMessage) -> Steps[Frame]:
         """Encode a sample in steps."""
-        message = self._message((yield from sample.payload.plain_in_steps()))
+        payload = yield from sample.payload.plain_in_steps()
+        message = {"op": "publish", "topic": self._topic, "msg": payload}
         return Frame(*(yield from encode_in_steps(message)), binary=True)
-
-    def _message(self, payload: object) -> dict[str, object]:
-        return {"op": "publish", "topic": self._topic, "msg": payload}
 
 
 def encode_in_steps(message: Mapping[str, object]) -> Steps[list[bytes]]:
@@ -119,6 +113,7 @@ def encode_in_steps(message: Mapping[str, object]) -> Steps[list[bytes]]:
     Raises:
         MalformedPayload: a name contains NUL.
     """
+    # One call of the library is three times as fast as the pieces.
     if _weight(message) < _PIECE:
         return [_encoded(message)]
     elements = yield from _elements(message.items())
@@ -143,6 +138,7 @@ def _elements(members: Iterable[tuple[str, object]]) -> Steps[list[bytes]]:
     for name, value in members:
         weighs = _weight(value)
         if weight + weighs > _PIECE and together:
+            # Without length and end mark, a document is the sequence of its elements.
             parts.append(_encoded(together)[_LENGTH.size : -1])
             together, weight = {}, 0
             yield
@@ -175,6 +171,7 @@ def _items(values: list[object]) -> Steps[list[bytes]]:
     parts: list[bytes] = []
     for start in range(0, len(values), _NUMBERS):
         some = values[start : start + _NUMBERS]
+        # Same length, so that the indices of the remaining items stay valid.
         values[start : start + len(some)] = repeat(None, len(some))
         names = map(str, range(start, start + len(some)))
         if _SCALARS.issuperset(map(type, some)):
@@ -215,6 +212,7 @@ def _encoded(message: Mapping[str, object]) -> bytes:
     try:
         return _encode(message)
     except OverflowError:
+        # Rare, so the copy with doubles is made only after the library has rejected the message.
         return _encode({key: _within(value) for key, value in message.items()})
     except InvalidDocument as error:
         raise MalformedPayload(f"not a value that BSON has: {error}") from None

@@ -50,6 +50,7 @@ def check_structure(data: bytes, limits: WireLimits) -> Steps[bool]:
     left, place, is_too_deep = limits.structure_bytes, _LENGTH.size, False
     for walked in count(1):
         end, shift = nested[-1]
+        # Matched as runs, in C: element by element, large arrays would take many times as long.
         run = _NUMBERS.match(data, place)
         begin = place if run is None else run.end()
         if begin - place > _LONG_RUN_BYTES or walked % _STEP_ELEMENTS == 0:
@@ -67,6 +68,7 @@ def check_structure(data: bytes, limits: WireLimits) -> Steps[bool]:
         elif kind in (_DOCUMENT, _ARRAY):
             (size,) = _LENGTH.unpack_from(data, place)
             nested.append((place + size, 3 if kind == _ARRAY else 2))
+            # Walked to the end nevertheless: a message that is only too deep is still read for the answer.
             is_too_deep |= len(nested) > limits.max_depth
             place += _LENGTH.size
             left -= place - begin

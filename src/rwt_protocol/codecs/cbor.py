@@ -70,6 +70,7 @@ class CborCodec(SteppedCodec, ObjectCodec):
             )
         except cbor2.CBORError:
             return (DecodeFailure(_NOT_CBOR),)
+        # cbor2 stops behind the first value and ignores the rest.
         if stream.tell() != len(data):
             return (DecodeFailure("not CBOR: more than one value in the frame"),)
         if not isinstance(found, dict):
@@ -119,6 +120,7 @@ def raw_publish_frame(prefix: bytes, data: Sequence[Buffer], stamp_ns: int) -> F
         stamp_ns: ROS time, nanoseconds since the epoch. The keys are secs and nsecs in both ROS versions.
     """
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    # A map of three members; its last one, `bytes`, continues with the data behind this prefix.
     stamp = b"\xa3\x64secs" + head_of(0, seconds) + b"\x65nsecs" + head_of(0, nanoseconds)
     return Frame(prefix + stamp + b"\x65bytes" + head_of(2, sum(map(len, data))), *data, binary=True)
 

@@ -41,6 +41,7 @@ def _decoder(other: Any) -> msgspec.json.Decoder[Members]:
 
     `other` is the type of members that are not payloads.
     """
+    # A dict keeps the order of the first occurrence, which a set would lose.
     names = dict.fromkeys(
         (*_FIRST, *(name for spec in OPS.values() for name in spec.model.model_fields), *_OTHERS)
     )

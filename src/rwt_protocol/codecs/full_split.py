@@ -129,6 +129,7 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure
     except UnicodeDecodeError as error:
         return (DecodeFailure(f"not UTF-8, at byte {error.start}"),)
     except (msgspec.DecodeError, RecursionError) as error:
+        # A search for further messages in a large invalid frame would hold the event loop.
         if (
             len(data) > _MOST_LOOKED_AT
             and isinstance(error, msgspec.DecodeError)
@@ -190,9 +191,11 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
             found.append(DecodeFailure.too_deep(max_depth))
             break
         except msgspec.DecodeError as error:
+            # Once per frame: the constants are replaced in all of the rest, so a second try finds none.
             if not cleaned and len(rest) - position <= _MOST_LOOKED_AT:
                 rest, position, cleaned = _without_constants(rest[position:]), 0, True
                 continue
+            # Never resumed inside a broken object: its text could contain what looks like a message.
             if rest[position] in b"{[":
                 found.append(_broken(error, rest[position:]))
                 break
@@ -249,6 +252,7 @@ def _without_constants(text: bytes) -> bytes:
     if (b"NaN" not in text and b"Infinity" not in text) or text.count(b'"') > 2 * _MOST_TEXTS:
         return text
     parts = _STRING_APART.split(text)
+    # Joined, so that three replacements serve all texts between strings. JSON has no zero bytes.
     between = b"\0".join(parts[::2])
     for constant in (b"-Infinity", b"Infinity", b"NaN"):
         between = between.replace(constant, b"null")
@@ -284,6 +288,7 @@ def _readable(piece: bytes) -> tuple[Members, str]:
     wrong = ""
     for name, raw in _decode_no_member(piece).items():
         assert isinstance(raw, msgspec.Raw)
+        # For the answer only, so what is costly to decode is left out.
         if name in UNDECODED or len(memoryview(raw)) > MOST_MEMBER or _is_slow(bytes(raw)):
             continue
         try:
@@ -334,6 +339,7 @@ def _brackets(data: bytes) -> bytes:
     removed. Only then are the quotes before each bracket counted.
     """
     if b"\\" in data:
+        # Escaped backslashes first: in `\\"` the quote is not escaped.
         data = data.replace(b"\\\\", b"").replace(b'\\"', b"")
     kept = data.translate(_SAME_KIND, _NOT_STRUCTURE).replace(b'""', b"")
     if b'"' not in kept:
@@ -344,6 +350,7 @@ def _brackets(data: bytes) -> bytes:
 
     each = np.frombuffer(kept, np.uint8)
     quotes = each == ord('"')
+    # The count may overflow: only whether it is odd matters.
     inside = np.cumsum(quotes, dtype=np.uint8) & 1 == 1
     outside: bytes = each[~(quotes | inside)].tobytes()
     return outside

@@ -87,6 +87,7 @@ def split_large(data: bytes, max_depth: int, dense: str = "") -> Members | None:
     if head is None:
         return None
     begin = head.end()
+    # At least two bytes of payload, `{}`, so that head and tail cannot overlap.
     tail = _TAIL.search(data, max(begin + 2, len(data) - _TAIL_SIZE))
     if tail is None:
         return None
@@ -94,10 +95,12 @@ def split_large(data: bytes, max_depth: int, dense: str = "") -> Members | None:
     quoted = head[1]
     envelope = data[:begin] + b"0" + data[end:]
     members = _read_envelope(envelope)
+    # A second member of that name would replace the payload, because the last of equal keys wins.
     if members is None or envelope.count(quoted) != 1:
         return None
     name = quoted[1:-1].decode()
     op = members.get("op")
+    # In other ops the member is no payload, so the slice would never be checked.
     if not isinstance(op, str) or name not in PAYLOADS.get(op, ()):
         return None
     validate = partial(_refuse, dense) if dense else partial(_validate, data, name, envelope, max_depth)
@@ -131,6 +134,7 @@ def _validate(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:
         raise MalformedPayload(members.reason)
     raw = members[name]
     rest = {key: bytes(v) if isinstance(v, msgspec.Raw) else v for key, v in members.items() if key != name}
+    # The session has acted on these members already, so the full parse must find the same ones.
     seen = _read_envelope(envelope) or {}
     shown = {key: bytes(v) if isinstance(v, msgspec.Raw) else v for key, v in seen.items() if key != name}
     if rest != shown or not isinstance(raw, msgspec.Raw):

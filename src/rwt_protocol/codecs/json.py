@@ -53,6 +53,7 @@ class JsonCodec:
             members = split_large(data, max_depth, dense)
             if members is not None:
                 return (members,)
+            # A full parse would make an object for each bracket of the payload.
             if dense:
                 return (DecodeFailure(dense),)
         return split_whole(data, max_depth)
@@ -62,8 +63,10 @@ class JsonCodec:
 
         Writes required and given members, payloads, and members that readers rely on; omits None.
         """
+        # Bytes collect in `text` until a payload, so that a frame has as few parts as possible.
         text, layout = _LAYOUT[type(op)]
         given = op.model_fields_set
+        # Faster than attributes, which Python looks up in the model's class first.
         members = op.__dict__
         parts: list[Buffer] = []
         for name, key, always, is_payload in layout:

@@ -26,35 +26,41 @@ def members_of(found: Mapping[object, object] | Mapping[str, object], size: int)
 def members_within(
     found: Mapping[object, object] | Mapping[str, object], size: int, max_depth: int, smallest_level: int = 1
 ) -> Members | DecodeFailure:
-    """Same as :func:`members_of`, with a check of the depth for libraries that have none.
+    """Return the members as :func:`members_of` does, or a failure if the message is nested too deeply.
+
+    Codecs need it whose library has no limit of its own.
 
     Args:
-        max_depth: maximum number of open objects and arrays, including the message.
-        smallest_level: minimum bytes of a nested object.
+        found: decoded message.
+        size: bytes of the encoded message.
+        max_depth: maximum number of objects and arrays within each other, including the message.
+        smallest_level: minimum bytes of an encoded object or array.
     """
     members = members_of(found, size)
-    if size > smallest_level * max_depth and _deeper_than(found, max_depth):
+    # Every level takes bytes, so only a message of some size can be too deep and has to be walked.
+    can_be_too_deep = size > smallest_level * max_depth
+    if can_be_too_deep and _is_deeper_than(found, max_depth):
         return DecodeFailure.too_deep(max_depth, members)
     return members
 
 
-def _deeper_than(found: object, limit: int) -> bool:
-    """Return True if more than `limit` documents and arrays are open at once, including `found`."""
-    level = [found]
+def _is_deeper_than(message: object, limit: int) -> bool:
+    """Return True if more than `limit` objects and arrays are within each other, including the message."""
+    # Level by level and without recursion, because the message comes from a peer.
+    containers = [message]
     for _ in range(limit):
-        level = [
-            child
-            for each in level
-            for child in (each.values() if isinstance(each, dict) else each if isinstance(each, list) else ())
-            if isinstance(child, dict | list)
-        ]
-        if not level:
+        inner: list[object] = []
+        for each in containers:
+            children = each.values() if isinstance(each, dict) else each if isinstance(each, list) else ()
+            inner += [child for child in children if isinstance(child, dict | list)]
+        if not inner:
             return False
+        containers = inner
     return True
 
 
 class ObjectCodec(ABC):
-    """Encoder of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+    """Encoder for a codec that encodes whole messages; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     @abstractmethod
     def frame(self, message: Mapping[str, object]) -> Frame:
@@ -69,6 +75,7 @@ class ObjectCodec(ABC):
         message: dict[str, object] = {"op": op.op}
         payloads = PAYLOADS[op.op]
         for name, value in op:
+            # A failure is a string where the values would be (SRV-05).
             if name in payloads and not isinstance(value, str):
                 message[name] = value.plain()
             elif (name in op.model_fields_set or name in RELIED_ON) and value is not None:

@@ -62,7 +62,7 @@ def encode(frame: Frame) -> Frame:
     The compression level depends on the size and on how well a sample compresses. Compressible text takes
     about 5 ms per MB, other text up to 14 ms, or 9 ms with the extra `fast`.
     """
-    return finished(encode_in_steps(frame.data))
+    return finished(_image_frame(frame.data))
 
 
 def _joined(parts: Sequence[Buffer]) -> Steps[bytearray]:
@@ -74,7 +74,7 @@ def _joined(parts: Sequence[Buffer]) -> Steps[bytearray]:
     return text
 
 
-def encode_in_steps(data: bytes | bytearray) -> Steps[Frame]:
+def _image_frame(data: bytes | bytearray) -> Steps[Frame]:
     """Encode a JSON text as a `png` message, in steps of a millisecond at most."""
     text = yield from _ascii(data)
     width = max(1, int(math.sqrt(len(text) / 3)))
@@ -93,7 +93,7 @@ class PngEncoder(SteppedEncoder):
     def encode_in_steps(self, sample: PublishedMessage) -> Steps[Frame]:
         """Encode a sample in steps of a millisecond at most."""
         text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
-        return (yield from encode_in_steps(text))
+        return (yield from _image_frame(text))
 
 
 def publish_encoder(topic: str) -> PngEncoder:
@@ -123,9 +123,11 @@ def decode(data: str, max_size: int) -> bytes:
         rows = unpacker.decompress(compressed, row * height)
     except zlib.error:
         raise Refused("png.data: the picture is damaged") from None
+    # decompress() stops at the limit, so a bomb yields no more than its header announces.
     if len(rows) != row * height:
         raise Refused("png.data: the picture is cut short")
     if any(rows[::row]):
+        # Filtered rows depend on their neighbours: Pillow reads them far faster than a loop here.
         return _filtered(picture)
     return b"".join(rows[start + 1 : start + row] for start in range(0, len(rows), row))
 
@@ -134,6 +136,7 @@ def _ascii(text: bytes | bytearray) -> Steps[bytes | bytearray]:
     """Escape everything beyond ASCII: clients read the pixels byte by byte (PNG-05)."""
     if text.isascii():
         return text
+    # Incremental, because a step may end within a character.
     decode = codecs.getincrementaldecoder("utf-8")().decode
     pieces = []
     for start in range(0, len(text), _STEP):

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     OpToServer = Op
     OpToClient = Op
 else:
-
+    # Built from the table, so that a new op cannot be missing; type checkers see the base class.
     def _union(*directions: Direction) -> object:
         models = tuple(spec.model for spec in _SPECS if spec.direction in directions)
         return Annotated[Union[models], Field(discriminator="op")]  # noqa: UP007 - `|` cannot join a tuple

@@ -121,6 +121,7 @@ class ActionResult(Op):
 
 def refuse_goal(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
     """Reject a goal with a result, which its sender waits for (ACT-04, ACT-05)."""
+    # Neither member could be matched by the sender, so the text goes out as a status.
     if not reply_to.name and reply_to.id is None:
         return refuse_with_status(reply_to, reason, level)
     return ActionResult(action=reply_to.name, values=reason, result=False, status=_UNKNOWN, id=reply_to.id)

@@ -77,6 +77,7 @@ class Opaque:
 
     def _written(self, value: object) -> object:
         """Return a member as written by a program: an object that codecs can encode, or the value itself."""
+        # By its methods: messages of rwt_interfaces qualify, which this package does not import.
         if hasattr(value, "json") and hasattr(value, "plain") and not isinstance(value, type):
             return value
         try:
@@ -102,6 +103,7 @@ def opaque_or_empty(raw: msgspec.Raw | RawPayload) -> RawPayload:
 def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
     """Same as :func:`opaque_or_empty`; strings, as in failures, are decoded (SRV-05)."""
     payload = opaque_or_empty(raw)
+    # In CBOR and BSON the text of a failure is decoded already.
     if isinstance(payload, Decoded):
         return payload.value if isinstance(payload.value, str) else payload
     return msgspec.json.decode(payload.data, type=str) if payload.kind == "string" else payload

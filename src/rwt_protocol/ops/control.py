@@ -32,6 +32,7 @@ def _floor(value: object) -> object:
 def _whole_seconds(value: object) -> object:
     """Return whole seconds from an integer, a float or ``{sec, nanosec}`` (AUT-02, AUT-05)."""
     if isinstance(value, dict):
+        # ROS 2 names the field sec, ROS 1 secs.
         value = value.get("sec", value.get("secs"))
     return math.floor(value) if isinstance(value, float) and math.isfinite(value) else value
 
@@ -52,6 +53,7 @@ Seconds = Annotated[
 
 def _set_level(name: str) -> str:
     """Accept the three names that are in use for this op (X02)."""
+    # The model keeps one name, so that handlers and tables need not know the others.
     return "set_level"
 
 

@@ -90,6 +90,7 @@ def refuse_call(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
 
     Calls without a service and without an id cannot be answered.
     """
+    # Neither member could be matched by the caller, so the text goes out as a status.
     if not reply_to.name and reply_to.id is None:
         return refuse_with_status(reply_to, reason, level)
     return ServiceResponse(service=reply_to.name, values=reason, result=False, id=reply_to.id)

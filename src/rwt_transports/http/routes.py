@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import ipaddress
 import re
+from abc import ABC, abstractmethod
 from base64 import b64encode
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -81,13 +82,17 @@ def joined_headers(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
     return headers
 
 
-class Work(Protocol):
+class WorkAccount(ABC):
     """Rate-limited account of the work for the clients of an address."""
 
+    __slots__ = ()
+
     @property
+    @abstractmethod
     def excess(self) -> float:
         """Return the seconds until they are within their rate again; 0.0 if they are."""
 
+    @abstractmethod
     def add(self, seconds: float, kind: Literal["pages", "pictures"]) -> None:
         """Add seconds of processor time used outside the page itself, such as in threads or streams."""
 
@@ -96,7 +101,7 @@ class Reader(Protocol):
     """Sender of a request for a page: visible graph and charged work."""
 
     @property
-    def work(self) -> Work:
+    def work(self) -> WorkAccount:
         """Account of the work for the reader's address."""
 
     def may_subscribe(self, topic: str) -> bool:

@@ -47,7 +47,7 @@ driver has to see when they are complete."""
 SMALL_PART_BYTES = 16 * 1024
 """Smaller parts are joined with the header rather than written separately."""
 
-_LONGEST_USUAL_HEADER = 8
+_LONGEST_SMALL_HEADER = 8
 """Size of the header of a masked frame of less than 64 KiB, including its key."""
 
 _SHORT = Struct("!BB").pack
@@ -69,9 +69,12 @@ def _server_header(frame: Frame) -> bytes:
 
 def server_whole(frame: Frame) -> bytes:
     """Return a message as one unmasked frame."""
-    if frame.size < 126:
-        # Most replies; without the call of `_server_header`.
-        return b"".join((_SMALL_HEADERS[BINARY if frame.binary else TEXT][frame.size], *frame.parts))
+    size = frame.size
+    if size < 65536:
+        # Nearly all messages; without the call of `_server_header`.
+        opcode = BINARY if frame.binary else TEXT
+        header = _SMALL_HEADERS[opcode][size] if size < 126 else _MEDIUM(0x80 | opcode, 126, size)
+        return b"".join((header, *frame.parts))
     return b"".join((_server_header(frame), *frame.parts))
 
 
@@ -256,14 +259,14 @@ class WebSocketWire:
 
     Attributes by purpose:
 
-    * Role and limits: ``_server``, ``_max_size``, ``_strict`` (True if text must be UTF-8), ``_events``,
+    * Role and limits: ``_server``, ``_small_frames`` (mask bit, bytes of the shortest header, and maximum
+      size of the frames that arrive), ``_max_size``, ``_strict`` (True if text must be UTF-8), ``_events``,
       ``_buffers``.
     * ``_state``: state of the connection.
     * ``_progress``: **NONE** between messages; **FRAGMENTED** after the first fragment of one, with
       ``_parts`` (its payload so far) and ``_parts_binary``; **SKIPPED** while one that is too large is
       skipped, with ``_head`` (its first bytes, until they are reported).
-    * ``_is_usual``: True if the next frame is likely whole, small and masked; derived from role and progress
-      for speed.
+    * ``_is_usual``: True if ``_progress`` is **NONE**, for speed.
     * Frame: ``_tail``, ``_staged``, ``_skip`` (bytes to skip), ``_skip_last`` (True if that frame ends its
       message).
     * ``_is_held``: True while nothing more is read, see :meth:`hold`.
@@ -274,8 +277,8 @@ class WebSocketWire:
 
     __slots__ = (
         "_buffers", "_events", "_head", "_is_held", "_is_usual", "_max_size", "_parts", "_parts_binary",
-        "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict", "_tail",
-        "framing", "message",
+        "_progress", "_server", "_skip", "_skip_last", "_small_frames", "_staged", "_state", "_strict",
+        "_tail", "framing", "message",
     )  # fmt: skip
 
     def __init__(
@@ -284,13 +287,14 @@ class WebSocketWire:
         self._events = events
         self._max_size = limits.message_bytes
         self._server = server
+        self._small_frames = (0x80, 6, self._max_size) if server else (0, 2, self._max_size)
         self.framing = SERVER_FRAMING if server else CLIENT_FRAMING
         self._strict = limits.strict_utf8
         self._buffers = buffers
         self.message: Callable[[bytes, bool], None] = drop_message
         self._state = _WireState.OPEN
         self._progress = _Progress.NONE
-        self._is_usual = server
+        self._is_usual = True
         self._parts = bytearray()
         self._parts_binary = False
         self._head: _SkippedHead | None = None
@@ -321,6 +325,7 @@ class WebSocketWire:
 
     def feed(self, data: bytes) -> None:
         position = 0
+        mask_bit, header_bytes, most = self._small_frames
         try:
             if self._staged is not None:
                 position = self._stage(self._staged, data, 0)
@@ -336,11 +341,34 @@ class WebSocketWire:
                 if self._skip:
                     position = self._skip_some(data, position, end)
                     continue
-                if self._is_usual:
-                    following = self._read_usual(data, position, end)
-                    if following != position:
-                        position = following
-                        continue
+                # Whole messages of less than 64 KiB, nearly all that peers send: final text or binary frames
+                # without reserved bits. Anything else is left to `_read_frame`, which checks the rules. Local
+                # names, and no calls but those of C and of the endpoint: the loop runs once per message.
+                while self._is_usual and not self._is_held and end - position >= _LONGEST_SMALL_HEADER:
+                    first = data[position]
+                    # Negative or above 127 if the mask bit is wrong.
+                    size = data[position + 1] - mask_bit
+                    start = position + header_bytes
+                    if size == 126:
+                        size = data[position + 2] << 8 | data[position + 3]
+                        start += 2
+                        if size < 126:
+                            break
+                    elif size > 126:
+                        break
+                    stop = start + size
+                    if (first != 0x81 and first != 0x82) or size < 0 or stop > end or size > most:
+                        break
+                    payload = data[start:stop]
+                    if mask_bit:
+                        payload = apply_mask(payload, data[start - 4 : start])
+                    position = stop
+                    if self._strict and first == 0x81:
+                        _require_utf8(payload)
+                    # Without `_deliver`: messages of less than 64 KiB do not matter to the pool.
+                    self.message(payload, first == 0x82)
+                if position == end or self._is_held:
+                    continue
                 following = self._read_frame(data, position, end)
                 if following == position:
                     self._tail = data[position:]
@@ -397,36 +425,6 @@ class WebSocketWire:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=False)
 
-    def _read_usual(self, data: bytes, position: int, end: int) -> int:
-        """Read whole, masked, small messages, nearly all that clients send. Returns the position of anything
-        else, or the end."""
-        # Local names, and no calls but those of C and of the endpoint: the loop runs once per message.
-        most = self._max_size
-        while end - position >= _LONGEST_USUAL_HEADER and self._is_usual and not self._is_held:
-            first = data[position]
-            # Negative if the mask bit is missing, so that the full reader rejects the frame.
-            size = data[position + 1] - 0x80
-            start = position + 6
-            if size == 126:
-                size = data[position + 2] << 8 | data[position + 3]
-                start = position + 8
-                if size < 126:
-                    return position
-            elif size == 127:
-                return position
-            stop = start + size
-            # Only a final text or binary frame without reserved bits; all else goes through `_check`.
-            if (first != 0x81 and first != 0x82) or size < 0 or stop > end or size > most:
-                return position
-            payload = apply_mask(data[start:stop], data[start - 4 : start])
-            position = stop
-            if self._strict:
-                self._deliver(payload, first == 0x82)
-            else:
-                # Without `_deliver`: messages of less than 64 KiB do not matter to the pool.
-                self.message(payload, first == 0x82)
-        return position
-
     def _read_frame(self, data: bytes, position: int, end: int) -> int:
         """Read the frame at `position`. Returns the position of the next one, or `position` if the header is
         incomplete."""
@@ -443,12 +441,6 @@ class WebSocketWire:
             size = _long_size(data[position + 2 : start])
         if second > 127:
             start += 4
-        elif not self._server and self._progress is _Progress.NONE and (first == 0x81 or first == 0x82):
-            # Nearly every frame from a server: the same, and not masked.
-            stop = start + size
-            if stop <= end and size <= self._max_size:
-                self._deliver(data[start:stop], first == 0x82)
-                return stop
         if start > end:
             return position
         self._check(first, size, masked=second > 127)
@@ -604,14 +596,11 @@ class WebSocketWire:
         self._buffers.release(self)
         self._parts = bytearray()
         self._progress = _Progress.NONE
-        self._is_usual = self._server
+        self._is_usual = True
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
         if self._strict and not binary:
-            try:
-                payload.decode()
-            except UnicodeDecodeError:
-                raise ProtocolViolation(INVALID_DATA, "a text message must be UTF-8") from None
+            _require_utf8(payload)
         if len(payload) < DIRECT_BYTES:
             self.message(payload, binary)
         else:
@@ -625,6 +614,14 @@ class WebSocketWire:
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)
+
+
+def _require_utf8(payload: bytes) -> None:
+    """Raise ProtocolViolation if a text message is not UTF-8."""
+    try:
+        payload.decode()
+    except UnicodeDecodeError:
+        raise ProtocolViolation(INVALID_DATA, "a text message must be UTF-8") from None
 
 
 def _long_size(field: bytes) -> int:

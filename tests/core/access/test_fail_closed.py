@@ -16,6 +16,7 @@ import msgspec
 import pytest
 
 import rwt
+import rwt_webrtc
 from rwt import Settings
 from rwt.access import decisions
 from rwt.access.access import Access
@@ -176,9 +177,10 @@ async def test_a_gateway_has_the_verbs_of_its_row_and_no_others(
 
 
 def test_a_gateway_declares_the_verbs_that_it_uses() -> None:
-    folders = {"whip": "media/webrtc"}
+    root = Path(rwt.__file__).parent
+    folders = {"rosbridge": root / "rosbridge", "whip": Path(rwt_webrtc.__file__).parent / "media"}
     for gateway in decisions.gateways():
-        folder = Path(rwt.__file__).parent / folders.get(gateway, f"gateways/{gateway}")
+        folder = folders.get(gateway, root / "extensions" / gateway)
         text = "".join(file.read_text() for file in folder.rglob("*.py"))
         used = {verb for verb in decisions.VERBS if re.search(rf"(?:client|graph)\.{verb}\(", text)}
         # The agents' view of the robot has all verbs, and no tool uses these.
@@ -287,7 +289,7 @@ def _act(client: ClientGraph, verb: str, kind: str) -> list[object]:
             publisher.publish(Payload.from_value(publisher.type, _message(verb, kind)))
         elif verb == "call_service":
             client.call_service(
-                name, lambda type: Payload.from_value(type.request, _message(verb, kind)), outcomes.append
+                name, lambda type: Payload.from_value(type, _message(verb, kind)), outcomes.append
             )
         else:
             client.send_goal(

@@ -410,7 +410,7 @@ def test_a_stop_has_no_rate_and_no_quota(op: str) -> None:
     graph = client.peer.graph
     trigger = robot.graph.registry.service("std_srvs/Trigger")
     robot.graph.participant("/base").advertise_service("/never", trigger, lambda call: None)
-    graph.call_service("/never", lambda type: Payload.from_value(type.request, {}), lambda reply: None)
+    graph.call_service("/never", lambda type: Payload.from_value(type, {}), lambda reply: None)
     graph.advertise("/elsewhere", TWIST, "mark")
     with pytest.raises(QuotaExceeded):
         graph.advertise("/elsewhere_too", TWIST, "another mark")

@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from rwt.access.access import Access
-from rwt.access.quotas import Work
+from rwt.access.quotas import WorkLimit
 from rwt.composition.pages import guarded
 from rwt.gateways.base import client_scheduler
 from rwt.rosbridge.bridge import Bridge
@@ -68,7 +68,7 @@ class Server:
     def client(self, address: str = ADDRESS) -> Client:
         return Client(self.bridge, address)
 
-    def work_of(self, address: str) -> Work:
+    def work_of(self, address: str) -> WorkLimit:
         return self.access.reader(PeerInfo("http", address)).work
 
 

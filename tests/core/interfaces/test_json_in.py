@@ -12,12 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_interfaces import payload as payload_form
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import long_strings
+from rwt_interfaces.serialise import json_reader, long_strings
 
 REGISTRIES = {1: Registry(NOETIC), 2: Registry(JAZZY)}
 REGISTRIES[2].add_text("string<=3 s\nuint8[<=2] u\nint8[] i\nbyte[] b\nchar c\nwstring w", "t_msgs/Odd")
@@ -405,14 +404,14 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
     raw = text.encode()[: len(text.encode()) - cut]
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
-        small.setattr(payload_form, "LONG_STRING_BYTES", 1 << 30)
+        small.setattr(json_reader, "LONG_STRING_BYTES", 1 << 30)
         plain = accepts(name, raw)
         small.setattr(long_strings, "BASE64_PIECE_BYTES", 16)
         small.setattr(long_strings, "TEXT_PIECE_BYTES", 16)
         for margin, at_once in product((12, 24, 60), (0, 1 << 20)):
             small.setattr(long_strings, "MARGIN_BYTES", margin)
             small.setattr(long_strings, "AT_ONCE_BYTES", at_once)
-            small.setattr(payload_form, "LONG_STRING_BYTES", 4 * margin)
+            small.setattr(json_reader, "LONG_STRING_BYTES", 4 * margin)
             assert accepts(name, raw) == plain
 
 

@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from rwt_interfaces import payload as payload_form
 from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import large_json
+from rwt_interfaces.serialise import json_reader, large_json
 from rwt_interfaces.serialise.json import MAX_VALUES
 from rwt_interfaces.steps import Steps, finished
 from rwt_interfaces.validation import lenient_decoder
@@ -82,9 +81,9 @@ def test_steps_come_to_what_is_made_at_once(
 ) -> None:
     kind, message = MESSAGES[name]
     type = REGISTRY.message(kind)
-    whole = Payload(type, None, type.decode_leniently(message, _now))
+    whole = Payload(type, type.decode_leniently(message, _now))
     raw = json.dumps(message, indent=indent).encode()
-    monkeypatch.setattr(payload_form, "WHOLE_BYTES", 1 << 14)
+    monkeypatch.setattr(json_reader, "WHOLE_BYTES", 1 << 14)
     monkeypatch.setattr(large_json, "CHUNK_BYTES", 1 << 14)
     steps, payload = _taken(Payload.from_json_in_steps(type, raw, _now))
     assert steps >= len(raw) // 64_000
@@ -170,8 +169,8 @@ def test_values_in_long_lists_are_completed_in_steps_beside_fixed_arrays() -> No
 
 def test_items_that_lack_much_are_completed_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(large_json, "MAX_GROWTH_BYTES", 0)
-    monkeypatch.setattr(payload_form, "SLOW_BYTES", 0)
-    monkeypatch.setattr(payload_form, "WHOLE_BYTES", 0)
+    monkeypatch.setattr(json_reader, "SLOW_BYTES", 0)
+    monkeypatch.setattr(json_reader, "WHOLE_BYTES", 0)
     raw = b'{"poses":[' + b",".join([b"{}"] * 1_500) + b'],"header":{}}' + b" " * 4096
     steps, payload = _taken(Payload.from_json_in_steps(REGISTRY.message("nav_msgs/Path"), raw, _now))
     assert len(payload.value().poses) == 1_500

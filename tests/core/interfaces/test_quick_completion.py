@@ -84,7 +84,7 @@ def messages(message: MessageType) -> st.SearchStrategy[dict[str, Any]]:
 
 def _outcome(message: MessageType, made: Any) -> tuple[object, ...]:
     """A message in every form."""
-    payload = Payload(message, None, made)
+    payload = Payload(message, made)
     return bytes(payload.json()), bytes(payload.cbor()), bytes(payload.serialised())
 
 

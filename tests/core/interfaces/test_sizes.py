@@ -31,7 +31,7 @@ CASES: list[tuple[str, Any, int]] = [
 def test_each_object_and_number_counts(name: str, message: Any, size: int) -> None:
     type = Registry().message(name)
     checked = Payload.from_value(type, message)
-    own = Payload(type, None, checked.value())
+    own = Payload(type, checked.value())
     assert checked.kept_size == own.kept_size == size
 
 

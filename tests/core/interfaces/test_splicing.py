@@ -17,13 +17,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from rwt_interfaces import payload as payload_form
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import cbor, large_json, long_lists, long_strings, pack, splice
+from rwt_interfaces.serialise import json_reader, large_json, long_lists, long_strings, splice
 from rwt_interfaces.steps import finished
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
@@ -155,7 +154,7 @@ def wholly(kind: MessageType, raw: bytes) -> object:
         value: Any = json.loads(raw)
     except ValueError:
         return "not valid JSON"
-    return outcome(lambda: Payload(kind, None, kind.decode_leniently(value, now)))
+    return outcome(lambda: Payload(kind, kind.decode_leniently(value, now)))
 
 
 @settings(max_examples=1000)
@@ -187,11 +186,11 @@ def test_to_splice_is_to_decode_and_encode(
         small.setattr(long_strings, "BASE64_PIECE_BYTES", 64)
         small.setattr(long_strings, "TEXT_PIECE_BYTES", 64)
         for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES", "LONG_FORMS_BYTES"):
-            small.setattr(payload_form, limit, 1)
+            small.setattr(json_reader, limit, 1)
         small.setattr(large_json, "CHUNK_BYTES", piece)
         small.setattr(large_json, "SLOW_CHUNK_BYTES", piece // 2)
         small.setattr(long_strings, "LONG_PART_BYTES", piece)
-        for module in (long_lists, large_json, cbor, pack):
+        for module in (long_lists, large_json):
             small.setattr(module, "CHUNK_ITEMS", 2)
         small.setattr(long_lists, "CHUNK_NUMBERS", 3)
         small.setattr(splice, "LONG_TEXT_CHARS", 20)
@@ -234,11 +233,11 @@ def test_one_byte_changed_is_found_wherever_it_is(
     changed = raw[:place] + (bytes([change]) if length >= 0 else b"") + raw[place + (length != 1) :]
     with pytest.MonkeyPatch().context() as small:
         for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
-            small.setattr(payload_form, limit, 1)
+            small.setattr(json_reader, limit, 1)
         small.setattr(large_json, "CHUNK_BYTES", 8)
         spliced = outcome(lambda: Payload.from_json(kind, changed, now))
         for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
-            small.setattr(payload_form, limit, 1 << 30)
+            small.setattr(json_reader, limit, 1 << 30)
         assert spliced == outcome(lambda: Payload.from_json(kind, changed, now))
 
 
@@ -386,11 +385,11 @@ def test_to_number_a_message_is_to_change_its_sequence(
     with pytest.MonkeyPatch().context() as small:
         if is_large:
             for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
-                small.setattr(payload_form, limit, 1)
+                small.setattr(json_reader, limit, 1)
             small.setattr(large_json, "CHUNK_BYTES", 8)
         numbered = Payload.from_json(kind, memoryview(raw), now).numbered(77)
         again = Payload.from_value(kind, Payload.from_json(kind, raw, now).value()).numbered(77)
-        expected = outcome(lambda: Payload(kind, None, whole))
+        expected = outcome(lambda: Payload(kind, whole))
         for each in (numbered, again, numbered.detach()):
             assert outcome(partial(itself, each)) == expected
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rwt_protocol.codecs import CODECS, encoding_of
+from rwt_protocol.codecs import ENCODINGS, encoding_of
 from rwt_protocol.ops import (
     OPS,
     SPEC_OF,
@@ -126,7 +126,7 @@ def test_a_negative_throttle_rate_is_taken() -> None:
 
 @pytest.mark.parametrize("name", ["gzip", "", "PNG", "cbor_raw"])
 def test_an_unknown_compression_is_none(name: str) -> None:
-    assert encoding_of(name) is CODECS["none"]
+    assert encoding_of(name) is ENCODINGS["none"]
     assert one({"op": "subscribe", "topic": "/a", "compression": name}) == Subscribe(
         topic="/a", compression=name
     )

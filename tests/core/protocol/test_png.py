@@ -9,6 +9,8 @@ import random
 import struct
 import sys
 import zlib
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -191,15 +193,12 @@ def test_what_repeats_becomes_small() -> None:
 def test_in_steps_it_is_the_same_picture(kind: str, size: int) -> None:
     chance = random.Random(size)
     text = {"map": "0,1," * size, "é": "é" * size, "random": chance.randbytes(size).hex()}[kind][:size]
-    frame = Frame(json.dumps({"op": "publish", "x": text}, ensure_ascii=False).encode())
-    steps, count = png.encode_in_steps(frame.data), 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            made: Frame = end.value
-            break
-        count += 1
+    message = json.dumps({"data": text}, ensure_ascii=False).encode()
+    frame = Frame(b'{"op":"publish","topic":"/a","msg":', message, b"}")
+    encoder = png.publish_encoder("/a")
+    sample: Any = SimpleNamespace(payload=SimpleNamespace(json_parts=lambda: (message,)))
+    count = len(list(encoder.steps(sample)))
+    made = encoder(sample)
     assert made.data == png.encode(frame).data
     assert count >= frame.size // 40_000
     assert json.loads(png.decode(data_of(made), LIMIT)) == json.loads(frame.data)

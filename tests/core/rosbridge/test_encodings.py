@@ -24,7 +24,7 @@ from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_protocol import codecs
-from rwt_protocol.codecs import CODECS, Encoding
+from rwt_protocol.codecs import ENCODINGS, Encoding
 from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import PublishedMessage
@@ -261,8 +261,8 @@ def test_one_encode_for_each_encoding_whatever_the_number_of_clients(
 
         return replace(encoding, publish_encoder=encoder)
 
-    table = {name: counting(each) for name, each in CODECS.items() if each.exclusive is None}
-    monkeypatch.setattr(codecs, "CODECS", table)
+    table = {name: counting(each) for name, each in ENCODINGS.items() if each.exclusive is None}
+    monkeypatch.setattr(codecs, "ENCODINGS", table)
     listeners = [connect() for _ in range(9 * len(table))]
     for number, listener in enumerate(listeners):
         compression = list(table)[number % len(table)]

@@ -207,7 +207,7 @@ def test_a_publisher_that_is_late_is_logged_and_counted(
     _publish(client, 1)
     clock.advance(3.5)
     assert bridge.shared.counters.missed_deadlines == 3
-    assert caplog.text.count("nothing came for /n within its deadline of 1 s") == 1
+    assert caplog.text.count("/n: no message within the deadline of 1 s") == 1
     client.leave()
     clock.advance(20)
     assert bridge.shared.counters.missed_deadlines == 3

@@ -18,7 +18,7 @@ from websockets.asyncio.client import connect as connect_websocket
 from rwt import Server
 from rwt.rosbridge.bridge import Bridge
 from rwt_protocol import codecs
-from rwt_protocol.codecs import CODECS
+from rwt_protocol.codecs import ENCODINGS
 from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import PublishedMessage
@@ -34,7 +34,7 @@ from tests.core.rosbridge.recording_client import Client
 def encoded(monkeypatch: pytest.MonkeyPatch) -> list[PublishedMessage]:
     """Every sample that was encoded, in order."""
     samples: list[PublishedMessage] = []
-    real = CODECS["none"]
+    real = ENCODINGS["none"]
 
     def encoder(topic: str) -> PublishEncoder:
         encode = real.publish_encoder(topic)
@@ -45,7 +45,7 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[PublishedMessage]:
 
         return counting
 
-    monkeypatch.setattr(codecs, "CODECS", {"none": replace(real, publish_encoder=encoder)})
+    monkeypatch.setattr(codecs, "ENCODINGS", {"none": replace(real, publish_encoder=encoder)})
     return samples
 
 

@@ -1,8 +1,9 @@
-"""A usual small message is not parsed apart from its payload, and nothing else is different."""
+"""A usual small message becomes a light op, and nothing else is different."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import pytest
 
@@ -17,8 +18,11 @@ from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
 from rwt_interfaces.registry import Registry
 from rwt_protocol.frames import Frame
-from rwt_protocol.session import Session
+from rwt_protocol.ops import Op
+from rwt_protocol.session import Refusal
 from tests.core.rosbridge.recording_client import Client
+
+Decoded = tuple[Client, list[bytes]]
 
 GOOD = '{"op":"publish","id":"1","topic":"/t","msg":{"data":1},"latch":false}'
 
@@ -28,49 +32,36 @@ def _publish(topic: str = "/t", msg: object = None, **others: object) -> str:
     return json.dumps(fields, separators=(",", ":"))
 
 
-@pytest.fixture
-def decoded(client: Client, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
-    """Every frame of the client that was read in full."""
+@pytest.fixture(params=[0, 1_000], ids=["no rate limit", "a rate limit"])
+def decoded(request: pytest.FixtureRequest, graph: MemoryGraph, monkeypatch: pytest.MonkeyPatch) -> Decoded:
+    """A client, and how often its frames were read."""
+    settings = Settings.model_validate({"limits": {"messages_per_second": request.param}})
+    client = Client(Bridge(graph, settings))
     frames: list[bytes] = []
-    real = Session.decode
+    real = client.peer._decode
 
-    def decode(session: Session, data: bytes, binary: bool, now: float) -> object:
+    def decode(data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
         frames.append(data)
-        return real(session, data, binary, now)
+        return real(data, binary, now)
 
-    monkeypatch.setattr(Session, "decode", decode)
-    return frames
-
-
-def test_the_messages_of_a_topic_are_read_in_full_once(client: Client, decoded: list[bytes]) -> None:
-    client.say("advertise", topic="/t", type="std_msgs/Int32")
-    decoded.clear()
-    for number in range(100):
-        client.say_raw(GOOD.replace('"1"', f'"publish:/t:{number}"'))
-    assert len(decoded) == 1
+    monkeypatch.setattr(client.peer, "_decode", decode)
+    return client, frames
 
 
-def test_a_subscriber_in_the_process_changes_nothing_about_that(
-    client: Client, graph: MemoryGraph, decoded: list[bytes]
-) -> None:
+@pytest.mark.parametrize(
+    ("type_", "message"),
+    [("std_msgs/Int32", {"data": 1}), ("std_msgs/Header", {"frame_id": "map"})],
+    ids=["an exact message", "a message that is completed"],
+)
+def test_a_frame_is_read_once(decoded: Decoded, graph: MemoryGraph, type_: str, message: object) -> None:
+    client, frames = decoded
     received: list[object] = []
-    Node(graph, "robot").subscribe("/t", lambda message: received.append(message.data), "std_msgs/Int32")
-    client.say("advertise", topic="/t", type="std_msgs/Int32")
-    decoded.clear()
-    for number in range(100):
-        client.say_raw(_publish(msg={"data": number}))
-    assert len(decoded) == 1
-    assert received == list(range(100))
-
-
-def test_a_topic_whose_messages_are_completed_is_always_read_in_full(
-    client: Client, decoded: list[bytes]
-) -> None:
-    client.say("advertise", topic="/t", type="std_msgs/Header")
-    decoded.clear()
-    for _ in range(10):
-        client.say_raw(_publish(msg={"frame_id": "map"}))
-    assert len(decoded) == 10
+    Node(graph, "robot").subscribe("/t", received.append, type_)
+    client.say("advertise", topic="/t", type=type_)
+    frames.clear()
+    for _ in range(100):
+        client.say_raw(_publish(msg=message))
+    assert len(frames) == len(received) == 100
 
 
 FRAMES = {
@@ -97,12 +88,15 @@ FRAMES = {
         _publish(msg={"data": "text"}),
         _publish(msg={"data": "text"}),
     ],
-    "in binary frames": [GOOD, GOOD],
 }
 
 
-def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bool) -> list[object]:
-    """Return the effects of frames: messages to the subscriber, answers to the client, and counts."""
+def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool) -> list[object]:
+    """Return the effects of frames: messages to the subscriber, answers to the client, and counts.
+
+    Args:
+        in_full: True to send them in binary frames, which do not become light ops.
+    """
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     bridge = Bridge(MemoryGraph(registry=Registry(), clock=clock), Settings())
     client, reader = Client(bridge), Client(bridge)
@@ -110,11 +104,8 @@ def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bo
         client.say("advertise", topic=topic, type="std_msgs/Int32", latch=distro_latch)
         reader.say("subscribe", topic=topic)
     client.say("set_level", level="error")
-    session = client.peer._session
     for frame in frames:
-        if in_full:
-            session.is_quick = False
-        client.say_raw(frame, binary=binary)
+        client.say_raw(frame, binary=in_full)
     counted = {
         name: (counts.received, counts.received_bytes)
         for name, counts in client.peer.graph.counters.topics.items()
@@ -125,8 +116,7 @@ def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bo
 @pytest.mark.parametrize("latch", [False, True], ids=["volatile", "latched"])
 @pytest.mark.parametrize("name", FRAMES)
 def test_the_outcome_is_that_of_reading_in_full(name: str, latch: bool) -> None:
-    frames, binary = FRAMES[name], name == "in binary frames"
-    quick, full = (_outcome(frames, latch, in_full=each, binary=binary) for each in (False, True))
+    quick, full = (_outcome(FRAMES[name], latch, in_full=each) for each in (False, True))
     assert quick == full
 
 
@@ -202,7 +192,6 @@ CALLS = {
     "a service of a client": [CALL.replace("/add", "/remote")] * 2,
     "a name in another spelling": [CALL.replace("/add", "remote")],
     "cut short": [CALL[:-1]],
-    "in binary frames": [CALL],
 }
 RESPONSE = '{"op":"service_response","id":"ID","service":"/remote","values":{"sum":3},"result":true}'
 RESPONSES = {
@@ -219,8 +208,8 @@ RESPONSES = {
 }
 
 
-def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = False) -> list[object]:
-    """Return the effects of calls, and of the provider's answers."""
+def _answered(calls: list[str], response: str, *, in_full: bool) -> list[object]:
+    """Return the effects of calls, and of the provider's answers; `in_full` as above."""
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     graph = MemoryGraph(registry=Registry(), clock=clock)
     bridge = Bridge(graph, Settings())
@@ -233,14 +222,12 @@ def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = 
     for each in (client, provider):
         each.say("set_level", level="error")
         each.heard()
-        if in_full:
-            each.peer._session.is_quick = False
     heard: list[object] = []
     for call in calls:
-        client.say_raw(call, binary=binary)
+        client.say_raw(call, binary=in_full)
         for asked in provider.heard():
             heard.append(asked)
-            provider.say_raw(response.replace("ID", asked["id"]), binary=binary)
+            provider.say_raw(response.replace("ID", asked["id"]), binary=in_full)
         clock.advance(100.0)
         heard += [client.heard(), provider.heard(), client.peer.messages, provider.peer.messages]
     return heard
@@ -248,8 +235,7 @@ def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_the_outcome_of_a_call_is_that_of_reading_in_full(name: str) -> None:
-    binary = name == "in binary frames"
-    quick, full = (_answered(CALLS[name], RESPONSE, in_full=each, binary=binary) for each in (False, True))
+    quick, full = (_answered(CALLS[name], RESPONSE, in_full=each) for each in (False, True))
     assert quick == full
 
 
@@ -259,13 +245,3 @@ def test_the_outcome_of_a_response_is_that_of_reading_in_full(name: str) -> None
     quick, full = (_answered(call, RESPONSES[name], in_full=each) for each in (False, True))
     assert quick == full
     assert len(quick) == 2 * 5  # The provider was asked twice.
-
-
-def test_usual_calls_and_responses_are_not_read_in_full(client: Client, decoded: list[bytes]) -> None:
-    client.say("advertise_service", service="/remote", type="example_interfaces/AddTwoInts")
-    decoded.clear()
-    client.say_raw(CALL.replace("/add", "/remote"))
-    (asked,) = client.heard()
-    client.say_raw(RESPONSE.replace("ID", asked["id"]))
-    assert [each["values"] for each in client.heard()] == [{"sum": 3}]
-    assert not decoded

@@ -103,7 +103,7 @@ PART = GraphPart(summary="a stage", make=make)
     "msgpack": """
 from dataclasses import replace
 import msgspec
-from rwt_protocol.codecs import CODECS, Encoding
+from rwt_protocol.codecs import ENCODINGS, Encoding
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_within
 from rwt_protocol.frames import Frame
 
@@ -118,7 +118,7 @@ frames = []
 CODEC = MessagePack()
 FIRST = bytes((*range(0x80, 0x90), 0xDE, 0xDF))
 ENCODING = Encoding("msgpack", 1, CODEC.publish_encoder, binary=True, codec=MessagePack, first_bytes=FIRST)
-CLASH = replace(CODECS["cbor"], name="clash")
+CLASH = replace(ENCODINGS["cbor"], name="clash")
 """,
     "netstring": """
 from rwt_transports.schemes import Scheme
@@ -146,7 +146,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     for name in imported():
         del sys.modules[name]
     SCHEMES.pop("netstring", None)
-    codecs._ENCODINGS.pop("msgpack", None)
+    codecs._REGISTERED.pop("msgpack", None)
     for first in [first for first, codec in codecs._BINARY.items() if codec is not codecs.cbor_codec]:
         del codecs._BINARY[first]
 

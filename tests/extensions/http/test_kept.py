@@ -8,8 +8,11 @@ from typing import Any
 import pytest
 
 from rwt.access.errors import QuotaExceeded
-from rwt.extensions.http.calls import Kept, KeptTable
+from rwt.extensions.http.calls import HttpCall, KeptTable
 from rwt_graph import SimulatedClock
+from rwt_participant.errors import CallFailed
+
+ENDED = CallFailed("it has ended")
 
 
 class Client:
@@ -24,15 +27,15 @@ class Client:
         self.holds -= 1
 
 
-def kept(client: Any, id: str, *, ended: bool = False) -> Kept:
-    made = Kept(client)
-    made.id, made.ended = id, ended
+def kept(client: Any, id: str, *, ended: bool = False) -> HttpCall:
+    made = HttpCall(client, "/add")
+    made.id, made.outcome = id, ENDED if ended else None
     return made
 
 
 def test_a_client_at_its_limit_loses_the_oldest_that_has_ended() -> None:
     client: Any = Client()
-    table: KeptTable[Kept] = KeptTable(1, "calls wait")
+    table: KeptTable[HttpCall] = KeptTable(1, "calls wait")
     table.add(kept(client, "a", ended=True))
     table.make_room(client)
     second = kept(client, "b")
@@ -47,13 +50,13 @@ def test_a_client_at_its_limit_loses_the_oldest_that_has_ended() -> None:
 
 def test_what_has_ended_is_forgotten_after_a_while() -> None:
     client: Any = Client()
-    table: KeptTable[Kept] = KeptTable(100, "calls wait", seconds=5)
+    table: KeptTable[HttpCall] = KeptTable(100, "calls wait", seconds=5)
     call = kept(client, "a")
     table.end(call)  # It is not kept.
     table.add(call)
     client.graph.clock.advance(10)
     assert table.get("a") is call
-    call.ended = True
+    call.outcome = ENDED
     table.end(call)
     client.graph.clock.advance(4)
     assert client.holds == 1

@@ -13,7 +13,7 @@ import anyio.lowlevel
 import pytest
 
 from rwt.media.broadcast import Broadcast, EncoderThreads, Viewer
-from rwt.media.encoders.encoded import Encoded, Track
+from rwt.media.encoders.encoded import Encoded, Encoder, Track
 from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_metrics import MAX_STREAMS, Counts, StreamMetrics
 from rwt.media.stream_request import read_request
@@ -31,7 +31,7 @@ TRACK = Track("vp8", 2, 2)
 
 
 @dataclass
-class CountingEncoder:
+class CountingEncoder(Encoder):
     """Makes of each picture its first byte; a picture of a 255 is unreadable, one of a 254 is left out."""
 
     video: bool

@@ -21,7 +21,6 @@ from typing import cast
 import httpx
 
 from rwt_transports.http.routes import HttpResponse
-from tests.extensions.webrtc.peers import Side, answering, other_side
 from tests.faults.peers import (  # noqa: F401 - the imports register the attacks in ATTACKS
     datagram_attacks,
     hub_attacks,
@@ -29,6 +28,7 @@ from tests.faults.peers import (  # noqa: F401 - the imports register the attack
     turn_attacks,
 )
 from tests.faults.peers.attacks import ATTACKS, MIB, Damage, memory
+from tests.webrtc.peers import Side, answering, other_side
 
 ADDRESS_SPACE = 3072 * MIB
 CPU_SECONDS = 60

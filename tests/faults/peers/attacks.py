@@ -16,11 +16,11 @@ from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.peer import Peer, PeerTerms
 from rwt_webrtc.transport.sdp import read_description
-from tests.extensions.webrtc.peers import OtherSide, Side, other_side
 from tests.waiting import until
+from tests.webrtc.peers import OtherSide, Side, other_side
 
 MIB = 1 << 20
 
@@ -121,7 +121,6 @@ async def attacking_server(*, connected: bool = True) -> AsyncIterator[tuple[Pee
     client = Peer(terms, (), refuse, "127.0.0.1", reach=Reach.LOOPBACK, on_closed=lambda peer: None)
     try:
         channel = client.connection.createDataChannel("rosbridge")
-        client.prepare()
         offer = await client.describe()
         if connected:
             await server.setRemoteDescription(RTCSessionDescription(offer, "offer"))

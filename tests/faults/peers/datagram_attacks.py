@@ -12,9 +12,9 @@ from struct import pack
 
 from aioice import stun
 
-from rwt_webrtc.transport.ice_guard import CHECKS, CHECKS_PER_SECOND
-from tests.extensions.webrtc.peers import Side, other_side, text_of
+from rwt_webrtc.packets.ice_guard import CHECKS, CHECKS_PER_SECOND
 from tests.faults.peers.attacks import Damage, attack, attacker, attacking_server
+from tests.webrtc.peers import Side, other_side, text_of
 
 BUSY_SECONDS = 60
 """Seconds in which a busy machine sends the first checks."""

@@ -13,10 +13,10 @@ from rwt.extensions.hub.part import DialSettings
 from rwt.settings.models import Settings
 from rwt_client import connect
 from rwt_webrtc.settings import WebRtcSettings
-from tests.extensions.webrtc.peers import Side, other_side
 from tests.faults.peers.attacks import Damage, attack, chunk, send
 from tests.faults.peers.datagram_attacks import flood, ports_of
 from tests.waiting import until
+from tests.webrtc.peers import Side, other_side
 
 
 @attack

@@ -18,13 +18,13 @@ from functools import partial
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.peer import RELEASE_SECONDS, Peer, PeerTerms
 from rwt_webrtc.transport.sdp import read_description
 from rwt_webrtc.transport.signalling import PeerBounds
-from tests.extensions.webrtc.peers import Side, answering, text_of
 from tests.faults.peers.attacks import memory, refuse
 from tests.waiting import until
+from tests.webrtc.peers import Side, answering, text_of
 
 WARM = 20
 AT_ONCE = 8
@@ -34,7 +34,6 @@ TERMS = PeerTerms(Limits(), ReceiveBufferPool(), AddressCount())
 def _client() -> Peer:
     client = Peer(TERMS, (), refuse, "127.0.0.1", reach=Reach.LOOPBACK, on_closed=lambda peer: None)
     client.connection.createDataChannel("rosbridge")
-    client.prepare()
     return client
 
 

@@ -11,8 +11,8 @@ from struct import pack
 import pylibsrtp
 from aiortc import RTCDtlsTransport
 
-from tests.extensions.webrtc.peers import Side
 from tests.faults.peers.attacks import Damage, attack, attacker, attacking_server, chunk, send
+from tests.webrtc.peers import Side
 
 
 @attack

@@ -13,11 +13,11 @@ from threading import Thread
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.ice_servers import IceServer
 from rwt_webrtc.transport.peer import Peer, PeerTerms
-from tests.extensions.webrtc.peers import Side
 from tests.faults.peers.attacks import Damage, attack, refuse
+from tests.webrtc.peers import Side
 
 REQUESTS, REQUESTS_PER_SECOND = 100, 20
 """Requests that a TURN server may cause."""
@@ -57,7 +57,6 @@ async def asking(kind: int, serve: Callable[[socket.socket], None], transport: s
     client = Peer(terms, servers, refuse, "127.0.0.1", reach=Reach.LOOPBACK, on_closed=lambda peer: None)
     try:
         client.connection.createDataChannel("rosbridge")
-        client.prepare()
         await client.describe()
         yield
     finally:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import make_dataclass
 from pathlib import Path
 from typing import Any
@@ -87,8 +87,18 @@ def make_robot(words: Sequence[str]) -> Any:
         raise CommandError(f"the robot needs a package that is not installed: {error}") from error
 
 
-def _run(arguments: Arguments) -> int:
+def _calibrations(files: Mapping[str, str]) -> dict[str, Mapping[str, Any]]:
+    """Read the calibrations of cameras, by the names of the cameras."""
     from rwt_lerobot.calibration import CalibrationError, camera_info
+
+    try:
+        return {name: camera_info(Path(file).read_text(encoding="utf-8")) for name, file in files.items()}
+    except (OSError, CalibrationError) as error:
+        raise CommandError(f"the calibration cannot be read: {error}") from error
+
+
+def _run(arguments: Arguments) -> int:
+    from rwt_lerobot.calibration import CalibrationError
     from rwt_lerobot.joints.limits import DescriptionError, urdf_limits
     from rwt_lerobot.node import LeRobotNode, UnknownUnit, motor_joints
 
@@ -97,13 +107,7 @@ def _run(arguments: Arguments) -> int:
         description = arguments.urdf.read_text(encoding="utf-8") if arguments.urdf else ""
     except OSError as error:
         raise CommandError(f"the URDF cannot be read: {error}") from error
-    files = dict(text.partition("=")[::2] for text in arguments.camera_info)
-    try:
-        calibrations = {
-            name: camera_info(Path(file).read_text(encoding="utf-8")) for name, file in files.items()
-        }
-    except (OSError, CalibrationError) as error:
-        raise CommandError(f"the calibration cannot be read: {error}") from error
+    calibrations = _calibrations(dict(text.partition("=")[::2] for text in arguments.camera_info))
     units = dict(text.partition("=")[::2] for text in arguments.unit)
     robot = make_robot(arguments.passed)
     try:

@@ -239,14 +239,8 @@ def to_dataset(
         features = mapped.features(reader.joints)
         names = list(features.features)
         positions = {"dtype": "float32", "shape": (len(names),), "names": names}
-        cameras = {
-            f"{IMAGES}{name}": {
-                "dtype": "video" if videos else "image",
-                "shape": shape,
-                "names": ["height", "width", "channels"],
-            }
-            for name, shape in reader.shapes.items()
-        }
+        image = {"dtype": "video" if videos else "image", "names": ["height", "width", "channels"]}
+        cameras = {f"{IMAGES}{name}": {**image, "shape": shape} for name, shape in reader.shapes.items()}
         dataset = LeRobotDataset.create(
             f"local/{folder.name}", fps, {STATE: positions, ACTION: dict(positions), **cameras},
             root=folder, robot_type="rosbridge", use_videos=videos,
@@ -288,12 +282,7 @@ def to_recording(folder: Path, path: Path, mapped: Mapped, *, on_frame: Progress
     if not (folder / "meta" / "info.json").is_file():
         raise ConversionError(f"{folder} is not a dataset of LeRobot: it has no meta/info.json")
     dataset = LeRobotDataset(f"local/{folder.name}", root=folder, video_backend="pyav")
-    names = list(dataset.features.get(STATE, {}).get("names") or ())
-    others = [name for name in names if not name.endswith(POSITION)]
-    if not names or others or list(dataset.features.get(ACTION, {}).get("names") or ()) != names:
-        raise ConversionError(
-            f"{STATE} and {ACTION} must be the same joints, with names such as elbow_flex.pos; got {names}"
-        )
+    names = _position_names(dataset.features)
     joints = [name.removesuffix(POSITION) for name in names]
     features = mapped.features(joints)
     cameras = [name for name in dataset.features if name.startswith(IMAGES)]
@@ -337,6 +326,17 @@ def to_recording(folder: Path, path: Path, mapped: Mapped, *, on_frame: Progress
     if writer.failure is not None:
         raise writer.failure
     return Converted(dataset.num_episodes, len(dataset))
+
+
+def _position_names(features: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the names of the joints' positions. Raises ConversionError if the dataset is not of an arm."""
+    names = list(features.get(STATE, {}).get("names") or ())
+    others = [name for name in names if not name.endswith(POSITION)]
+    if not names or others or list(features.get(ACTION, {}).get("names") or ()) != names:
+        raise ConversionError(
+            f"{STATE} and {ACTION} must be the same joints, with names such as elbow_flex.pos; got {names}"
+        )
+    return names
 
 
 def _row(features: FeatureMap, radians: Mapping[str, float]) -> NDArray[np.float32]:

@@ -84,17 +84,7 @@ class MujocoRobot:
             name: node.advertise(f"{name}/camera_info", "sensor_msgs/CameraInfo")
             for name in self.model.cameras
         }
-        for name, index in self.model.other_actuators.items():
-            node.subscribe(f"actuators/{name}", partial(self._actuate, index), "std_msgs/Float64")
-        node.advertise("robot_description", "std_msgs/String", qos=LATCHED).publish(
-            {"data": self.model.urdf()}
-        )
-        for name, kind, handler in (
-            ("pause", "std_srvs/SetBool", self._pause),
-            ("step", "std_srvs/Trigger", self._step_once),
-            ("reset", "std_srvs/Trigger", self._reset),
-        ):
-            node.advertise_service(f"simulation/{name}", kind, handler)
+        self._serve()
         self._cameras: CameraThread | None = None
         self._shot_due = 0.0
         self._steps = 0
@@ -103,6 +93,20 @@ class MujocoRobot:
         self._ticked = node.clock.monotonic()
         self.reset()
         self._timer = node.create_timer(CONTROL_SECONDS, self._tick)
+
+    def _serve(self) -> None:
+        """Publish the description, and offer topics and services that command the simulation."""
+        node = self._node
+        for name, index in self.model.other_actuators.items():
+            node.subscribe(f"actuators/{name}", partial(self._actuate, index), "std_msgs/Float64")
+        description = node.advertise("robot_description", "std_msgs/String", qos=LATCHED)
+        description.publish({"data": self.model.urdf()})
+        for name, kind, handler in (
+            ("pause", "std_srvs/SetBool", self._pause),
+            ("step", "std_srvs/Trigger", self._step_once),
+            ("reset", "std_srvs/Trigger", self._reset),
+        ):
+            node.advertise_service(f"simulation/{name}", kind, handler)
 
     def close(self) -> None:
         """Leave the graph, and end the thread of the cameras."""

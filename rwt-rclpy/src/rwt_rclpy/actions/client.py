@@ -155,7 +155,6 @@ class ActionClient(Entity):
             node.context,
             self._link,
             node,
-            node._rwt_participant,
             kind,
             f"{self._name}/_action/{short}",
             f"{self._name}/_action/{short}",

@@ -244,7 +244,6 @@ class ActionServer(Entity):
         self.register_goal_callback(goal_callback)
         self.register_cancel_callback(cancel_callback)
         self.register_execute_callback(execute_callback)
-        interface = type_behind(action_type)
         self._node = node
         self._action_type = action_type
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
@@ -256,13 +255,9 @@ class ActionServer(Entity):
         self._link = node.context._rwt_link
         self._logger = node.get_logger().get_child("action_server")
         name = self._name = resolved_action_name(node, action_name)
-        impl = action_type.Impl
-        self._feedback = node.create_publisher(
-            impl.FeedbackMessage, f"{name}/_action/feedback", feedback_pub_qos_profile
-        )
-        self._status = node.create_publisher(
-            impl.GoalStatusMessage, f"{name}/_action/status", status_pub_qos_profile
-        )
+        impl, make = action_type.Impl, node.create_publisher
+        self._feedback = make(impl.FeedbackMessage, f"{name}/_action/feedback", feedback_pub_qos_profile)
+        self._status = make(impl.GoalStatusMessage, f"{name}/_action/status", status_pub_qos_profile)
         self._services = tuple(
             self._service(kind, f"{name}/_action/{short}", callback, profile)
             for kind, short, callback, profile in (
@@ -271,7 +266,7 @@ class ActionServer(Entity):
                 (impl.SendGoalService, "send_goal", self._on_send_goal, goal_service_qos_profile),
             )
         )
-        self._registration = self._link.run(functools.partial(self._advertise, interface))
+        self._registration = self._link.run(functools.partial(self._advertise, type_behind(action_type)))
         self.callback_group.add_entity(self)
         node.add_waitable(self)
 

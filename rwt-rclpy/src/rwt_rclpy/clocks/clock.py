@@ -244,7 +244,7 @@ class Clock:
         return self.sleep_until(self.now() + rel_time, context)
 
 
-class _Sleeper:
+class _Sleeper(timekeeper.Waker):
     """Sleeping thread."""
 
     def __init__(self, clock: Clock, until: Time, context: Context) -> None:

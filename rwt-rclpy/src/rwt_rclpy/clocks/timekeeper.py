@@ -17,6 +17,14 @@ if TYPE_CHECKING:
     from rwt_graph.clock import SimulatedClock
 
 
+class Waker(ABC):
+    """Waiting object that can be woken."""
+
+    @abstractmethod
+    def wake(self) -> None:
+        """Look again."""
+
+
 class Timekeeper(ABC):
     """Source of time for executors, timers and sleepers.
 

@@ -10,12 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from rwt_participant.images import ENCODINGS
 from rwt_rclpy.messages.loaded import message_class
 
-_NAMED: Final = {
-    "rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4), "mono8": ("u1", 1),
-    "rgb16": ("u2", 3), "bgr16": ("u2", 3), "rgba16": ("u2", 4), "bgra16": ("u2", 4), "mono16": ("u2", 1),
-}  # fmt: skip
 _DEPTHS: Final = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": "f4", "64F": "f8"}
 
 
@@ -28,13 +25,12 @@ class CvBridge:
 
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
         """Return the numpy type and number of channels. Raises CvBridgeError."""
-        if encoding in _NAMED:
-            return _NAMED[encoding]
+        layout = ENCODINGS.get(encoding)
+        if layout is not None:
+            return layout.sample, layout.count
         depth, _, channels = encoding.partition("C")
         if depth in _DEPTHS and (channels.isdigit() or not channels):
             return _DEPTHS[depth], int(channels or 1)
-        if encoding.startswith("bayer_"):
-            return ("u2" if encoding.endswith("16") else "u1"), 1
         raise CvBridgeError(f"Unrecognized image encoding [{encoding}]")
 
     def imgmsg_to_cv2(self, img_msg: Any, desired_encoding: str = "passthrough") -> np.ndarray:

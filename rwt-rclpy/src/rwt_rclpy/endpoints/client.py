@@ -25,7 +25,6 @@ from rwt_rclpy.logs.logger import get_logger
 from rwt_rclpy.release import RELEASE, from_kilted
 
 if TYPE_CHECKING:
-    from rwt_graph.api import Participant
     from rwt_rclpy.clocks.clock import Clock
     from rwt_rclpy.execution.context import Context
     from rwt_rclpy.middleware.link import Link
@@ -53,7 +52,6 @@ class Client(Entity):
         context: Context,
         link: Link,
         node: Node,
-        participant: Participant,
         srv_type: Any,
         srv_name: str,
         full_name: str,
@@ -64,7 +62,6 @@ class Client(Entity):
         self.context = context
         self._link = link
         self._node = node
-        self._participant = participant
         self._handle = Destroyable("client", self._close)
         self._replies: deque[tuple[int, Payload | CallFailed]] = deque()
         self._pending_requests: dict[int, Future] = {}
@@ -142,7 +139,8 @@ class Client(Entity):
                 self._replies.append((number, reply.detach() if isinstance(reply, Payload) else reply))
                 self._rwt_wake()
 
-            self._link.post(lambda: self._participant.call_service(self._name, payload, on_reply))
+            participant = self._node._rwt_participant
+            self._link.post(lambda: participant.call_service(self._name, payload, on_reply))
             return future
 
     def _forget(self, number: int) -> None:

@@ -67,7 +67,7 @@ class Publisher:
         if not self._handle:
             self._handle.check()
         if isinstance(msg, self.msg_type):
-            payload = Payload(self._type, None, self._to_graph(msg))
+            payload = Payload(self._type, self._to_graph(msg))
         elif isinstance(msg, bytes):
             payload = Payload.from_cdr(self._type, msg)
         else:

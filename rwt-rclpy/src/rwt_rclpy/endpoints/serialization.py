@@ -29,7 +29,7 @@ def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
 def payload_of(message: Message) -> Payload:
     """Return a message in the graph's form: large arrays are copied once, and not traversed."""
     cls = type(message)
-    return Payload(type_behind(cls), None, cls._rwt_to_graph(message))
+    return Payload(type_behind(cls), cls._rwt_to_graph(message))
 
 
 def message_of(payload: Payload, cls: type[Message]) -> Any:

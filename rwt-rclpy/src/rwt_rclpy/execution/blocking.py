@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from rwt_rclpy.clocks.timekeeper import Waker
 from rwt_rclpy.execution.interruption import UNINTERRUPTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.context import Context
 
 
-class Wait:
+class Wait(Waker):
     """Wait of one thread; a change of its condition must be followed by :meth:`wake`.
 
     Ctrl-C raises KeyboardInterrupt in the main thread as soon as the wait holds no lock, because the end of

@@ -8,8 +8,9 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Protocol, Self
+from typing import Self
 
+from rwt_rclpy.clocks.timekeeper import Waker
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import RCLError, RCLInvalidROSArgsError
 from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
@@ -59,7 +60,7 @@ class Context:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._callbacks: list[Callable[[], OnShutdown | None]] = []
-        self._wakers: weakref.WeakSet[Wakeable] = weakref.WeakSet()
+        self._wakers: weakref.WeakSet[Waker] = weakref.WeakSet()
         self._handle: ContextHandle | None = None
 
     @property
@@ -192,7 +193,7 @@ class Context:
         if weak in self._callbacks:
             self._callbacks.remove(weak)
 
-    def _rwt_wake_on_end(self, waker: Wakeable) -> None:
+    def _rwt_wake_on_end(self, waker: Waker) -> None:
         """Wake waiting threads when the context ends for any reason."""
         with self._lock:
             self._wakers.add(waker)
@@ -228,13 +229,6 @@ def _refuse_enclaves() -> None:
             "ROS_SECURITY_STRATEGY=Enforce demands security enclaves, which are DDS's and not available here;"
             " unset it, and use TLS and tokens of rwt serve, or Zenoh's"
         )
-
-
-class Wakeable(Protocol):
-    """Waiting object that can be woken."""
-
-    def wake(self) -> None:
-        """Look again."""
 
 
 def initialised_contexts() -> list[Context]:

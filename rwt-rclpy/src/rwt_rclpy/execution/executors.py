@@ -16,11 +16,12 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.clocks import timekeeper
+from rwt_rclpy.clocks.timekeeper import Waker
 from rwt_rclpy.exceptions import InvalidHandle
 from rwt_rclpy.execution.context import Context, get_default_context
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.interruption import UNINTERRUPTED
-from rwt_rclpy.execution.task import Future, Task, Work
+from rwt_rclpy.execution.task import CallbackTask, Future, Task
 from rwt_rclpy.release import RELEASE
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class WorkTracker:
         return True
 
 
-class Executor:
+class Executor(Waker):
     """Base of executors: their nodes and ready callbacks."""
 
     def __init__(self, *, context: Context | None = None) -> None:
@@ -329,7 +330,7 @@ class Executor:
                     soonest = due
         return soonest
 
-    def _work(self, entity: Entity, node: Node) -> Work | None:
+    def _work(self, entity: Entity, node: Node) -> CallbackTask | None:
         """Take a callback of an entity, if it is still ready and may run."""
         group = entity.callback_group
         try:
@@ -352,7 +353,7 @@ class Executor:
             group.ending_execution(entity)
             self._after_work()
 
-        return Work(call, self, after)
+        return CallbackTask(call, self, after)
 
     def _after_work(self) -> None:
         """Handle the end of a callback."""

@@ -11,7 +11,8 @@ import threading
 import warnings
 import weakref
 from collections.abc import Callable, Coroutine, Generator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
@@ -33,16 +34,35 @@ class _Awaited(threading.local):
 _awaited = _Awaited()
 
 
+class _FutureState(Enum):
+    PENDING = "pending"
+    CANCELLED = "cancelled"
+    DONE = "done"
+
+
+_TRANSITIONS: Final = {
+    _FutureState.PENDING: {_FutureState.CANCELLED, _FutureState.DONE},
+    _FutureState.CANCELLED: {_FutureState.CANCELLED, _FutureState.DONE},
+    _FutureState.DONE: {_FutureState.DONE},
+}
+
+
 class Future:
     """Result that will be known later.
+
+    Life cycle::
+
+        PENDING ── set_result(), set_exception() ──> DONE
+           └── cancel() ──> CANCELLED ── set_… ───────^
+
+    As in rclpy, a result can be set after `cancel()`, and a later one replaces it.
 
     Args:
         executor: runs the callbacks; without one they run in the thread that sets the future.
     """
 
     def __init__(self, *, executor: Executor | None = None) -> None:
-        self._done = False
-        self._cancelled = False
+        self._state = _FutureState.PENDING
         self._result: Any = None
         self._exception: BaseException | None = None
         self._exception_fetched = False
@@ -56,8 +76,12 @@ class Future:
         if self._exception is not None and not self._exception_fetched:
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201 - the same output as rclpy
 
+    def _become(self, state: _FutureState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
     def __await__(self) -> Generator[None, None, Any]:
-        while not self._done:
+        while self._state is not _FutureState.DONE:
             _awaited.future = self
             yield
         return self.result()
@@ -65,17 +89,17 @@ class Future:
     def cancel(self) -> None:
         """Cancel the future, unless it is done."""
         with self._lock:
-            if not self._done:
-                self._cancelled = True
+            if self._state is not _FutureState.DONE:
+                self._become(_FutureState.CANCELLED)
         self._tell()
 
     def cancelled(self) -> bool:
         """True if the future was cancelled."""
-        return self._cancelled
+        return self._state is _FutureState.CANCELLED
 
     def done(self) -> bool:
         """True if the future has a result or an exception."""
-        return self._done
+        return self._state is _FutureState.DONE
 
     def result(self) -> Any:
         """Return the result, None if there is none; raise the exception if one was set."""
@@ -93,8 +117,7 @@ class Future:
         """Set the result, and call the callbacks."""
         with self._lock:
             self._result = result
-            self._done = True
-            self._cancelled = False
+            self._become(_FutureState.DONE)
         self._tell()
 
     def set_exception(self, exception: BaseException) -> None:
@@ -102,8 +125,7 @@ class Future:
         with self._lock:
             self._exception = exception
             self._exception_fetched = False
-            self._done = True
-            self._cancelled = False
+            self._become(_FutureState.DONE)
         self._tell()
 
     def _tell(self) -> None:
@@ -129,7 +151,7 @@ class Future:
     def add_done_callback(self, callback: Callback) -> None:
         """Call a function with the future once it is done; now, or by the executor, if it is done already."""
         with self._lock:
-            if not self._done:
+            if self._state is not _FutureState.DONE:
                 self._callbacks.append(callback)
                 return
             executor = self._executor() if self._executor is not None else None
@@ -148,7 +170,7 @@ class Future:
     def _rwt_resume_with(self, resume: Callable[[], None]) -> None:
         """Call a function once it is done or cancelled, on the thread that sets it; now if it is already."""
         with self._lock:
-            if not self._done and not self._cancelled:
+            if self._state is _FutureState.PENDING:
                 if resume not in self._resume:
                     self._resume.append(resume)
                 return
@@ -184,7 +206,8 @@ class Task(Future):
 
     def __call__(self) -> None:
         """Run or continue until it ends or waits."""
-        if self._done or self._cancelled or self._executing or not self._task_lock.acquire(blocking=False):
+        is_over = self._state is not _FutureState.PENDING
+        if is_over or self._executing or not self._task_lock.acquire(blocking=False):
             return
         try:
             self._executing = True
@@ -238,10 +261,10 @@ class Task(Future):
 
     def can_run(self) -> bool:
         """True if the task can make progress."""
-        return not self._waits and not self._done and not self._executing
+        return not (self._waits or self._executing or self._state is _FutureState.DONE)
 
 
-class Work(Task):
+class CallbackTask(Task):
     """Callback of an entity, with the actions after it."""
 
     def __init__(self, call: Callable[[], object], executor: Executor, after: Callable[[], None]) -> None:
@@ -261,7 +284,7 @@ class Work(Task):
         else:
             self._end()
             self._result = result
-            self._done = True
+            self._become(_FutureState.DONE)
             if self._callbacks or self._resume:
                 self._tell()
 

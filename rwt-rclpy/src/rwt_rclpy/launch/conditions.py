@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from rwt_rclpy.launch.entities import Condition as Condition
 from rwt_rclpy.launch.entities import LaunchContext, LaunchError, SomeText, text, truth
 
 InvalidConditionExpressionError = LaunchError
-
-
-class Condition:
-    """Condition by a function of the context."""
-
-    def __init__(self, *, predicate: Callable[[LaunchContext], bool]) -> None:
-        self._predicate = predicate
-
-    def evaluate(self, context: LaunchContext) -> bool:
-        """True if the condition holds."""
-        return self._predicate(context)
 
 
 class IfCondition(Condition):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import asyncio
 import os
 from collections import deque
-from collections.abc import Iterable, MutableMapping, Sequence
-from typing import Any, Protocol, TypeAlias, TypeVar
+from collections.abc import Callable, Iterable, MutableMapping, Sequence
+from typing import Any, TypeAlias, TypeVar
 
 from rwt_participant.errors import RobotError
 
@@ -88,24 +88,47 @@ class ExecutionComplete(ActionEvent):
     name = "launch.events.ExecutionComplete"
 
 
-class Decides(Protocol):
-    """Function that returns True if a condition holds."""
+class Condition:
+    """Condition by a function of the context."""
+
+    def __init__(self, *, predicate: Callable[[LaunchContext], bool]) -> None:
+        self._predicate = predicate
 
     def evaluate(self, context: LaunchContext) -> bool:
         """True if the condition holds."""
-        ...
+        return self._predicate(context)
 
 
-class Hears(Protocol):
-    """Event handler."""
+class EventHandler:
+    """Handler of matching events.
+
+    Args:
+        matcher: returns True for matching events.
+        entities: entities to visit.
+        handle_once: True to handle only the first event.
+    """
+
+    def __init__(
+        self,
+        *,
+        matcher: Callable[[Event], bool],
+        entities: SomeEntitiesType | None = None,
+        handle_once: bool = False,
+    ) -> None:
+        self.matcher = matcher
+        self.entities = entities_of(entities)
+        self.handle_once = handle_once
 
     def matches(self, event: Event) -> bool:
         """True if the handler handles the event."""
-        ...
+        return self.matcher(event)
 
     def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Handle the event; return the entities to visit next."""
-        ...
+        """Return the entities to visit; the event is in `context.locals` during their visit."""
+        context.extend_locals({"event": event})
+        if self.handle_once:
+            context.unregister_event_handler(self)
+        return self.entities
 
 
 class Locals:
@@ -133,7 +156,7 @@ class LaunchContext:
         self.noninteractive = noninteractive
         self.launch_configurations: dict[str, Any] = {}
         self.is_shutdown = False
-        self.handlers: deque[Hears] = deque()
+        self.handlers: deque[EventHandler] = deque()
         self.events: deque[Event] = deque()
         #: Number of requests by name, for the numbers of processes.
         self.process_count = 0
@@ -203,14 +226,14 @@ class LaunchContext:
         """Return the value of a substitution."""
         return text(self, value)
 
-    def register_event_handler(self, handler: Hears, append: bool = False) -> None:
+    def register_event_handler(self, handler: EventHandler, append: bool = False) -> None:
         """Register an event handler before the existing ones, or after them with `append`."""
         if append:
             self.handlers.append(handler)
         else:
             self.handlers.appendleft(handler)
 
-    def unregister_event_handler(self, handler: Hears) -> None:
+    def unregister_event_handler(self, handler: EventHandler) -> None:
         """Unregister an event handler. Raises ValueError if it was not registered."""
         self.handlers.remove(handler)
 
@@ -281,7 +304,7 @@ class Action(LaunchDescriptionEntity):
         condition: condition of execution; always by default.
     """
 
-    def __init__(self, *, condition: Decides | None = None) -> None:
+    def __init__(self, *, condition: Condition | None = None) -> None:
         self.condition = condition
 
     def visit(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:

@@ -15,6 +15,7 @@ from rwt_rclpy.launch.entities import (
     SomeEntitiesType,
     entities_of,
 )
+from rwt_rclpy.launch.entities import EventHandler as EventHandler
 from rwt_rclpy.launch.events import (
     ProcessExited,
     ProcessIO,
@@ -24,38 +25,6 @@ from rwt_rclpy.launch.events import (
 
 #: Actions, or a function of the event and the context that may return some.
 OnEvent = SomeEntitiesType | Callable[..., Any]
-
-
-class EventHandler:
-    """Handler of matching events.
-
-    Args:
-        matcher: returns True for matching events.
-        entities: entities to visit.
-        handle_once: True to handle only the first event.
-    """
-
-    def __init__(
-        self,
-        *,
-        matcher: Callable[[Event], bool],
-        entities: SomeEntitiesType | None = None,
-        handle_once: bool = False,
-    ) -> None:
-        self.matcher = matcher
-        self.entities = entities_of(entities)
-        self.handle_once = handle_once
-
-    def matches(self, event: Event) -> bool:
-        """True if the handler handles the event."""
-        return self.matcher(event)
-
-    def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Return the entities to visit; the event is in `context.locals` during their visit."""
-        context.extend_locals({"event": event})
-        if self.handle_once:
-            context.unregister_event_handler(self)
-        return self.entities
 
 
 BaseEventHandler = EventHandler

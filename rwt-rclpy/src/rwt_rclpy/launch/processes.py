@@ -11,6 +11,7 @@ import os
 import shlex
 import signal
 from collections.abc import Callable, Iterable, Mapping
+from enum import Enum
 from typing import Any, Final
 
 from rwt_rclpy.launch.entities import (
@@ -46,8 +47,35 @@ _SIGTERM_TIMEOUT: Final = LaunchConfiguration("sigterm_timeout", default=5)
 _SIGKILL_TIMEOUT: Final = LaunchConfiguration("sigkill_timeout", default=5)
 
 
+class _ProcessState(Enum):
+    NEW = "new"
+    STARTING = "starting"
+    RUNNING = "running"
+    WAITING = "waiting"
+    ENDED = "ended"
+
+
+_TRANSITIONS: Final = {
+    _ProcessState.NEW: {_ProcessState.STARTING},
+    _ProcessState.STARTING: {_ProcessState.RUNNING, _ProcessState.ENDED},
+    _ProcessState.RUNNING: {_ProcessState.WAITING, _ProcessState.ENDED},
+    _ProcessState.WAITING: {_ProcessState.STARTING, _ProcessState.ENDED},
+    _ProcessState.ENDED: set[_ProcessState](),
+}
+
+
 class ExecuteProcess(Action):
     """Action that starts a process.
+
+    Life cycle::
+
+        NEW ── execute() ──> STARTING ── started ──> RUNNING ── ended ──> ENDED
+                              ^    └─ cannot be started ──│───────────────^ ^
+                              │                           │ respawn         │
+                              └── delay is over ────── WAITING ── shutdown ─┘
+
+    A shutdown may come in every state: ``_is_to_end`` is set then, and a running process gets its signals in
+    the task ``_ending``.
 
     Args:
         cmd: program and arguments, each a text, a substitution or a list of them, which is joined.
@@ -111,6 +139,11 @@ class ExecuteProcess(Action):
         self._task: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
         self._is_to_end = asyncio.Event()
+        self._state = _ProcessState.NEW
+
+    def _become(self, state: _ProcessState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     @property
     def cmd(self) -> list[SomeText]:
@@ -160,7 +193,7 @@ class ExecuteProcess(Action):
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
         """Start the process. Raises LaunchError if it was started before."""
-        if self._task is not None:
+        if self._state is not _ProcessState.NEW:
             raise LaunchError(f"process {self.name} is in the launch description twice")
         if context.is_shutdown:
             return None
@@ -172,6 +205,7 @@ class ExecuteProcess(Action):
             self._on_request(SignalProcess, lambda event, _: self._signal(event.signal)),
         ):
             context.register_event_handler(handler)
+        self._become(_ProcessState.STARTING)
         self._task = context.asyncio_loop.create_task(self._run(context))
         return None
 
@@ -222,13 +256,15 @@ class ExecuteProcess(Action):
                 )
             context.emit_event_sync(ProcessExited(returncode=code, **self._described, pid=self.pid))
             if not self._respawns or self._is_to_end.is_set() or not self._respawn_left:
-                return
+                break
             self._respawn_left -= 1
+            self._become(_ProcessState.WAITING)
             try:
                 await asyncio.wait_for(self._is_to_end.wait(), self._respawn_delay or 0.0)
+                break
             except TimeoutError:
-                continue
-            return
+                self._become(_ProcessState.STARTING)
+        self._become(_ProcessState.ENDED)
 
     async def _once(self, context: LaunchContext) -> int:
         """Start the process, and read its output until its end; return the exit code."""
@@ -250,7 +286,9 @@ class ExecuteProcess(Action):
                 else asyncio.create_subprocess_exec(*command, **pipes)
             )
         except OSError as error:
+            self._become(_ProcessState.ENDED)
             raise LaunchError(f"{self.name}: {command[0]} cannot be started: {error}") from error
+        self._become(_ProcessState.RUNNING)
         log.info(f"process started with pid [{process.pid}]")
         context.emit_event_sync(ProcessStarted(**self._described, pid=process.pid))
         readers = [
@@ -294,7 +332,7 @@ class ExecuteProcess(Action):
         if self._is_to_end.is_set():
             return
         self._is_to_end.set()
-        if self.process is not None and self.process.returncode is None:
+        if self._state is _ProcessState.RUNNING:
             self._ending = context.asyncio_loop.create_task(self._escalate(sends_sigint=sends_sigint))
 
     async def _escalate(self, *, sends_sigint: bool) -> None:

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 from weakref import WeakSet
 
 from rwt_graph import MemoryGraph
@@ -17,7 +17,7 @@ from rwt_rclpy.clocks.timekeeper import Timekeeper, VirtualTime, current, keep_t
 from rwt_rclpy.messages.loaded import classes
 
 if TYPE_CHECKING:
-    from rwt_graph.api import Graph
+    from rwt_graph.api import Graph, Publisher
     from rwt_interfaces.payload import Payload
     from rwt_rclpy.endpoints.client import Client
 
@@ -25,14 +25,6 @@ T = TypeVar("T")
 
 #: Default domain, without ROS_DOMAIN_ID.
 DEFAULT_DOMAIN = 2**32 - 1
-
-
-class Publishes(Protocol):
-    """Publisher of the graph's contract."""
-
-    def publish(self, payload: Payload) -> None:
-        """Send one message to all subscribers."""
-        ...
 
 
 class Link:
@@ -83,7 +75,7 @@ class Link:
         else:
             graph.run_on_graph(partial(_discard, function))
 
-    def publish(self, publisher: Publishes, payload: Payload) -> None:
+    def publish(self, publisher: Publisher, payload: Payload) -> None:
         """Publish from any thread."""
         graph = self.graph
         if not graph.running:

@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import AsyncExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 from uuid import uuid4
 
 import anyio
@@ -60,6 +60,7 @@ from rwt_participant.errors import (
     ServiceFailed,
 )
 from rwt_participant.goals import Goal, GoalStatus, ReceivedGoal
+from rwt_participant.handles import Handle
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
@@ -255,7 +256,7 @@ class RobotParticipant(Participant):
     def advertise_service(
         self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]
     ) -> Registration:
-        """Offer a service here and on the server, unless it is part of an action."""
+        """Handle a service here and on the server, unless it is part of an action."""
         local = self._local.advertise_service(service, type, on_call)
         if "/_action/" in local.name:
             return local
@@ -264,11 +265,11 @@ class RobotParticipant(Participant):
     def advertise_action(
         self, action: str, type: ActionType, on_goal: Callable[[ServerGoal], None]
     ) -> Registration:
-        """Offer an action here and on the server."""
+        """Handle an action here and on the server."""
         local = self._local.advertise_action(action, type, on_goal)
         return self._registered(local, partial(self._graph.offer_action, local.name, type))
 
-    def _registered(self, local: Registration, offer: Callable[[], Offer]) -> Registration:
+    def _registered(self, local: Registration, offer: Callable[[], Handle]) -> Registration:
         registration = RobotRegistration(local, self._graph.offers.add(local.name, offer), self)
         self.opened[registration] = registration.close
         return registration
@@ -323,23 +324,15 @@ class RobotParticipant(Participant):
             self._graph.left(self)
 
 
-class Offer(Protocol):
-    """Service or action offered on the server."""
-
-    def close(self) -> None:
-        """Withdraw the offer."""
-        ...
-
-
 class Offers:
     """Services and actions of this process on the server: the newest of each name is offered."""
 
     def __init__(self) -> None:
-        self._made: dict[str, list[Callable[[], Offer]]] = {}
-        self._offered: dict[str, Offer] = {}
+        self._made: dict[str, list[Callable[[], Handle]]] = {}
+        self._offered: dict[str, Handle] = {}
 
-    def add(self, name: str, offer: Callable[[], Offer]) -> Callable[[], None]:
-        """Offer a service or action; return a function that withdraws it and offers an older one again."""
+    def add(self, name: str, offer: Callable[[], Handle]) -> Callable[[], None]:
+        """Handle a service or action; return a function that withdraws it and offers an older one again."""
         self._made.setdefault(name, []).append(offer)
         self._renew(name)
 
@@ -384,14 +377,13 @@ class RobotGraph(Graph):
     robot: Robot
 
     def __init__(self, url: str, registry: Registry | None = None, *, timeout: float = 10.0) -> None:
-        self.url = url
+        self._connecting = connect(url, timeout=timeout, ros_version=2, fetch_types=False)
         self.local = MemoryGraph(registry)
         self.registry, self.distro = self.local.registry, self.local.distro
         self.clock, self.parameters = self.local.clock, self.local.parameters
         self.offers = Offers()
         self.topics_here: dict[str, RobotTopic] = {}
         self.told_here: Counter[str] = Counter()
-        self._timeout = timeout
         self._connection = AsyncExitStack()
         self._participants: dict[RobotParticipant, None] = {}
         # Participant that calls and sends goals for clients of the server; not listed.
@@ -407,9 +399,7 @@ class RobotGraph(Graph):
         """
         await self.local.__aenter__()
         try:
-            self.robot = await self._connection.enter_async_context(
-                connect(self.url, timeout=self._timeout, ros_version=2, fetch_types=False)
-            )
+            self.robot = await self._connection.enter_async_context(self._connecting)
         except BaseException:
             await self.local.__aexit__()
             raise
@@ -458,8 +448,8 @@ class RobotGraph(Graph):
 
     # Offered on the server
 
-    def offer_service(self, name: str, type: ServiceType) -> Offer:
-        """Offer a service of this process on the server."""
+    def offer_service(self, name: str, type: ServiceType) -> Handle:
+        """Handle a service of this process on the server."""
         return self.robot.advertise_service(
             name, self.registry.type_name(type), partial(self._answer, name, type)
         )
@@ -481,8 +471,8 @@ class RobotGraph(Graph):
             raise answers[0]
         return answers[0]
 
-    def offer_action(self, name: str, type: ActionType) -> Offer:
-        """Offer an action of this process on the server."""
+    def offer_action(self, name: str, type: ActionType) -> Handle:
+        """Handle an action of this process on the server."""
         return self.robot.advertise_action(
             name, self.registry.type_name(type), partial(self._execute, name, type)
         )

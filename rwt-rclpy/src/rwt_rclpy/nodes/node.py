@@ -152,15 +152,7 @@ class Node(NodeParameters):
         full = self._rwt_full_name = f"{namespace.rstrip('/')}/{name}"
         self._rwt_participant = self._rwt_link.run(lambda: self._rwt_link.graph.participant(full))
         self._rwt_queries = GraphQueries(self._rwt_link)
-        self._publishers: list[Publisher] = []
-        self._subscriptions: list[Subscription] = []
-        self._clients: list[Client] = []
-        self._services: list[Service] = []
-        self._timers: list[Timer] = []
-        self._guards: list[GuardCondition] = []
-        self._waitables: dict[Any, Entity] = {}
-        self._rwt_events: list[EventHandler] = []
-        self._rwt_entities: tuple[Entity, ...] = ()
+        self._begin_entities()
         self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rate_group = ReentrantCallbackGroup()
         self._rwt_executor: weakref.ref[Executor] | None = None
@@ -176,12 +168,7 @@ class Node(NodeParameters):
         )
         self._clock = ROSClock()
         if automatically_declare_parameters_from_overrides:
-            descriptor = message_class("rcl_interfaces/ParameterDescriptor")
-            self.declare_parameters(
-                "",
-                [(each.name, each.value, descriptor()) for each in self._parameter_overrides.values()],
-                ignore_override=True,
-            )
+            self._declare_overrides()
         self._time_source = TimeSource(node=self)
         self._time_source.attach_clock(self._clock)
         if start_parameter_services:
@@ -189,6 +176,26 @@ class Node(NodeParameters):
         if enable_logger_service:
             self._logger_service = LoggingService(self)
         self._type_description_service = TypeDescriptionService(self)
+
+    def _begin_entities(self) -> None:
+        self._publishers: list[Publisher] = []
+        self._subscriptions: list[Subscription] = []
+        self._clients: list[Client] = []
+        self._services: list[Service] = []
+        self._timers: list[Timer] = []
+        self._guards: list[GuardCondition] = []
+        self._waitables: dict[Any, Entity] = {}
+        self._rwt_events: list[EventHandler] = []
+        self._rwt_entities: tuple[Entity, ...] = ()
+
+    def _declare_overrides(self) -> None:
+        """Declare every parameter that has an override."""
+        descriptor = message_class("rcl_interfaces/ParameterDescriptor")
+        self.declare_parameters(
+            "",
+            [(each.name, each.value, descriptor()) for each in self._parameter_overrides.values()],
+            ignore_override=True,
+        )
 
     def __del__(self) -> None:
         handle = getattr(self, "_handle", None)
@@ -484,12 +491,7 @@ class Node(NodeParameters):
             InvalidTopicNameException: ROS does not allow the name.
             RuntimeError: the callback takes neither one argument nor two.
         """
-        if content_filter_options is not None and not RELEASE.has_kilted_names:
-            raise TypeError(
-                "unexpected keyword argument 'content_filter_options', which exists from Kilted on"
-            )
-        if not callable(callback):
-            raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")
+        _check_subscription(callback, content_filter_options)
         profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
         self._rwt_require_context(RELEASE.error_after_shutdown)
@@ -542,7 +544,6 @@ class Node(NodeParameters):
             self._context,
             self._rwt_link,
             self,
-            self._rwt_participant,
             srv_type,
             srv_name,
             name,
@@ -897,3 +898,11 @@ class Node(NodeParameters):
             lambda: fully_qualified_node_name in self._rwt_queries.nodes(),
             timeout,
         )
+
+
+def _check_subscription(callback: object, content_filter: ContentFilterOptions | None) -> None:
+    """Raise TypeError for a content filter before ROS 2 Kilted, RuntimeError for an invalid callback."""
+    if content_filter is not None and not RELEASE.has_kilted_names:
+        raise TypeError("unexpected keyword argument 'content_filter_options', which exists from Kilted on")
+    if not callable(callback):
+        raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")

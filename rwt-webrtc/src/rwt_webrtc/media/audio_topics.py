@@ -18,14 +18,12 @@ import anyio.to_thread
 
 from rwt.media.broadcast import EncoderThreads, Listener, SharedStream
 from rwt.media.errors import RequestRefused
-from rwt_graph import Graph, Node
-from rwt_graph.api import Sample
-from rwt_graph.errors import InvalidGraphName
+from rwt_graph import Graph, InvalidGraphName, Node, Sample
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import TimedOut
 from rwt_participant.messages import Message
-from rwt_transports.http.routes import Reader, Work
+from rwt_transports.http.routes import Reader, WorkAccount
 from rwt_webrtc.media.audio import DATA, INFO, INFO_SUFFIX, AudioFormat, AudioUnreadable, read_info
 from rwt_webrtc.media.opus_encoder import OpusEncoder, OpusPacket
 
@@ -69,7 +67,7 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
             node.subscribe_samples(topic, self._take, DATA),
         )
 
-    def join(self, work: Work) -> Listener[OpusPacket]:
+    def join(self, work: WorkAccount) -> Listener[OpusPacket]:
         """Add a listener."""
         listener: Listener[OpusPacket] = Listener(work, self.leave, WAITING_PACKETS)
         self.listeners.append(listener)
@@ -85,7 +83,7 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
         self.wake()
 
     async def _run(self) -> None:
-        while not self._over:
+        while not self.is_over:
             messages = tuple(self._waiting)
             if not messages:
                 await self._woken.wait()
@@ -105,6 +103,7 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
             else:
                 if self._encoder.complaint is not None:
                     self._complain(self._encoder.complaint)
+                self.note_encoded()
                 for listener in self.listeners:
                     for packet in packets:
                         listener.put(packet)
@@ -170,9 +169,9 @@ class AudioTopics:
     async def _info(self, name: str) -> Message:
         """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
-        told = self._node.graph.topic(topic)
-        if told is not None and told.type is not None and told.type.name != INFO:
-            raise RequestRefused(400, f"{topic} is a {told.type.name}, where {INFO} tells of the sound")
+        found = self._node.graph.topic(topic)
+        if found is not None and found.type is not None and found.type.name != INFO:
+            raise RequestRefused(400, f"{topic} is a {found.type.name}, where {INFO} tells of the sound")
         try:
             return await self._node.once(topic, INFO, timeout=PATIENCE)
         except TimedOut:
@@ -180,7 +179,7 @@ class AudioTopics:
                 504, f"no {INFO} came on {topic} within {PATIENCE:g} s: the format of {name} is not known"
             ) from None
 
-    def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener[OpusPacket]:
+    def listen(self, name: str, samples: AudioFormat, work: WorkAccount) -> Listener[OpusPacket]:
         """Add a listener to a topic found by :meth:`find`; its `leave` removes it."""
         broadcast = self._broadcasts.get(name)
         if broadcast is None:

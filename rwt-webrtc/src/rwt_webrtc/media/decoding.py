@@ -16,7 +16,7 @@ from aiortc import RTCRtpReceiver
 
 from rwt.media.stream_request import MOST_AREA
 from rwt_transports.errors import TransportError
-from rwt_webrtc.transport.aiortc_internals import replace_decoder_queue
+from rwt_webrtc.upstream.rtp_receiver import replace_decoder_queue
 
 MAX_MACROBLOCKS: Final = 184_320
 """Macroblocks of all reference images of an H.264 stream: MaxDpbMbs of level 5.2 (H.264 table A-1)."""

@@ -79,9 +79,9 @@ class OpusEncoder:
         packets: list[OpusPacket] = []
         for came, payload in messages:
             if payload.type.name == INFO:
-                told = read_info(payload.value())
-                if told != self._format:
-                    self._format = told
+                described = read_info(payload.value())
+                if described != self._format:
+                    self._format = described
                     self._begin()
                 continue
             try:

@@ -31,10 +31,11 @@ from rwt.media.broadcast import Viewer
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
-from rwt_transports.http.routes import Work
-from rwt_webrtc.transport.congestion.controller import CongestionController
-from rwt_webrtc.transport.congestion.paced_sender import PacedSender, negotiate_transport_feedback
+from rwt_transports.http.routes import WorkAccount
+from rwt_webrtc.congestion.controller import CongestionController
 from rwt_webrtc.transport.peer import Peer
+from rwt_webrtc.upstream.rtp_sender import PacedSender
+from rwt_webrtc.upstream.transceiver import negotiate_transport_feedback, pace
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000
@@ -65,27 +66,26 @@ class TopicTrack(MediaStreamTrack):
         self,
         server: WebVideoServer,
         request: StreamRequest,
-        work: Work,
+        work: WorkAccount,
         on_end: Callable[[str], None],
     ) -> None:
         super().__init__()
         self._server = server
-        self._requests = rung_requests(request)
+        self._requests = level_requests(request)
         self._work = work
         self._on_end = on_end
         best = _bitrate(request)
         self._ladder = BitrateLadder(best)
-        start = max(START_BITS, best * RUNGS[1] / MEDIA)
+        start = max(START_BITS, best * LEVELS[1] / MEDIA)
         self._controller = CongestionController(start, LEAST_BITS, best / MEDIA, monotonic())
         self._sender: PacedSender | None = None
-        self._rung = 0
+        self._level = 0
         self._viewer: Viewer | None = None
         self._resendable = 0
 
     def follow(self, transceiver: RTCRtpTransceiver, peer: Peer) -> None:
         """Send at the rate of the peer's link. Call before the peer is described."""
-        sender = PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
-        self._sender = sender
+        self._sender = pace(transceiver, self._controller, self._on_rtcp, self._ask_for_key)
         if negotiate_transport_feedback(peer.connection, transceiver):
             peer.on_feedback = lambda feedback: self._controller.acknowledged(feedback, monotonic())
 
@@ -132,8 +132,8 @@ class TopicTrack(MediaStreamTrack):
             raise MediaStreamError
         rate, viewer = self._media_rate(), self._viewer
         self._ladder.choose(rate, monotonic())
-        wanted = self._ladder.rung
-        if viewer is not None and wanted == self._rung:
+        wanted = self._ladder.level
+        if viewer is not None and wanted == self._level:
             viewer.bitrate = self._ladder.bitrate(rate)
             return viewer
         try:
@@ -141,13 +141,13 @@ class TopicTrack(MediaStreamTrack):
         except RequestRefused as refused:
             if viewer is None:
                 self._end(str(refused))
-            # No room for another encoder: stay on the present rung.
-            self._ladder.rung = self._rung
+            # No room for another encoder: stay on the present level.
+            self._ladder.level = self._level
             return viewer
         if viewer is not None:
             viewer.leave()
         joined.bitrate = self._ladder.bitrate(rate)
-        self._viewer, self._rung = joined, wanted
+        self._viewer, self._level = joined, wanted
         return joined
 
     def _end(self, reason: str) -> Never:
@@ -163,14 +163,14 @@ class TopicTrack(MediaStreamTrack):
             viewer.leave()
 
 
-def rung_requests(request: StreamRequest) -> tuple[StreamRequest, ...]:
-    """Return the request for each rung; equal requests give equal ones, which share encoders."""
+def level_requests(request: StreamRequest) -> tuple[StreamRequest, ...]:
+    """Return the request for each level; equal requests give equal ones, which share encoders."""
     video = request.coding
     assert isinstance(video, Video)
     best = _bitrate(request)
     return tuple(
         replace(request, coding=replace(video, bitrate=round(best * part), scale=scale, adaptive=True))
-        for part, scale in zip(RUNGS, SCALES, strict=True)
+        for part, scale in zip(LEVELS, SCALES, strict=True)
     )
 
 
@@ -190,14 +190,14 @@ def _packet(encoded: Encoded) -> Packet[Any]:
     return packet
 
 
-RUNGS: Final = (1.0, 0.4, 0.16)
+LEVELS: Final = (1.0, 0.4, 0.16)
 """Maximum bit rates of the encodings as parts of the requested one. All viewers with equal requests share
-them, so there is at most one encoder per rung; its bit rate follows the slowest of its viewers."""
+them, so there is at most one encoder per level; its bit rate follows the slowest of its viewers."""
 SCALES: Final = (1.0, 0.75, 0.5)
 """Factors of width and height: 640, 480 and 320 pixels of a common camera."""
 DOWN: Final = 0.9
 UP: Final = 1.25
-"""Ratios to a rung's maximum at which a viewer steps down to it, and up from it."""
+"""Ratios to a level's maximum at which a viewer steps down to it, and up from it."""
 UP_SECONDS: Final = 1.0
 """Time for which the rate has to suffice for a step up: each step costs a key frame."""
 KEYS: Final = 5
@@ -207,7 +207,7 @@ KEY_SECONDS: Final = 10.0
 KEY_PAUSE_SECONDS: Final = 0.5
 """Receivers repeat a request until the key frame arrives: repeats within this time count once."""
 BAN_SECONDS: Final = 30.0
-"""Time for which such a receiver stays on a lower rung."""
+"""Time for which such a receiver stays on a lower level."""
 
 
 class BitrateLadder:
@@ -217,38 +217,38 @@ class BitrateLadder:
         best: requested bit rate.
 
     Attributes:
-        rung: index of the encoding to send, 0 for the best.
+        level: index of the encoding to send, 0 for the best.
     """
 
     def __init__(self, best: int) -> None:
         self._best = best
-        self.rung = 0
+        self.level = 0
         self._good_since: float | None = None
         self._keys: deque[float] = deque(maxlen=KEYS)
         self._banned: tuple[int, float] = (0, 0.0)
 
     def bitrate(self, rate: float) -> int:
         """Return the bit rate of the present encoding at a rate of the link."""
-        return round(min(rate, self._best * RUNGS[self.rung]))
+        return round(min(rate, self._best * LEVELS[self.level]))
 
     def choose(self, rate: float, now: float) -> None:
         """Select the encoding for a rate of the link in bits per second."""
         lowest, until = self._banned
-        wanted = self.rung
-        while wanted + 1 < len(RUNGS) and rate < DOWN * self._best * RUNGS[wanted + 1]:
+        wanted = self.level
+        while wanted + 1 < len(LEVELS) and rate < DOWN * self._best * LEVELS[wanted + 1]:
             wanted += 1
-        if wanted != self.rung:
-            self.rung, self._good_since = wanted, None
-        elif self._may_rise(rate) and not (now < until and self.rung <= lowest):
+        if wanted != self.level:
+            self.level, self._good_since = wanted, None
+        elif self._may_rise(rate) and not (now < until and self.level <= lowest):
             if self._good_since is None:
                 self._good_since = now
             elif now - self._good_since >= UP_SECONDS:
-                self.rung, self._good_since = self.rung - 1, None
+                self.level, self._good_since = self.level - 1, None
         else:
             self._good_since = None
 
     def _may_rise(self, rate: float) -> bool:
-        return self.rung > 0 and rate > UP * self._best * RUNGS[self.rung]
+        return self.level > 0 and rate > UP * self._best * LEVELS[self.level]
 
     def asked_for_key(self, now: float) -> None:
         """Handle a request for a key frame."""
@@ -257,6 +257,6 @@ class BitrateLadder:
             return
         if len(keys) == KEYS and now - keys[0] < KEY_SECONDS:
             keys.clear()
-            self.rung = min(self.rung + 1, len(RUNGS) - 1)
-            self._banned, self._good_since = (self.rung, now + BAN_SECONDS), None
+            self.level = min(self.level + 1, len(LEVELS) - 1)
+            self._banned, self._good_since = (self.level, now + BAN_SECONDS), None
         keys.append(now)

@@ -21,8 +21,7 @@ from rwt.access.errors import AccessError
 from rwt.access.graph_view import GraphView
 from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph
-from rwt_graph.api import Graph
-from rwt_graph.errors import InvalidGraphName
+from rwt_graph import Graph, InvalidGraphName
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED

@@ -17,7 +17,7 @@ from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import is_local
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_webrtc.transport.ice_guard import Reach
+from rwt_webrtc.packets.ice_guard import Reach
 from rwt_webrtc.transport.ice_servers import BadIceServer, IceServer, read_configuration, read_ice_servers
 from rwt_webrtc.transport.peer import Peer, PeerTerms
 from rwt_webrtc.transport.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
@@ -27,7 +27,7 @@ PATH: Final = "webrtc"
 REQUEST_SECONDS: Final = 20.0
 LONGEST_SECONDS: Final = 60.0
 PATH_PART: Final = 0.7
-"""The part of the time for connecting in which a path has to be found."""
+"""Part of the timeout of connecting within which a path must be found."""
 
 
 class DataChannelConnector:
@@ -53,7 +53,7 @@ class DataChannelConnector:
                 ReceiveBufferPool(2 * limits.message_bytes),
                 AddressCount(),
                 candidates=CANDIDATES,
-                # Before time is up for all of it, so that what was tried can be told.
+                # Ends before the timeout of connecting, so that the error can name what was tried.
                 connect_seconds=PATH_PART * min(address.seconds, LONGEST_SECONDS),
             ),
             servers,
@@ -64,7 +64,6 @@ class DataChannelConnector:
         )
         tasks.start_soon(_hold, peer, ended)
         channel = peer.connection.createDataChannel(LABEL)
-        peer.prepare()
 
         def on_open() -> None:
             # Within the callback that reports the channel: no message can come before.

@@ -24,7 +24,7 @@ ANSWER_BYTES: Final = 16 * 1024
 SECONDS: Final = 5.0
 """Timeout of a command or URL in seconds."""
 REUSED: Final = 0.5
-"""The part of its life in which a credential is given to further peers."""
+"""Part of the lifetime of a credential in which further peers get it."""
 MOST_SERVERS: Final = 8
 
 
@@ -33,11 +33,11 @@ class IceSource:
     """Source of the servers.
 
     Attributes:
-        urls: of servers; STUN, and TURN with the credential.
-        username: of TURN, which does not change.
-        credential: its password.
-        command: a program and its arguments that prints a credential for a while.
-        url: what answers such a credential by HTTP.
+        urls: URLs of servers: STUN, and TURN with the credential.
+        username: fixed user name for TURN.
+        credential: password for TURN.
+        command: program, and its arguments, that prints a temporary credential.
+        url: URL that returns a temporary credential.
     """
 
     urls: tuple[str, ...] = ()
@@ -66,7 +66,7 @@ class IceServers:
         source = self._source
         if not source.command and not source.url:
             return _with_credential(source.urls, source.username, source.credential)
-        async with self._lock:  # Many peers that come together cost one question.
+        async with self._lock:  # Peers that are opened at the same time share one request.
             if self._now() >= self._until:
                 text = await (self._run() if source.command else self._fetch())
                 self._found, ttl = read_credential(text, source.urls)
@@ -109,10 +109,10 @@ def read_credential(text: bytes, urls: Sequence[str]) -> tuple[tuple[IceServer, 
     """Read a credential.
 
     Args:
-        urls: of servers for which it holds, where it names none.
+        urls: URLs of the servers, in addition to those that the credential names.
 
     Returns:
-        The servers, and how many seconds it holds.
+        The servers, and the lifetime of the credential in seconds.
 
     Raises:
         NoIceServers: it cannot be used; says why.

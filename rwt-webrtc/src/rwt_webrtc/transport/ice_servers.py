@@ -15,15 +15,15 @@ from aiortc import RTCConfiguration, RTCIceServer
 from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
-import rwt_webrtc.transport.ice_agent  # noqa: F401 - the import replaces aioice's classes for TURN
+import rwt_webrtc.upstream.turn_clients  # noqa: F401 - the import replaces aioice's classes for TURN
 from rwt_transports.errors import TransportError
-from rwt_webrtc.transport.stun_messages import BadStun, check_stun
+from rwt_webrtc.packets.stun import BadStun, check_stun
 
 MOST_SERVERS: Final = 8
 SECONDS: Final = 3.0
 """Timeout of a server in seconds."""
 ASKED_EVERY: Final = 0.5
-"""Seconds from one question to the next: a datagram may be lost."""
+"""Interval of requests in seconds: a datagram may be lost."""
 
 
 class BadIceServer(TransportError):
@@ -46,7 +46,7 @@ class IceServer:
 
     @property
     def link(self) -> str:
-        """As the ``Link`` header of an answer names it (RFC 9725 section 4.6)."""
+        """Value of a ``Link`` header that names the server (RFC 9725 section 4.6)."""
         parts = [f'<{quote(self.url, safe=":/?=&@[]%~+,;")}>; rel="ice-server"']
         if self.username:
             parts += [f'username="{_quoted(self.username)}"', f'credential="{_quoted(self.credential)}"']
@@ -55,7 +55,7 @@ class IceServer:
 
     @property
     def dictionary(self) -> dict[str, str]:
-        """As an ``RTCIceServer`` of the W3C's, which is what a page's peer connection takes."""
+        """JSON form of the server, an ``RTCIceServer`` of the W3C's for pages."""
         found = {"urls": self.url}
         if self.username:
             found |= {"username": self.username, "credential": self.credential}
@@ -82,7 +82,7 @@ def check_ice_url(url: str) -> str:
 
 
 def configuration(servers: tuple[IceServer, ...], *, relay_only: bool = False) -> RTCConfiguration:
-    """Return aiortc's configuration. Without servers none is used; aiortc's default would be Google's."""
+    """Return aiortc's configuration. An empty tuple means no servers; aiortc's default is Google's."""
     return RTCConfiguration(
         iceServers=[
             RTCIceServer(each.url, each.username or None, each.credential or None) for each in servers
@@ -144,7 +144,7 @@ def read_configuration(text: bytes) -> tuple[IceServer, ...]:
 
 
 async def probe(server: IceServer) -> Probe:
-    """Ask a server for what it is there for: an address as it sees this machine, or a relay."""
+    """Request the address that a STUN server sees, or a relay of a TURN server."""
     parsed = parse_stun_turn_uri(server.url)
     host, port = str(parsed["host"]), int(parsed["port"])
     try:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import partial
 from time import monotonic
 from typing import Final
 
-from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport, RTCPeerConnection, RTCSessionDescription
+from aiortc import RTCDataChannel, RTCIceCandidate, RTCSessionDescription
 
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
@@ -22,11 +22,8 @@ from rwt_transports.limits import KIB, Limits
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import MessageWire
-from rwt_webrtc.transport.aiortc_internals import Association, GuardedHandshake, release
-from rwt_webrtc.transport.channels import ChannelLink
-from rwt_webrtc.transport.congestion.feedback import Feedback
-from rwt_webrtc.transport.ice_agent import GuardedAgent, way
-from rwt_webrtc.transport.ice_guard import (
+from rwt_webrtc.congestion.feedback import Feedback
+from rwt_webrtc.packets.ice_guard import (
     CONSENT_EXPIRES_SECONDS,
     MEDIA_CONSENT_EXPIRES_SECONDS,
     CheckRates,
@@ -34,15 +31,17 @@ from rwt_webrtc.transport.ice_guard import (
     Reach,
     reach_of,
 )
+from rwt_webrtc.transport.channels import ChannelLink
 from rwt_webrtc.transport.ice_servers import IceServer, configuration
 from rwt_webrtc.transport.sdp import BadDescription, Description, with_largest_message, without_addresses
+from rwt_webrtc.upstream.peer_connection import GuardedPeerConnection
 
 logger = logging.getLogger("rwt_webrtc.transport")
 
 READY_BYTES: Final = 16 * KIB
 """Maximum bytes queued below a channel's lanes, where old messages can no longer be dropped."""
 FRESH_READY_BYTES: Final = 1 * KIB
-"""The same for a channel without retransmission, where an old message is worth nothing."""
+"""Maximum bytes queued below the lanes of a channel without retransmission: old messages are useless."""
 
 RELEASE_SECONDS: Final = 0.5
 """Time after which an ended peer connection is not used any more."""
@@ -53,13 +52,13 @@ class PeerTerms:
     """Settings that all peers of one side share.
 
     Attributes:
-        limits: bounds of each channel's connection.
-        buffers: where is counted what has come of large messages.
+        limits: limits of each channel's connection.
+        buffers: counts the bytes of incomplete messages.
         addresses: number of connections by address; a channel counts as one.
-        channels: data channels that a peer may have open.
-        candidates: of the other side, in its description and afterwards.
-        connect_seconds: how long it may take until the peers have found each other.
-        tell_private: True if peers with public addresses are told private ones, too.
+        channels: maximum number of open data channels of a peer.
+        candidates: maximum number of candidates of the other side, in its description and afterwards.
+        connect_seconds: time within which the peers have to find each other.
+        announce_private: True if private addresses are announced to peers with public ones, too.
         relay_only: True if only addresses of a TURN server are used.
         checks: rate limit of checks by network.
     """
@@ -70,33 +69,67 @@ class PeerTerms:
     channels: int = 16
     candidates: int = 64
     connect_seconds: float = 10.0
-    tell_private: bool = False
+    announce_private: bool = False
     relay_only: bool = False
     checks: CheckRates = field(default_factory=CheckRates)
 
     def reach(self, address: str) -> Reach:
-        """Return which addresses a peer is told, by the address of its signalling."""
-        return min(reach_of(address), Reach.PRIVATE) if self.tell_private else reach_of(address)
+        """Return the addresses that are announced to a peer, by the address of its signalling."""
+        return min(reach_of(address), Reach.PRIVATE) if self.announce_private else reach_of(address)
+
+
+class PeerState(Enum):
+    """State of a peer connection; :class:`Peer` has the drawing."""
+
+    CONNECTING = "connecting"
+    CONNECTED = "connected"
+    FAILED = "failed"
+    LOST = "lost"
+
+
+_TRANSITIONS: Final = {
+    PeerState.CONNECTING: {PeerState.CONNECTED, PeerState.FAILED},
+    PeerState.CONNECTED: {PeerState.LOST},
+    PeerState.FAILED: set[PeerState](),
+    PeerState.LOST: set[PeerState](),
+}
 
 
 class Peer:
     """Peer connection, from its first description to its end.
 
+    Life cycle::
+
+        CONNECTING ── path and handshake ──> CONNECTED ── fail(), close(), peer gone ──> LOST
+            │
+            └── fail(), close(), no path within `connect_seconds`, invalid description ──> FAILED
+
+    * **CONNECTING**: descriptions and candidates are exchanged and checked.
+    * **CONNECTED**: data channels and tracks carry messages and media.
+    * **FAILED**, **LOST**: the peer has ended, without and with a path. A task closes aiortc's connection,
+      and :data:`RELEASE_SECONDS` later its reference cycles are broken.
+
+    Attributes by purpose:
+
+    * Wiring: ``connection``, ``_terms``, ``_accept``, ``_guard``, ``_listeners`` (one for each data channel),
+      ``on_feedback``.
+    * Other side: ``_address``, ``network``, ``ufrag``, ``largest``, ``_candidates``.
+    * End: ``state``, ``reason``, ``_deadline``, ``_ending``, ``_on_closed``, ``_when_ended``.
+
     Args:
-        terms: what it may take.
-        servers: that help to find a path.
+        terms: settings that it shares with other peers.
+        servers: STUN and TURN servers, which help to find a path.
         accept: makes the endpoint of each data channel.
-        address: address of the other side, as far as its signalling tells.
-        reach: addresses that the other side is told, and to which checks are sent.
+        address: address of the other side according to its signalling.
+        reach: addresses that are announced to the other side, and to which checks are sent.
         on_closed: called once when it has ended.
 
     Attributes:
-        connection: aiortc's.
-        network: that the other side counts as; empty on this machine.
-        largest: bytes of the largest message that the other side takes; 0 for any.
-        connected: True if the peers have found each other.
-        closed: True if it has ended.
-        reason: why it has.
+        connection: aiortc's connection.
+        network: network of the other side; empty on this machine.
+        largest: maximum size of a message that the other side takes; 0 for any.
+        state: state of its life cycle.
+        reason: reason of its end.
         on_feedback: called with transport-wide feedback of the other side; None to ignore it.
     """
 
@@ -117,21 +150,39 @@ class Peer:
         self._guard = IceGuard(reach, partial(terms.checks.take, self.network))
         self._on_closed = on_closed
         self._candidates = 0
-        self._states: list[ListenerState] = []
-        self._prepared: set[RTCIceTransport] = set()
-        self._association: Association | None = None
+        self._listeners: list[ListenerState] = []
         self._ending: asyncio.Task[None] | None = None
         self._deadline: asyncio.TimerHandle | None = None
         self._when_ended: list[Callable[[], None]] = []
         self.ufrag = ""
         self.largest = 0
-        self.connected = False
-        self.closed = False
+        self.state = PeerState.CONNECTING
         self.reason = ""
         self.on_feedback: Callable[[Feedback], None] | None = None
-        self.connection = RTCPeerConnection(configuration(servers, relay_only=terms.relay_only))
+        self.connection = GuardedPeerConnection(
+            configuration(servers, relay_only=terms.relay_only),
+            terms.limits,
+            terms.buffers,
+            self._guard,
+            fail=self.fail,
+            on_feedback=self._received_feedback,
+        )
         self.connection.on("connectionstatechange", self._state_changed)
         self.connection.on("datachannel", self._channel_opened)
+
+    @property
+    def connected(self) -> bool:
+        """True if the peers have found each other, also after the end."""
+        return self.state in (PeerState.CONNECTED, PeerState.LOST)
+
+    @property
+    def closed(self) -> bool:
+        """True if it has ended."""
+        return self.state in (PeerState.FAILED, PeerState.LOST)
+
+    def _become(self, state: PeerState) -> None:
+        assert state in _TRANSITIONS[self.state], f"{self.state} -> {state}"
+        self.state = state
 
     # -- descriptions --------------------------------------------------------------------------------------
 
@@ -151,30 +202,12 @@ class Peer:
             raise BadDescription(
                 f"the session description cannot be used: {error or type(error).__name__}"
             ) from error
-        self.prepare()
-
-    def prepare(self) -> None:
-        """Prepare aiortc's objects, before candidates are gathered."""
-        connection = self.connection
-        sctp = connection.sctp
-        handshakes = {each.sender.transport for each in connection.getTransceivers()}
-        if sctp is not None:
-            handshakes.add(sctp.transport)
-            if self._association is None:
-                self._association = Association.adopt(
-                    sctp, self._terms.limits, self._terms.buffers, self.fail
-                )
-        self._guard.consent_seconds = (
-            MEDIA_CONSENT_EXPIRES_SECONDS if sctp is None else CONSENT_EXPIRES_SECONDS
-        )
-        for handshake in handshakes:
-            if handshake.transport not in self._prepared:
-                GuardedHandshake.adopt(handshake, self._take_feedback)
-                GuardedAgent.adopt(handshake.transport, self._guard)
-                self._prepared.add(handshake.transport)
 
     async def describe(self) -> str:
         """Gather candidates; returns this side's description, an offer or an answer, complete."""
+        self._guard.consent_seconds = (
+            MEDIA_CONSENT_EXPIRES_SECONDS if self.connection.sctp is None else CONSENT_EXPIRES_SECONDS
+        )
         await self.connection.setLocalDescription()
         if self._deadline is None:
             loop = asyncio.get_running_loop()
@@ -206,7 +239,7 @@ class Peer:
                 f"{self._candidates} candidates of the other side"
             )
 
-    def _take_feedback(self, feedback: Feedback) -> None:
+    def _received_feedback(self, feedback: Feedback) -> None:
         if self.on_feedback is not None:
             self.on_feedback(feedback)
 
@@ -222,18 +255,18 @@ class Peer:
 
     def link(self, channel: RTCDataChannel) -> ChannelLink:
         """Return an open channel as a driver's link."""
-        assert self._association is not None  # It is there before any channel opens.
-        return ChannelLink(self._association, channel, deque())
+        assert self.connection.association is not None  # It is there before any channel opens.
+        return ChannelLink(self.connection.association, channel)
 
     def _serve(self, channel: RTCDataChannel) -> None:
-        self._states = [state for state in self._states if state.connections]
-        if len(self._states) >= self._terms.channels:
+        self._listeners = [each for each in self._listeners if each.connections]
+        if len(self._listeners) >= self._terms.channels:
             logger.warning("no room for a data channel of %s (webrtc.channels)", self._address)
             channel.close()
             return
         link = self.link(channel)
         limits = self._terms.limits
-        state = ListenerState(
+        listener = ListenerState(
             self._accept,
             MessageWire,
             replace(
@@ -247,29 +280,29 @@ class Peer:
             addresses=self._terms.addresses,
             buffers=self._terms.buffers,
         )
-        self._states.append(state)
-        state.add(Connection(state, link, self._address, 0), link)
+        self._listeners.append(listener)
+        listener.add(Connection(listener, link, self._address, 0), link)
 
     def tick(self) -> None:
         now = monotonic()
-        for state in self._states:
-            state.tick(now)
+        for listener in self._listeners:
+            listener.tick(now)
 
     @property
     def channels(self) -> int:
-        return sum(bool(state.connections) for state in self._states)
+        return sum(bool(listener.connections) for listener in self._listeners)
 
     @property
     def way(self) -> str:
         """Description of the path to the other side; empty before it is found."""
-        return "; ".join(filter(None, (way(transport) for transport in self._prepared)))
+        return self.connection.way
 
     # -- the end -------------------------------------------------------------------------------------------
 
     def _state_changed(self) -> None:
         state = self.connection.connectionState
-        if state == "connected" and not self.connected:
-            self.connected = True
+        if state == "connected" and self.state is PeerState.CONNECTING:
+            self._become(PeerState.CONNECTED)
             logger.info("a peer of %s is connected %s", self._address or "?", self.way)
         elif state in ("failed", "closed"):
             self.fail("the peer is gone" if self.connected else "no path was found, or the handshake failed")
@@ -277,7 +310,7 @@ class Peer:
     def fail(self, reason: str) -> None:
         """End it, without waiting for the other side."""
         if not self.closed:
-            self.closed = True
+            self._become(PeerState.LOST if self.connected else PeerState.FAILED)
             self.reason = reason
             logger.info("a peer of %s has ended: %s", self._address or "?", reason)
             self._ending = asyncio.get_running_loop().create_task(self._end())
@@ -291,7 +324,7 @@ class Peer:
     async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:
         """Close the channels before the peer connection: the reverse is an error for the other side."""
         if not self.closed:
-            await asyncio.gather(*(state.end(code, reason) for state in self._states))
+            await asyncio.gather(*(listener.end(code, reason) for listener in self._listeners))
             self.fail(reason)
         if self._ending is not None:
             await self._ending
@@ -304,10 +337,10 @@ class Peer:
             await self.connection.close()
         except Exception:
             log_exception("a peer connection could not be closed")
-        for state in self._states:
-            for connection in tuple(state.connections):
+        for listener in self._listeners:
+            for connection in tuple(listener.connections):
                 connection.abort()
         self._when_ended.clear()
         self.on_feedback = None
         # aiortc's tasks that connect end after the next turns of the loop.
-        asyncio.get_running_loop().call_later(RELEASE_SECONDS, release, self.connection)
+        asyncio.get_running_loop().call_later(RELEASE_SECONDS, self.connection.release)

@@ -16,7 +16,7 @@ from aiortc import RTCIceCandidate
 from aiortc.sdp import candidate_from_sdp
 
 from rwt_transports.errors import TransportError
-from rwt_webrtc.transport.ice_guard import Reach, is_unicast, reach_of
+from rwt_webrtc.packets.ice_guard import Reach, is_unicast, reach_of
 
 OFFER_BYTES: Final = 64 * 1024
 """Largest offer that is looked at; a browser's with every codec it has takes 10 KiB."""
@@ -284,7 +284,7 @@ def with_largest_message(text: str, size: int) -> str:
 
 
 def without_addresses(text: str, reach: Reach) -> str:
-    """Return this side's description without candidates and related addresses that are not to be told."""
+    """Return this side's description without candidates and related addresses outside of the reach."""
     kept: list[str] = []
     for line in text.splitlines():
         words = line.split()
@@ -292,7 +292,7 @@ def without_addresses(text: str, reach: Reach) -> str:
             if reach_of(words[4]) < reach:
                 continue
             if "raddr" in words and reach_of(words[words.index("raddr") + 1]) < reach:
-                # The format of RFC 8839 section 5.1 for an address that is not told.
+                # The format of RFC 8839 section 5.1 for a hidden address.
                 at = words.index("raddr")
                 words[at + 1], words[at + 3] = "::" if ":" in words[at + 1] else "0.0.0.0", "9"
                 line = " ".join(words)

@@ -1,9 +1,9 @@
 """Signalling: an HTTP offer and an answer, as in WHIP and WHEP (RFC 9725).
 
-- ``GET`` tells the STUN and TURN servers, as JSON that is an ``RTCConfiguration`` of the W3C's;
-- ``POST`` of ``application/sdp`` opens a peer: ``201``, the answer, and ``Location``, where it is reached;
-- ``PATCH`` there of ``application/trickle-ice-sdpfrag`` (RFC 8840) adds candidates: ``204``;
-- ``DELETE`` there ends it: ``200``.
+- ``GET`` returns the STUN and TURN servers, as a JSON ``RTCConfiguration`` of the W3C's.
+- ``POST`` of ``application/sdp`` opens a peer: ``201``, the answer, and its URL in ``Location``.
+- ``PATCH`` of ``application/trickle-ice-sdpfrag`` (RFC 8840) to that URL adds candidates: ``204``.
+- ``DELETE`` of that URL ends the peer: ``200``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ SDP: Final = "application/sdp"
 FRAGMENT: Final = "application/trickle-ice-sdpfrag"
 
 FindIceServers = Callable[[], Awaitable[tuple["IceServer", ...]]]
-"""Asks for the STUN and TURN servers of a new peer, whose credentials may hold for a while only."""
+"""Finds the STUN and TURN servers of a new peer; their credentials may be temporary."""
 
 
 class NoIceServers(TransportError):
@@ -54,10 +54,10 @@ class PeerBounds:
     """Limits of all peers of a server together.
 
     Attributes:
-        peers: that are open at a time.
-        handshakes: of them, those that have not found their path yet.
-        queue_seconds: seconds for which an offer waits until fewer peers are connecting.
-        queue_bytes: bytes of the offers that wait.
+        peers: maximum number of open peers.
+        handshakes: maximum number of peers that are still connecting.
+        queue_seconds: maximum time for which an offer waits until fewer peers are connecting.
+        queue_bytes: maximum size of the waiting offers.
     """
 
     peers: int = 32
@@ -70,9 +70,9 @@ class Peers:
     """Peer connections that a server has accepted.
 
     Args:
-        terms: what each may take.
-        bounds: what all of them may take.
-        find_servers: asks for the servers that help to find a path.
+        terms: settings that all peers share.
+        bounds: limits of all peers together.
+        find_servers: finds the STUN and TURN servers of a new peer.
     """
 
     def __init__(self, terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers) -> None:
@@ -101,19 +101,22 @@ class Peers:
         answer: Callable[[Peer], Awaitable[str]],
         size: int = 0,
     ) -> tuple[str, str, tuple[IceServer, ...]]:
-        """Open a peer, once fewer than the maximum are connecting.
+        """Open a peer for an offer, and return its answer.
+
+        Waits while the maximum number of peers is connecting.
 
         Args:
-            accept: makes the endpoint of each of its data channels.
-            answer: brings the peer so far that it has an answer, which it returns.
-            size: bytes of the offer, which are kept while it waits.
+            accept: makes the endpoint of each data channel.
+            address: address of the client.
+            answer: applies the offer to the new peer, and returns the answer.
+            size: bytes of the offer, which count while it waits.
 
         Returns:
-            Its identifier, the answer, and the servers that help to find a path.
+            The peer's identifier, the answer, and the STUN and TURN servers.
 
         Raises:
-            Refused: there are as many as there may be, or the servers cannot be had.
-            BadDescription: what the client has sent cannot be used.
+            Refused: a limit is reached, or the STUN and TURN servers are not available.
+            BadDescription: the offer is not usable.
         """
         network = "" if is_local(address) else network_of(address)
         await self._wait_for_room(network, size)
@@ -154,7 +157,7 @@ class Peers:
                 del self._of_network[network]
 
     def _shortage(self, network: str) -> tuple[str, str]:
-        """Return why there is no room for a peer, and the setting; empty texts if there is."""
+        """Return why there is no room for a peer, and the setting; empty strings if there is room."""
         bounds = self._bounds
         connecting = [peer.network for peer in self._peers.values() if not peer.connected]
         if network:

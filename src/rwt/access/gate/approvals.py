@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
+from enum import Enum
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -77,11 +78,31 @@ def digest_of(payload: Payload, rule: Rule) -> str:
     return hashlib.sha256(payload.type.name.encode() + b"\0" + payload.cdr()).hexdigest()
 
 
+class _ApprovalState(Enum):
+    PENDING = "pending"
+    APPROVED = "approved"
+    DENIED = "denied"
+    WITHDRAWN = "withdrawn"
+
+
+_TRANSITIONS: Final = {
+    _ApprovalState.PENDING: {_ApprovalState.APPROVED, _ApprovalState.DENIED, _ApprovalState.WITHDRAWN},
+    _ApprovalState.APPROVED: set[_ApprovalState](),
+    _ApprovalState.DENIED: set[_ApprovalState](),
+    _ApprovalState.WITHDRAWN: set[_ApprovalState](),
+}
+
+
 class Approval(PendingCall):
     """Request for the approval of one act.
 
-    States: pending until it is approved, denied (by a person, by timeout, or since the client left) or
-    withdrawn (:meth:`cancel`). It leaves :attr:`Approvals.pending` once and for all.
+    Life cycle::
+
+        PENDING ── a person approves ──> APPROVED
+           ├── a person denies, timeout, the client has left ──> DENIED
+           └── cancel() ──> WITHDRAWN
+
+    Only pending requests are in :attr:`Approvals.pending`.
 
     Attributes:
         id: number of the request, as a string.
@@ -89,7 +110,6 @@ class Approval(PendingCall):
         slot: credential and rule whose requests are limited together.
         content: digest and size of the message, the fields that rules name, and its JSON, truncated.
         asked_ns: ROS time of the request.
-        is_pending: True until it is approved, denied or withdrawn.
         go: performs the act once it is approved; None: the client has to send it again. Set by the requester.
         refuse: called with the reason if the request is denied; set by the requester.
         timer: denies the request after the timeout.
@@ -107,11 +127,21 @@ class Approval(PendingCall):
         self.content = content
         self.slot = ("", rule.key)
         self.asked_ns = 0
-        self.is_pending = True
+        self._state = _ApprovalState.PENDING
         self.go: Callable[[], None] | None = None
         self.refuse: Callable[[str], None] | None = None
         self.timer: Timer | None = None
         self.until = 0.0
+
+    @property
+    def is_pending(self) -> bool:
+        """True until it is approved, denied or withdrawn."""
+        return self._state is _ApprovalState.PENDING
+
+    def become(self, state: _ApprovalState) -> None:
+        """Set the final state."""
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     @property
     def seconds_left(self) -> float:
@@ -133,7 +163,7 @@ class Approval(PendingCall):
     def cancel(self) -> None:
         """Withdraw the request."""
         if self.is_pending:
-            self._approvals.end(self)
+            self._approvals.end(self, _ApprovalState.WITHDRAWN)
 
 
 class Approvals:
@@ -281,7 +311,7 @@ class Approvals:
         if not approve:
             self._deny(approval, by, "a person said no")
             return f"denied: {what}"
-        self.end(approval)
+        self.end(approval, _ApprovalState.APPROVED)
         self._recorder.note("approved", approval.act, approval.name, by, f"{id} of {approval.client}", key)
         self._forget_expired()
         now = self.clock.monotonic()
@@ -296,7 +326,7 @@ class Approvals:
         return f"approved: {what}"
 
     def _deny(self, approval: Approval, by: Actor | None, why: str) -> None:
-        self.end(approval)
+        self.end(approval, _ApprovalState.DENIED)
         self._recorder.note(
             "denied",
             approval.act,
@@ -312,9 +342,9 @@ class Approvals:
         else:
             approval.client.tell_approval(f"{text}, id {approval.id}")
 
-    def end(self, approval: Approval) -> None:
-        """Remove a pending request."""
-        approval.is_pending = False
+    def end(self, approval: Approval, state: _ApprovalState) -> None:
+        """Remove a pending request, which gets its final state."""
+        approval.become(state)
         del self._pending[approval.id]
         if self._asked.get(approval.subject[:-1]) is approval:
             del self._asked[approval.subject[:-1]]

@@ -14,6 +14,7 @@ from rwt.access.errors import AccessError, GateRefused, NotAllowed
 from rwt.access.gate.gate import GATE_NODE, Gate
 from rwt.access.gate.node import LEASES, SERVICES, TOPICS, answer_of, press
 from rwt.access.gate.record import CALLER, Actor
+from rwt.access.gate.topic import TopicState
 from rwt.access.graph_view import STOP
 from rwt.access.roles import Role, absolute_globs
 from rwt_graph.api import ClientGoal, OnReply, PendingCall
@@ -68,7 +69,7 @@ class GatedPublisher(WrappedPublisher):
             QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
         guarded = self._guarded
-        if guarded.is_closed:
+        if guarded.state is TopicState.CLOSED:
             guarded = self._guarded = self._gate.join_topic(self._actor, self.topic, self.type)
         guarded.publish(self._actor, payload, self._inner.publish)
 

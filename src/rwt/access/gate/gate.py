@@ -27,7 +27,7 @@ from rwt.access.gate.lease import Lease, WakeWatch
 from rwt.access.gate.record import Actor, Decision, Recorder, bounded
 from rwt.access.gate.rules import GatedAct, Rule, Rules
 from rwt.access.gate.stop_path import Cancel, StopPath
-from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic
+from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic, TopicState
 from rwt.access.graph_view import canonical
 from rwt.access.roles import Role, absolute_globs, glob_pattern
 from rwt.access.settings import GateRule, GateSettings, SettingsError
@@ -349,7 +349,7 @@ class Gate:
         """Close topics that only the gate uses; examines two, so that the work does not grow with topics."""
         for _ in range(min(2, len(self._sweep))):
             topic = self._sweep.popleft()
-            if topic.is_closed:
+            if topic.state is TopicState.CLOSED:
                 continue
             if self._is_abandoned(topic):
                 topic.close()
@@ -578,7 +578,7 @@ class Gate:
                 checks = FieldChecks(rule, type)
             except NoSuchField as wrong:
                 checks = str(wrong)
-                logger.error("the gate lets nothing through: %s", wrong)
+                logger.error("the gate rejects every command: %s", wrong)
             self._checks[rule, type] = checks
         return checks
 
@@ -767,7 +767,7 @@ class Gate:
 
     def _stop_topic(self, topic: GuardedTopic, press: int) -> None:
         """Stop a topic, unless it was stopped already, or driven after a release meanwhile."""
-        if not topic.is_emergency or topic.is_closed or topic.driven_in >= press:
+        if not topic.is_emergency or topic.state is TopicState.CLOSED or topic.driven_in >= press:
             return
         if topic.stopped_in < press:
             self.stop_path.run(topic.name, topic.emergency_stop)

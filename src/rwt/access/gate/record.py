@@ -299,13 +299,7 @@ class Recorder:
         """
         self.counts[decision] += 1
         if decision in _LOGGED:
-            who = "the robot" if client is None else str(client)
-            self._audit.write(
-                logging.WARNING if decision in ("stop", "would refuse") else logging.INFO,
-                "gate: %s: %s by %s: %s",
-                decision, one_line(f"{act} {name}".rstrip()), one_line(who), one_line(text),
-                client=None if client is None else client.name,
-            )  # fmt: skip
+            self._log(decision, act, name, client, text)
         if self._file is None:
             return
         payer = client or about
@@ -318,11 +312,7 @@ class Recorder:
             if repeated.lines > _MAX_LINES:
                 repeated.count += 1
                 return
-        line = self._line(decision, act, _text(name, _MAX_NAME))
-        if client is not None:
-            line |= {"client": _text(client.name, _MAX_NAME), "role": client.role, "address": client.address}
-            if client.credential:
-                line["credential"] = client.credential
+        line = self._line(decision, act, _text(name, _MAX_NAME)) | _members_of(client)
         if rule:
             line["rule"] = rule
         if text:
@@ -339,6 +329,18 @@ class Recorder:
                 self._of_source[source] += 1
         if self._timer is None and (self._repeated or any(each.has_left_out for each in self._budgets)):
             self._timer = self._clock.call_later(_REPEAT_SECONDS, self._flush)
+
+    def _log(self, decision: Decision, act: str, name: str, client: Actor | None, text: str) -> None:
+        """Write one event to the server's log."""
+        if decision == "stop":
+            event = one_line(text)  # Names the client already.
+        else:
+            who = "the robot" if client is None else str(client)
+            event = f"{one_line(f'{act} {name}'.rstrip())} by {one_line(who)}: {one_line(text)}"
+        self._audit.write(
+            logging.WARNING if decision in ("stop", "would refuse") else logging.INFO,
+            "gate: %s: %s", decision, event, client=None if client is None else client.name,
+        )  # fmt: skip
 
     def _line(self, decision: Decision, act: str, name: str) -> dict[str, object]:
         return {"time": self._time(), "decision": decision, "act": act, "name": name}
@@ -393,6 +395,20 @@ class Recorder:
             self._flush(at_end=True)
             self._file.write(encode(self._line("closed", "audit", "")))
             self._file.close()
+
+
+def _members_of(client: Actor | None) -> dict[str, object]:
+    """Return the members of a line that name the client; none for the robot itself."""
+    if client is None:
+        return {}
+    line: dict[str, object] = {
+        "client": _text(client.name, _MAX_NAME),
+        "role": client.role,
+        "address": client.address,
+    }
+    if client.credential:
+        line["credential"] = client.credential
+    return line
 
 
 def _text(text: str, limit: int) -> str:

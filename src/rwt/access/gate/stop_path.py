@@ -152,7 +152,7 @@ class StopPath:
         self._is_repeating = True
         for topic in tuple(self._repeated):
             if topic in self._repeated:
-                if topic.wants_repeat:
+                if topic.must_repeat():
                     self.run(topic.name, topic.publish_stop)
                 else:
                     del self._repeated[topic]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from enum import Enum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
@@ -69,15 +70,36 @@ class _RoleRules(NamedTuple):
     rates: tuple[tuple[Rule, RateLimit], ...]
 
 
+class TopicState(Enum):
+    """State of a topic with gate rules; see :class:`GuardedTopic`."""
+
+    OPEN = "open"
+    STOPPING = "stopping"
+    CLOSED = "closed"
+
+
+_TRANSITIONS: Final = {
+    TopicState.OPEN: {TopicState.STOPPING, TopicState.CLOSED},
+    TopicState.STOPPING: {TopicState.STOPPING, TopicState.OPEN, TopicState.CLOSED},
+    TopicState.CLOSED: {TopicState.CLOSED},
+}
+
+
 class GuardedTopic:
     """Topic with gate rules.
 
-    Two things have states. The stop message::
+    Life cycle::
 
-        idle ──halt()──> repeated every 0.1 s ──repeat_seconds are over, and no emergency stop──> idle
-                                 └──a client's message passes──> idle
+        OPEN ─────── halt() ───────> STOPPING ── close() ──> CLOSED
+         │^─── repeated or passed ──────┘                      ^
+         └────────────────────── close() ──────────────────────┘
 
-    A client, on a topic that the emergency stop is for::
+    * **OPEN**: messages of clients pass if the rules allow them.
+    * **STOPPING**: the gate's stop path repeats the stop message every 0.1 s, until `repeat_seconds` have
+      passed and the emergency stop is released (*repeated*), or a message of a client passes (*passed*).
+    * **CLOSED**: the gate has another object for the topic, or none.
+
+    A client has states as well, on a topic that the emergency stop is for::
 
         moving ──a message while stopped──> paused ──stop released, then 1 s of silence or the stop message──┐
           ^──────────────────────────────────────────────────────────────────────────────────────────────────┘
@@ -97,19 +119,18 @@ class GuardedTopic:
       credential is paused, too).
     * Rates: ``_motion`` (values last passed on), ``_has_rates`` (True if a rule limits them).
     * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
-      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's
-      stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a
-      header).
+      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_prepared`` (payload made in advance),
+      ``_is_stamped`` (True if it has a header).
 
     Attributes:
         name: absolute name.
+        state: state of the topic.
         lease: lease of the topic; None if no rule requires one.
         fault: description of what is wrong with the rules; empty if they fit.
         users: clients that publish on the topic.
         is_emergency: True if the emergency stop is for the topic.
         driven_in: number of the last press of the emergency stop before a client's message passed.
         stopped_in: number of the press that stopped the topic last.
-        is_closed: True after :meth:`close`: the gate has another object for the topic, or none.
     """
 
     def __init__(self, gate: Gate, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
@@ -117,7 +138,7 @@ class GuardedTopic:
         self.type = type
         self.fault = ""
         self.users: set[Actor] = set()
-        self.is_closed = False
+        self.state = TopicState.OPEN
         self._gate = gate
         self._rules = tuple(rules)
         self._compiled: tuple[_CompiledRule, ...] = ()
@@ -134,7 +155,6 @@ class GuardedTopic:
         self._publisher: Publisher | None = None
         self._repeat_for = max((stop.repeat_seconds for _, stop in stops), default=0.0)
         self._repeat_until = 0.0
-        self._is_repeated = False
         self._prepared: Payload | None = None
         self._zeros = Payload.from_value(type, {}).value() if type.name in _STOPPED_BY_ZEROS else None
         self._is_stamped = False
@@ -151,10 +171,14 @@ class GuardedTopic:
         if self.fault:
             if self.is_emergency:
                 gate.faults[name] = self.fault
-            logger.error("the gate lets nothing through on %s: %s", name, self.fault)
+            logger.error("the gate rejects every message on %s: %s", name, self.fault)
         elif self._stop is not None:
             # Before it is needed: over a network, discovery by the subscribers takes a while.
             self._publisher = gate.participant.advertise(name, type)
+
+    def _become(self, state: TopicState) -> None:
+        assert state in _TRANSITIONS[self.state], f"{self.state} -> {state}"
+        self.state = state
 
     def _compile(self, rule: Rule) -> _CompiledRule:
         checks = FieldChecks(rule, self.type, self._motion, self._neutral)
@@ -199,7 +223,8 @@ class GuardedTopic:
         """True if closing the topic loses no state."""
         if self._paused_at and not self.is_stopped:
             self._drop_old_pauses(self._gate.clock.monotonic())
-        return not (self.users or self.is_held or self._is_repeated or self.is_stopped or self._paused_at)
+        is_stopping = self.state is TopicState.STOPPING or self.is_stopped
+        return not (self.users or self.is_held or is_stopping or self._paused_at)
 
     @property
     def is_held(self) -> bool:
@@ -244,8 +269,9 @@ class GuardedTopic:
             self._motion.passed(now)
         if rules.lease is not None:
             rules.lease.renew(client)
-        if self._is_repeated:
-            self._end_repeats()
+        if self.state is TopicState.STOPPING:
+            self._become(TopicState.OPEN)
+            gate.stop_path.end_repeats(self)
         if self.driven_in != gate.presses:
             self.driven_in = gate.presses
             if self.is_emergency:
@@ -352,12 +378,27 @@ class GuardedTopic:
     # Stopping
 
     def _lease_changed(self, change: str, holder: Actor | None, before: Actor | None) -> None:
+        """Stop the robot if its driver lost the lease; then count, record and announce the new holder.
+
+        Called by the lease after its holder has changed from `before` to `holder`.
+        """
         gate = self._gate
-        # A client that takes the lease by publishing says itself how the robot moves. An emergency stop has
+        # A client that takes the lease by publishing commands the robot itself. An emergency stop has
         # published the stop message already.
-        if before is not None and change != "taken" and not gate.is_observing and not self._has_just_stopped:
+        has_stopped = self.is_stopped and self.stopped_in == gate.presses
+        if before is not None and change != "taken" and not gate.is_observing and not has_stopped:
             self.halt()
-        assert self.lease is not None  # It has changed.
+        self._count_lease(holder)
+        gate.recorder.note(
+            "lease", "publish", self.name, holder or before, change, self.lease_rule,
+            before="" if before is None else before.name, after="" if holder is None else holder.name,
+        )  # fmt: skip
+        gate.on_leases()
+
+    def _count_lease(self, holder: Actor | None) -> None:
+        """Count the lease for the identity of its new holder, and no longer for the one before."""
+        gate = self._gate
+        assert self.lease is not None  # Called after its holder has changed.
         gate.held.pop(self.lease, None)
         if self._lease_owner:
             gate.leases_held[self._lease_owner] -= 1
@@ -368,15 +409,6 @@ class GuardedTopic:
             gate.held[self.lease] = self.name
             if gate.clock.is_real:
                 gate.wake_watch.begin()
-        gate.recorder.note(
-            "lease", "publish", self.name, holder or before, change, self.lease_rule,
-            before="" if before is None else before.name, after="" if holder is None else holder.name,
-        )  # fmt: skip
-        gate.on_leases()
-
-    @property
-    def _has_just_stopped(self) -> bool:
-        return self.is_stopped and self.stopped_in == self._gate.presses
 
     def emergency_stop(self) -> None:
         """Publish the stop message, and repeat it; :meth:`end_lease` follows when the stop is recorded."""
@@ -395,15 +427,16 @@ class GuardedTopic:
         self._motion.reset()
         self._repeat_until = self._gate.clock.monotonic() + self._repeat_for + _ROUNDING
         # First, so that a failure is repaired by the next repetition.
-        self._is_repeated = True
+        self._become(TopicState.STOPPING)
         self._gate.stop_path.repeat(self)
         self.publish_stop()
 
-    @property
-    def wants_repeat(self) -> bool:
-        """True if the stop message has to be published once more."""
-        self._is_repeated = self.is_stopped or self._gate.clock.monotonic() <= self._repeat_until
-        return self._is_repeated
+    def must_repeat(self) -> bool:
+        """Return True if the stop message has to be published once more; otherwise the repetition is over."""
+        must = self.is_stopped or self._gate.clock.monotonic() <= self._repeat_until
+        if not must:
+            self._become(TopicState.OPEN)
+        return must
 
     def publish_stop(self) -> None:
         """Publish the stop message."""
@@ -412,10 +445,6 @@ class GuardedTopic:
             self._publisher.publish(stamped)
             if self._gate.faults:
                 self._gate.faults.pop(self.name, None)
-
-    def _end_repeats(self) -> None:
-        self._is_repeated = False
-        self._gate.stop_path.end_repeats(self)
 
     # Clients
 
@@ -443,9 +472,9 @@ class GuardedTopic:
         self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
         if self.is_emergency and self.driven_in == gate.presses:
             gate.stop_path.note_topic(self)
-        if before._is_repeated and self._publisher is not None:
+        if before.state is TopicState.STOPPING and self._publisher is not None:
             self._repeat_until = before._repeat_until
-            self._is_repeated = True
+            self._become(TopicState.STOPPING)
             gate.stop_path.repeat(self)
         if before.lease is None:
             return
@@ -467,12 +496,12 @@ class GuardedTopic:
 
     def close(self) -> None:
         """Close the topic's publisher."""
-        self.is_closed = True
+        self._become(TopicState.CLOSED)
         self._gate.stop_path.forget_topic(self)
+        self._gate.stop_path.end_repeats(self)
         for client in tuple(self.users):
             client.topics.discard(self)
         self._gate.faults.pop(self.name, None)
-        self._end_repeats()
         if self._publisher is not None:
             self._publisher.close()
             self._publisher = None

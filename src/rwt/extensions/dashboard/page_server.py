@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final, NoReturn
 
-from rwt.access.quotas import Work, WorkTotals
+from rwt.access.quotas import WorkLimit, WorkTotals
 from rwt.errors import ServerError
 from rwt.extensions.dashboard import MISSING, WebPage, WebPageError, find_static_files
 from rwt_transports.endpoint import PeerInfo, Sink
@@ -23,7 +23,7 @@ _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page al
 class _Nobody:
     """Reader of static pages, which do not depend on the robot."""
 
-    work = Work(0.0, 0.0, WorkTotals(), time.monotonic)
+    work = WorkLimit(0.0, 0.0, WorkTotals(), time.monotonic)
 
     def may_subscribe(self, topic: str) -> bool:
         return False

@@ -35,7 +35,7 @@ from rwt_participant.messages import Message
 Bytes = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-Steps = NDArray[np.int16]
+TileSteps = NDArray[np.int16]
 
 LEVELS: Final = 765
 """Steps of one tile: three channels of 255."""
@@ -126,7 +126,7 @@ def decode_image(image: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
     return DepthImage(depths, mask <= 0.5, np.ascontiguousarray(image[size:, size:]))
 
 
-def _steps(depths: Depths, depth_per_tile: float) -> tuple[Steps, Mask]:
+def _steps(depths: Depths, depth_per_tile: float) -> tuple[TileSteps, Mask]:
     """Return the index of each depth in :func:`_tables`, and a mask of known ones."""
     with np.errstate(invalid="ignore", over="ignore"):
         shares = depths * np.float32(LEVELS / depth_per_tile)
@@ -157,7 +157,7 @@ def _gather(tile: Bytes) -> Depths:
     return total.astype(np.float32) / np.float32(LEVELS)
 
 
-def fill_unknown(steps: Steps, known: Mask) -> Steps:
+def fill_unknown(steps: TileSteps, known: Mask) -> TileSteps:
     """Fill unknown depths, so that a video codec spends no bits on edges.
 
     Each row is interpolated linearly and extended at the ends. A row without a known depth is a copy of the
@@ -180,7 +180,7 @@ def fill_unknown(steps: Steps, known: Mask) -> Steps:
     return filled if rows.all() else filled[_nearest(rows)]
 
 
-def _along_rows(steps: Steps, known: Mask) -> None:
+def _along_rows(steps: TileSteps, known: Mask) -> None:
     """Fill the rows in place; one without a known depth is undefined."""
     width = steps.shape[1]
     columns = np.arange(width, dtype=np.int16)

@@ -10,7 +10,7 @@ from urllib.parse import quote
 from rwt.access.client_graph import ClientGraph
 from rwt.access.graph_view import GraphView
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import FetchAsset
 from rwt.extensions.foxglove.wire.server_messages import asset, asset_failure
 from rwt_transports.http.routes import HttpExtension, HttpRequest, HttpResponse
@@ -37,7 +37,7 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 class Assets:
     """Files that one client has requested, sent one at a time."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, pages: Pages, address: str) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, pages: Pages, address: str) -> None:
         self._graph = graph
         self._replies = replies
         self._pages = pages
@@ -94,6 +94,7 @@ class Assets:
         try:
             async for chunk in body:
                 size += len(chunk)
+                # For each chunk: a stream does not state its size.
                 self._check(size)
                 if self._closed:
                     break

@@ -59,9 +59,11 @@ class Catalogue:
         """
         if topic.type is None:
             return None
+        # A topic that only clients of this gateway subscribe to is not the robot's.
         if not topic.publishers and all(each.node == self._node for each in topic.subscribers):
             return None
         known = self._channels.get(topic.name)
+        # A new id for another type, because clients keep the schema of an id.
         if known is None or known.type.name != topic.type.name:
             self._count += 1
             schema = _schema(topic.type)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -16,7 +16,7 @@ from rwt.extensions.foxglove.errors import FoxgloveError, InvalidFrame, NotPossi
 from rwt.extensions.foxglove.parameters import ParameterRequests
 from rwt.extensions.foxglove.playback import PlaybackControl
 from rwt.extensions.foxglove.publications import ClientChannels
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.services import ServiceCalls
 from rwt.extensions.foxglove.subscriptions import Subscriptions
 from rwt.extensions.foxglove.wire import client_messages as said
@@ -38,7 +38,19 @@ T = TypeVar("T")
 _REFUSALS: Final = (RobotError, AccessError, FoxgloveError)
 
 
-class FoxgloveClient(ConnectedClient[Iterator[None]]):
+_Message = said.Text | said.Binary | InvalidFrame
+"""Message of a frame, or why there is none."""
+
+
+def _decode(data: bytes, binary: bool, now: float) -> tuple[_Message]:
+    """Read a frame, which holds one message."""
+    try:
+        return (said.parse_binary(data) if binary else said.parse_text(data),)
+    except InvalidFrame as invalid:
+        return (invalid,)
+
+
+class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
     """One Foxglove client; see :class:`~rwt.gateways.base.ConnectedClient` for its life cycle.
 
     Attributes by purpose:
@@ -50,7 +62,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
       ``parameters``, ``assets`` (None without files), ``playback`` (None without a recording).
     """
 
-    replies: StatusLane
+    replies: FoxgloveReplies
     listing: RoleListing
     subscriptions: Subscriptions
     publications: ClientChannels
@@ -66,8 +78,8 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         graph: ClientGraph,
         listing: RoleListing,
     ) -> None:
-        replies = StatusLane(gateway, number, sink)
-        super().__init__(gateway, number, info, graph, replies)
+        replies = FoxgloveReplies(gateway, number, sink)
+        super().__init__(gateway, number, info, graph, replies, _decode)
         structure = gateway.access.limits.structure_bytes
         pages, playback = gateway.pages, gateway.playback
         self._foxglove = gateway
@@ -85,20 +97,25 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     # -- from the client -----------------------------------------------------------------------------------
 
-    def _resume(self, what: Iterator[None], now: float) -> None:
-        self._run(what)
-
-    def _decode(self, data: bytes, binary: bool, now: float) -> None:
-        op = UNKNOWN
-        try:
-            message = said.parse_binary(data) if binary else said.parse_text(data)
-            op = type(message).__name__
-            steps = self._handle(message)
-        except Exception as error:
-            self._failed(op, error)
+    def _resume(self, what: _Message | Iterator[None], now: float) -> None:
+        if isinstance(what, Iterator):
+            self._run_steps(what)
         else:
-            if steps is not None:
-                self._run(self._refusing(op, steps))
+            self._run((what,), now)
+
+    def _run(self, messages: Sequence[_Message], now: float) -> None:
+        for message in messages:
+            op = UNKNOWN
+            try:
+                if isinstance(message, Exception):
+                    raise message
+                op = type(message).__name__
+                steps = self._handle(message)
+            except Exception as error:
+                self._failed(op, error)
+            else:
+                if steps is not None:
+                    self._run_steps(self._refusing(op, steps))
 
     def _handle(self, message: said.Text | said.Binary) -> Iterator[None] | None:
         """Process a message; long work is returned as steps."""
@@ -161,6 +178,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         try:
+            # In this protocol, text frames neither publish nor call.
             message = said.parse_binary(data) if binary else None
         except InvalidFrame:
             return False
@@ -169,7 +187,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             return service is not None and service.name == STOP
         return isinstance(message, said.MessageData) and self.publications.topic_of(message) == STOP
 
-    def _run(self, steps: Iterator[None]) -> None:
+    def _run_steps(self, steps: Iterator[None]) -> None:
         for _ in steps:
             if not self._has_time():
                 self._wait(steps)
@@ -196,6 +214,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                     reasons[str(error)] = None
                 else:
                     more += 1
+            # One item per step: a client may name thousands at once.
             yield
         if reasons:
             self.replies.say(Level.ERROR, "; ".join(reasons) + (f"; and {more} more" if more else ""))
@@ -211,6 +230,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
     def send_connections(self, now: Connections) -> None:
         """Send what has changed in the connection graph, if the client subscribes to it."""
         if self.connections is not None:
+            # Since what this client was sent last: it may have subscribed at any time.
             frame = now.since(self.connections)
             self.connections = now
             if frame is not None:

@@ -114,6 +114,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         if self.playback is not None:
             sink.send(state_frame(self.playback, did_seek=False))
         self._start_looking()
+        # The first client of a role causes the encoding of its listing.
         client.graph.work.add(self._clock.monotonic() - began, "messages")
         return client
 
@@ -151,6 +152,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             listing = self._listings[role] = RoleListing(self._catalogue, view)
             listing.refresh()
         elif self._seen != self._graph.version:
+            # Announced to its other clients as well, since all of a role share the listing.
             self._announce(listing)
         return listing
 

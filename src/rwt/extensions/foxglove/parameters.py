@@ -20,7 +20,7 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
 from rwt.extensions.foxglove.wire.server_messages import Level, text
 from rwt_graph.api import Sample, Subscription
@@ -114,7 +114,7 @@ MAX_NAMES: Final = 1000
 class ParameterRequests:
     """Parameters that one client reads, sets and watches; at most :data:`MAX_NAMES` at once."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, scheduler: Scheduler) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, scheduler: Scheduler) -> None:
         self._graph = graph
         self._replies = replies
         self._requests = 0
@@ -141,6 +141,7 @@ class ParameterRequests:
                 self._end(f"parameters cannot be listed: {outcome}")
                 return
             allows = self._graph.role.allows
+            # Filtered here, too: the list has names that the role may see but not read.
             found = [name for name in getattr(outcome.value(), "names", ()) if allows("get_param", name)]
             self._read(found, partial(self._answer, asked.id))
 
@@ -168,7 +169,7 @@ class ParameterRequests:
             else:
                 self._read([name for name, _ in wanted], partial(self._answer, asked.id))
 
-        if not wanted:
+        if not wanted:  # Otherwise the last reply answers.
             self._answer(asked.id, {})
         for name, value in wanted:
             if value is UNSET:
@@ -187,6 +188,7 @@ class ParameterRequests:
             if not _failure(outcome) and not isinstance(outcome, str):
                 values[name] = json.loads(getattr(outcome.value(), "value", "null"))
             if not left:
+                # In the order of the request: replies come in any order.
                 on_values({name: values[name] for name in names if name in values})
 
         if not names:
@@ -203,7 +205,7 @@ class ParameterRequests:
         frame = text("parameterValues", parameters=parameters, id=id)
         if reason := self._replies.too_large(frame.size):
             self._replies.say(Level.ERROR, f"parameter values: {reason}")
-        elif not self._closed:
+        elif not self._closed:  # The reply of a service may come after the end of the connection.
             self._replies.send(frame)
 
     def _begin(self, names: int) -> None:
@@ -244,6 +246,7 @@ class ParameterRequests:
         while self._due and self._calls < _MAX_CALLS and worked < MESSAGES.share and not self._closed:
             self._due.popleft()()
             worked = monotonic() - began
+        # Counted for the client as the message that caused the calls, of which one may cause a thousand.
         self._scheduler.note(worked)
         self._graph.work.add(worked, "messages")
         self._want_turn()
@@ -263,9 +266,7 @@ class ParameterRequests:
             self._want_turn()
 
         try:
-            self._graph.call_service(
-                service, lambda type: Payload.from_value(type.request, request), on_reply
-            )
+            self._graph.call_service(service, lambda type: Payload.from_value(type, request), on_reply)
         except (RobotError, AccessError) as error:
             on_reply(error if isinstance(error, CallFailed) else CallFailed(str(error)))
 
@@ -337,6 +338,7 @@ class ParameterFeed:
     def watch(self, names: Iterable[str], *, everything: bool) -> None:
         """Watch these parameters instead; None: all of the nodes' and those that the tree has now."""
         graph = self._shared.graph
+        # Names of nodes' parameters contain a colon, `/node:name`; the others are of the tree.
         wanted = {name for name in names if ":" not in name}
         of_nodes = everything or any(":" in name for name in names)
         if everything:
@@ -381,6 +383,7 @@ class ParameterFeed:
     def _tell_of_tree(self) -> None:
         self._timer = None
         changed, self._changed = self._changed, set()
+        # Read now, after the nodes have accepted or refused the values.
         tree = self._shared.graph.parameters
         values: dict[str, object] = {}
         for name in sorted(changed):

@@ -7,7 +7,7 @@ from typing import Final
 
 from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import PlaybackControlRequest
 from rwt.extensions.foxglove.wire.server_messages import Level, PlaybackStatus, playback_state
 from rwt_graph.clock import Playback
@@ -41,7 +41,7 @@ def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") 
 class PlaybackControl:
     """Playback control by one client."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, playback: Playback) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, playback: Playback) -> None:
         self._graph = graph
         self._replies = replies
         self._playback = playback
@@ -88,7 +88,7 @@ class PlaybackControl:
         try:
             self._graph.call_service(
                 f"{self._playback.node}/{service}",
-                lambda type: Payload.from_value(type.request, request),
+                lambda type: Payload.from_value(type, request),
                 on_reply,
             )
         except (RobotError, AccessError) as error:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from rwt.access.client_graph import ClientGraph, ClientPublisher
 from rwt.access.errors import AccessError
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ClientChannel, MessageData
-from rwt.extensions.foxglove.wire.payloads import check_encoding, is_long, long_payload, payload_of
+from rwt.extensions.foxglove.wire.payloads import check_encoding, is_long, payload_of
 from rwt.extensions.foxglove.wire.server_messages import Level
 from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.payload import Payload
+from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import RobotError
 
 
@@ -28,7 +28,7 @@ class _Announced(NamedTuple):
 class ClientChannels:
     """Channels that one client has advertised, by its ids; `structure` limits the brackets of its JSON."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, structure: int) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, structure: int) -> None:
         self._graph = graph
         self._replies = replies
         self._structure = structure
@@ -49,6 +49,7 @@ class ClientChannels:
         try:
             publisher = self._graph.publisher(topic, channel.schema_name, channel.id)
         except BaseException:
+            # Otherwise the advertisement would count against the quota, without an id to withdraw it.
             self._graph.unadvertise(topic, channel.id)
             raise
         self._by_id[channel.id] = _Announced(channel, topic, publisher)
@@ -60,7 +61,7 @@ class ClientChannels:
             raise NotPossible(f"unadvertise: this client advertises no channel {id}")
         self._graph.unadvertise(announced.topic, id)
 
-    def publish(self, message: MessageData) -> Generator[None] | None:
+    def publish(self, message: MessageData) -> Steps[None] | None:
         """Validate a message once and publish it; long JSON in the returned steps.
 
         Raises:
@@ -68,14 +69,10 @@ class ClientChannels:
             QuotaExceeded: `limits.kept_bytes` is reached.
         """
         announced = self._of(message)
-        type, encoding = announced.publisher.type, announced.channel.encoding
-        if is_long(encoding, message.data):
-            return self._publish_in_steps(message, announced)
-        try:
-            payload = payload_of(type, encoding, message.data, self._now)
-        except InvalidMessage as error:
-            raise NotPossible(f"message data on {announced.topic}: {error}") from None
-        self._publish(announced, payload, len(message.data))
+        steps = self._publish(message, announced)
+        if is_long(announced.channel.encoding, message.data):
+            return steps
+        finished(steps)
         return None
 
     def topic_of(self, message: MessageData) -> str:
@@ -89,25 +86,21 @@ class ClientChannels:
             raise NotPossible(f"message data: this client advertises no channel {message.channel_id}")
         return announced
 
-    def _publish_in_steps(self, message: MessageData, announced: _Announced) -> Generator[None]:
+    def _publish(self, message: MessageData, announced: _Announced) -> Steps[None]:
         size = len(message.data)
+        type, encoding = announced.publisher.type, announced.channel.encoding
         try:
-            payload: Payload = yield from long_payload(
-                announced.publisher.type, message.data, self._now, self._structure
-            )
+            payload = yield from payload_of(type, encoding, message.data, self._now, self._structure)
         except InvalidMessage as error:
             raise NotPossible(f"message data on {announced.topic}: {error}") from None
         # The client's role may have changed meanwhile, and the channel may be closed.
         present = self._of(message)
         if present.channel is not announced.channel:
             raise NotPossible(f"message data: channel {message.channel_id} has become another one")
-        self._publish(present, payload, size)
-
-    def _publish(self, announced: _Announced, payload: Payload, size: int) -> None:
-        counts = announced.publisher.counts
+        counts = present.publisher.counts
         counts.received += 1
         counts.received_bytes += size
-        announced.publisher.publish(payload)
+        present.publisher.publish(payload)
 
     def ask_again(self) -> None:
         """Check the right to publish on each channel after a change of role, and close those that are not

@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 
 from rwt.extensions.foxglove.wire.server_messages import Level, status
-from rwt.gateways.base import ControlLane
+from rwt.gateways.base import ReplySender
 from rwt_protocol.frames import Frame
 
 _LOG_LEVELS = {Level.INFO: logging.DEBUG, Level.WARNING: logging.INFO, Level.ERROR: logging.WARNING}
 
 
-class StatusLane(ControlLane):
-    """Control lane to one Foxglove client: responses, failures and status lines."""
+class FoxgloveReplies(ReplySender):
+    """Sender of responses, failures and status lines to one Foxglove client."""
 
     __slots__ = ()
 

@@ -11,19 +11,17 @@ from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import AccessError
 from rwt.extensions.foxglove.catalogue import OfferedService
 from rwt.extensions.foxglove.errors import FoxgloveError, NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ServiceCallRequest
 from rwt.extensions.foxglove.wire.payloads import (
     check_encoding,
     in_encoding,
-    is_long,
-    long_payload,
     payload_of,
 )
 from rwt.extensions.foxglove.wire.server_messages import service_call_failure, service_call_response
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.structs import ServiceType
+from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.errors import CallFailed, RobotError
 
 
@@ -31,7 +29,7 @@ class ServiceCalls:
     """Calls of one client; `timeout` is in seconds, None for no timeout."""
 
     def __init__(
-        self, graph: ClientGraph, replies: StatusLane, structure: int, timeout: float | None
+        self, graph: ClientGraph, replies: FoxgloveReplies, structure: int, timeout: float | None
     ) -> None:
         self._graph = graph
         self._replies = replies
@@ -55,8 +53,9 @@ class ServiceCalls:
         except InvalidMessage as error:
             raise NotPossible(f"the request for {service.name}: {error}") from None
 
-        def request_of(type: ServiceType) -> Payload:
-            if type is not service.type:
+        def request_of(type: MessageType) -> Payload:
+            # Compared by identity: the request was built for the class of this type.
+            if type is not service.type.request:
                 raise NotPossible(f"{service.name} has become another service: see `advertiseServices`")
             return payload
 
@@ -67,10 +66,7 @@ class ServiceCalls:
 
     def _request(self, type: ServiceType, request: ServiceCallRequest) -> Generator[None, None, Payload]:
         now = self._graph.clock.time_ns
-        if is_long(request.encoding, request.data):
-            made = yield from long_payload(type.request, request.data, now, self._structure)
-        else:
-            made = payload_of(type.request, request.encoding, request.data, now)
+        made = yield from payload_of(type.request, request.encoding, request.data, now, self._structure)
         return made.detach()  # A copy: the service may keep it longer than the frame exists.
 
     def _reply(self, request: ServiceCallRequest, outcome: Payload | CallFailed) -> None:
@@ -84,6 +80,7 @@ class ServiceCalls:
             return
         frame = service_call_response(request.service_id, request.call_id, request.encoding, parts)
         if reason := self._replies.too_large(frame.size):
+            # A failure instead, or the client would wait without end.
             self._fail(request, reason)
         else:
             self._replies.send(frame)

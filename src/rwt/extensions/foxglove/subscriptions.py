@@ -12,7 +12,7 @@ from rwt.delivery.fanout import Fanout
 from rwt.delivery.throttle import Room, Throttle, rules_as_published
 from rwt.extensions.foxglove.catalogue import TopicChannel
 from rwt.extensions.foxglove.errors import NotPossible
-from rwt.extensions.foxglove.replies import StatusLane
+from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ChannelSubscription
 from rwt.extensions.foxglove.wire.server_messages import Level, message_data, status, subscription_number
 from rwt_protocol.codecs import Encoding
@@ -67,7 +67,7 @@ class _Delivery:
     """Subscription of a client."""
 
     def __init__(
-        self, graph: ClientGraph, replies: StatusLane, id: int, channel: TopicChannel, fanout: Fanout
+        self, graph: ClientGraph, replies: FoxgloveReplies, id: int, channel: TopicChannel, fanout: Fanout
     ) -> None:
         clock, topic = graph.clock, channel.topic
         self.channel = channel
@@ -89,27 +89,27 @@ class _Delivery:
         flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
         self._flow = _NumberedFlow(flow, id)
         # Open, and so without a queue of its own: messages only wait for the network.
-        self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
+        self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
     def begin(self) -> None:
-        stream = self._fanout.join(self._gate, self.channel.topic, self._encoding)
+        stream = self._fanout.join(self._throttle, self.channel.topic, self._encoding)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
-            stream.replay(sample, self._gate)
+            stream.replay(sample, self._throttle)
 
     def end(self) -> None:
-        self._gate.close()
+        self._throttle.close()
         self._flow.close()
         self._drops.close()
         self._notices.close()
-        self._fanout.leave(self._gate, self.channel.topic, self._encoding)
+        self._fanout.leave(self._throttle, self.channel.topic, self._encoding)
         self._graph.unsubscribe(self._fanout)
 
 
 class Subscriptions:
     """Subscriptions of one client, by its ids."""
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane) -> None:
+    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies) -> None:
         self._graph = graph
         self._replies = replies
         self._by_id: dict[int, _Delivery] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from enum import Enum
 from typing import Final
 
 from rwt.access.errors import QuotaExceeded
@@ -36,8 +37,33 @@ _EVENTS: Final = 100
 _RESULT_ID: Final = "result"
 
 
+class _GoalState(Enum):
+    ACTIVE = "active"
+    ENDED = "ended"
+    REJECTED = REJECTED
+    LOST = LOST
+
+
+_TRANSITIONS: Final = {
+    _GoalState.ACTIVE: {_GoalState.ENDED, _GoalState.REJECTED, _GoalState.LOST},
+    _GoalState.ENDED: set[_GoalState](),
+    _GoalState.REJECTED: set[_GoalState](),
+    _GoalState.LOST: set[_GoalState](),
+}
+
+
 class HttpGoal(Kept):
     """Goal, from sending it until it is forgotten.
+
+    Life cycle::
+
+        ACTIVE ── result ──> ENDED
+          ├────── the server rejects it ──> REJECTED
+          └────── no result can come ──> LOST
+
+    * **ACTIVE**: ``_sent`` has the status of the goal; None while it is being sent.
+    * **ENDED**: ``_status`` is the final status, and ``_result`` the result if the client's quota admits it.
+    * **REJECTED**, **LOST**: ``failure`` is the reason.
 
     Attributes:
         action: absolute name of the action.
@@ -51,7 +77,8 @@ class HttpGoal(Kept):
         self.failure: CallFailed | None = None
         self.readers: set[GoalEventStream] = set()
         self._sent: ClientGoal | None = None
-        self._state = GoalStatus.UNKNOWN.name.lower()
+        self._state = _GoalState.ACTIVE
+        self._status = GoalStatus.UNKNOWN
         self._feedback: Payload | None = None
         self._result: Payload | None = None
         self._reason = ""
@@ -70,18 +97,28 @@ class HttpGoal(Kept):
             self._sent = self.client.graph.send_goal(self.action, goal_of, events)
         self.id = self._sent.id
 
+    def _become(self, state: _GoalState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    @property
+    def ended(self) -> bool:
+        """See :attr:`Kept.ended`."""
+        return self._state is not _GoalState.ACTIVE
+
+    def _state_name(self) -> str:
+        if self.failure is not None:
+            return self._state.value
+        sent = self._sent if self._state is _GoalState.ACTIVE else None
+        return (self._status if sent is None else sent.status).name.lower()
+
     def body(self) -> dict[str, object]:
         """Return the current state of the goal."""
-        state = self._state
-        if not self.ended and self._sent is not None:
-            state = self._sent.status.name.lower()
         approval = None if self.ended else self.client.graph.approval_of(self._sent)
-        if approval is not None:
-            state = WAITING
         return {
             "id": self.id,
             "action": self.action,
-            "state": state,
+            "state": self._state_name() if approval is None else WAITING,
             "feedback": self._feedback,
             "result": self._result,
             "reason": self._reason if approval is None else approval.progress,
@@ -101,16 +138,17 @@ class HttpGoal(Kept):
                 reader.queue.put(data)
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        self.ended = True
         if isinstance(outcome, CallFailed):
+            self._become(_GoalState.REJECTED if isinstance(outcome, GoalRejected) else _GoalState.LOST)
             self.failure = outcome
-            self._state = REJECTED if isinstance(outcome, GoalRejected) else LOST
             self._reason = str(outcome)
         else:
-            self._state = status.name.lower()
+            self._become(_GoalState.ENDED)
+            self._status = status
             self._reason = "" if self._sent is None else self._sent.reason
             if self._keep("result", outcome):
                 self._result = outcome.detach()
+        # Before the queues end: an ended queue accepts nothing.
         self._send_all(self.end_event())
         for reader in tuple(self.readers):
             reader.queue.end()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from functools import partial
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 from uuid import uuid4
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from rwt.access.quotas import Charge
     from rwt.extensions.http.clients import HttpClient
     from rwt_graph.api import PendingCall
-    from rwt_interfaces.structs import ServiceType
+    from rwt_interfaces.structs import MessageType
     from rwt_participant.timers import Timer
     from rwt_transports.http.routes import HttpRequest, HttpResponse
 
@@ -57,13 +58,12 @@ def approval_body(approval: Approval) -> dict[str, object]:
     return {"id": approval.id, "roles": approval.approvers, "seconds_left": approval.seconds_left}
 
 
-class Kept:
+class Kept(ABC):
     """Call or goal that may outlive its request, as a resource of its client.
 
     Attributes:
         id: 32 hex digits.
         client: client that sent it.
-        ended: True if there is an outcome.
         charges: what is kept of it on the client's account, by what it is.
         timer: runs from its end until it is forgotten.
     """
@@ -71,9 +71,13 @@ class Kept:
     def __init__(self, client: HttpClient) -> None:
         self.id = ""
         self.client = client
-        self.ended = False
         self.charges: dict[str, Charge] = {}
         self.timer: Timer | None = None
+
+    @property
+    @abstractmethod
+    def ended(self) -> bool:
+        """True if there is an outcome."""
 
     def charge(self, what: str, payload: Payload) -> None:
         """Charge the client for a payload, in place of an earlier one. Raises QuotaExceeded."""
@@ -82,7 +86,7 @@ class Kept:
             charge.end()
         self.charges[what] = self.client.graph.keep(payload.kept_size)
 
-    def forgotten(self) -> None:
+    def forgotten(self) -> None:  # noqa: B027 - a call has nothing left
         """Release what is left; called once."""
 
 
@@ -122,6 +126,7 @@ class KeptTable(Generic[K]):
         own = self._of_client.get(client, {})
         if len(own) < self._most:
             return
+        # In order of creation, so this is the oldest.
         ended = next((each for each in own.values() if each.ended), None)
         if ended is None:
             raise QuotaExceeded(f"{len(own)} {self._excess}, and {self._most} is the limit (api.goals)")
@@ -186,6 +191,11 @@ class HttpCall(Kept):
         self._pending: PendingCall | None = None
         self._answered = anyio.Event()
 
+    @property
+    def ended(self) -> bool:
+        """See :attr:`Kept.ended`."""
+        return self.outcome is not None
+
     def keep_outcome(self) -> None:
         """Charge the client for the response; without quota, the call has failed."""
         if isinstance(self.outcome, Payload):
@@ -197,8 +207,8 @@ class HttpCall(Kept):
     def send(self, payload: Payload, seconds: float) -> None:
         """Send the call. Raises what :meth:`rwt.access.client_graph.ClientGraph.call_service` does."""
 
-        def request_of(type: ServiceType) -> Payload:
-            if type.request is not payload.type:
+        def request_of(type: MessageType) -> Payload:
+            if type is not payload.type:
                 raise HttpProblem(
                     "conflict", f"the type of {self.service} has changed meanwhile", instead="ask again"
                 )
@@ -210,7 +220,6 @@ class HttpCall(Kept):
 
     def _on_reply(self, outcome: Payload | CallFailed) -> None:
         self.outcome = outcome if isinstance(outcome, CallFailed) else outcome.detach()
-        self.ended = True
         self._answered.set()
         if self.on_end is not None:
             self.on_end()

@@ -153,10 +153,12 @@ class Clients(Visitors[HttpClient]):
             raise problems.HttpProblem(
                 "invalid-request", f"{SESSION}: expected 1 to 64 letters, digits, `-` and `_`", where=SESSION
             )
+        # The header tells programs apart that have the same token: two browsers, or a browser and curl.
         program = request.headers.get("user-agent", "")[:200] if session is None else ""
         key = (owner, session, program)
         if key in self or sum(known[0] == owner for known in self.keys) < MAX_SESSIONS:
             return key
+        # A chosen session is a promise of a client of its own; without one, sharing is fine.
         if session is not None:
             raise QuotaExceeded(f"{MAX_SESSIONS} clients of this credential and address, which is the limit")
         return shared
@@ -182,6 +184,7 @@ class Clients(Visitors[HttpClient]):
 
     def _still_has(self, info: PeerInfo, role: Role) -> bool:
         try:
+            # By the request that began the stream: its token may have been withdrawn.
             now = self._gateway.access.admission.role_now(info, None)
             return (now.name, now.credential) == (role.name, role.credential)
         except Refused:
@@ -189,6 +192,7 @@ class Clients(Visitors[HttpClient]):
 
     def close(self) -> None:
         """End every stream, and let every client leave."""
+        # Streams first: each holds its client.
         for client in self.present:
             for stream in tuple(client.streams):
                 stream.queue.close()

@@ -95,7 +95,7 @@ class EventQueue:
         """Queue the bytes of one event; the oldest samples are dropped for it."""
         if self._ended:
             return
-        if len(data) > self._max_bytes:
+        if len(data) > self._max_bytes:  # It would displace all others, and still not fit.
             self._on_drop(DropReason.SIZE)
             return
         self._waiting.append(data)
@@ -155,12 +155,14 @@ class EventQueue:
             if not (self._own or self._waiting):
                 if self._ended:
                     raise StopAsyncIteration
+                # A comment, so that proxies do not close a silent response.
                 return _KEEP_ALIVE
         return self._take()
 
     def _take(self) -> bytes:
         taken = list(self._own)
         self._own.clear()
+        # Joined up to a limit: one write per event would cost more, and a copy of all would take long.
         room = _CHUNK_BYTES
         while self._waiting and room > 0:
             data = self._waiting.popleft()

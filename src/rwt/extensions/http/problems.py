@@ -164,10 +164,12 @@ def problem_of(error: Exception, reader: GraphView) -> HttpProblem:
     """Return the problem for one of :data:`REFUSALS`; names a similar topic that the reader sees."""
     if isinstance(error, HttpProblem):
         return error
+    # The table has classes before their bases.
     kind = next((kind for known, kind in _OF_ERROR if isinstance(error, known)), "invalid-request")
     where = _pointer(error.path) if isinstance(error, InvalidMessage) else ""
     meant = ""
     if isinstance(error, UnknownTopicType):
+        # From what the reader sees: a suggestion must not reveal a hidden name.
         meant = did_you_mean(error.topic, (each.name for each in reader.topics()))
     return HttpProblem(kind, f"{error}{meant}", where=where)
 

@@ -57,6 +57,7 @@ def _ranges(accept: str) -> Iterable[tuple[str, float]]:
 def _quality(media: str, ranges: Iterable[tuple[str, float]]) -> float:
     found, specific = 0.0, -1
     for pattern, quality in ranges:
+        # The most specific range decides, not the one with the highest quality (RFC 9110 section 12.5.1).
         fits = {media: 2, f"{media.partition('/')[0]}/*": 1, "*/*": 0}.get(pattern, -1)
         if fits > specific:
             found, specific = quality, fits
@@ -104,6 +105,7 @@ def tagged(
     all_headers = {"Cache-Control": "no-cache", "Vary": "Accept", **(headers or {})}
     if status != 200 or request.method not in ("GET", "HEAD"):
         return HttpResponse(body, status, media, all_headers)
+    # The media type is part of the tag, since one address has several representations.
     tag = f'"{blake2b(body, digest_size=12, person=media.encode()[-16:]).hexdigest()}"'
     all_headers["ETag"] = tag
     known = {each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")}

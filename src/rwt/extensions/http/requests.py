@@ -89,7 +89,7 @@ class Query:
             given = parse_qs(request.query, keep_blank_values=True, max_num_fields=_MAX_PARAMETERS)
         except ValueError:
             raise HttpProblem("invalid-request", f"more than {_MAX_PARAMETERS} parameters") from None
-        given.pop("token", None)
+        given.pop("token", None)  # Credentials, which admission has read.
         for name, values in given.items():
             if name not in known:
                 expected = f"here are {', '.join(sorted(known))}" if known else "none is known here"

@@ -151,7 +151,7 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
     found: list[Sample] = []
 
     def take(sample: Sample) -> None:
-        if not found:
+        if not found:  # Others may follow before the waiting task runs.
             found.append(sample.detach())
             came.set()
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from rwt.extensions.mcp.goals import GoalTable
     from rwt.extensions.mcp.person import Questions
+    from rwt.extensions.mcp.recordings import RecordingFolder
     from rwt.extensions.mcp.settings import McpSettings
     from rwt_participant.api import RobotApi
     from rwt_participant.handles import Publisher
@@ -41,19 +42,6 @@ ReportProgress = Callable[[float, float | None, str | None], Awaitable[None]]
 
 InThread = Callable[[Callable[[], "Answer"]], Awaitable["Answer"]]
 """Runs slow work in a thread, and charges it to the client that asked for it."""
-
-
-class Recordings(Protocol):
-    """Folder of recordings. The methods block, and raise ToolError for what does not exist or is damaged."""
-
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the files, sorted."""
-
-    def describe(self, name: str, sees: Callable[[str], bool]) -> list[str]:
-        """Return lines about a recording and its topics, of which `sees` returns True."""
-
-    def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:
-        """Return the first message of a topic at or after an offset in seconds, its type and its offset."""
 
 
 #: Maximum number of different notices of the gate in one result.
@@ -113,7 +101,7 @@ class Agent:
     lease_seconds: Callable[[str], Awaitable[float | None]]
     pass_gate: Callable[[float], Awaitable[bool]] = _no_approval
     confirm: Callable[[Act, str, str], Awaitable[None]] = _no_confirmation
-    recordings: Recordings | None = None
+    recordings: RecordingFolder | None = None
     role: str = ""
     hidden: Callable[[], Mapping[str, int]] = dict
     notices: list[str] = field(default_factory=list)

@@ -84,9 +84,7 @@ class ClientRobot(GraphVerbs):
     async def _answer(self, service: str, request: MessageLike | None, seconds: float | None) -> Payload:
         answer: Future[Payload] = Future()
         try:
-            self._client.call_service(
-                service, lambda type: self._payload(type.request, request), answer.set, seconds
-            )
+            self._client.call_service(service, lambda type: self._payload(type, request), answer.set, seconds)
         except ProviderNotFound as error:
             raise ProviderNotFound(f"{error}{self._meant(service, self._client.services())}") from None
         await self.pass_gate()

@@ -29,7 +29,7 @@ from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt.access.roles import Role, glob_pattern
 from rwt.access.settings import LINGER_SECONDS
-from rwt.extensions.mcp.agent import Act, Agent, Allow, Recordings, note_once
+from rwt.extensions.mcp.agent import Act, Agent, Allow, note_once
 from rwt.extensions.mcp.asgi import AgentExchange
 from rwt.extensions.mcp.client_robot import ClientRobot
 from rwt.extensions.mcp.errors import ToolError
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.gate import Gate
     from rwt.extensions.mcp.content.answer import Answer
+    from rwt.extensions.mcp.recordings import RecordingFolder
     from rwt.extensions.mcp.settings import McpSettings
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo
@@ -155,7 +156,7 @@ class McpGateway(Gateway):
         graph: Graph,
         access: Access,
         settings: McpSettings,
-        recordings: Recordings | None = None,
+        recordings: RecordingFolder | None = None,
         *,
         several_processes: bool = False,
     ) -> None:
@@ -226,6 +227,7 @@ class McpGateway(Gateway):
         try:
             role = self._role(info)
             presses = self.access.is_stop_due(role) and presses_stop(request)
+            # A stop is never refused for lack of room.
             if not presses:
                 self._check_room(request)
         except Refused as refused:
@@ -252,7 +254,7 @@ class McpGateway(Gateway):
             asked = CallServiceArguments.model_validate(params.arguments)
             client.call_service(
                 STOP,
-                lambda type: to_payload(type.request, asked.request, client.clock.time_ns),
+                lambda type: to_payload(type, asked.request, client.clock.time_ns),
                 lambda response: None,
             )
         client.close()
@@ -332,6 +334,7 @@ class McpGateway(Gateway):
         if request.method == "DELETE" and answer.status < 400:
             self._sessions.pop(known, None)
         opened = answer.headers.get("mcp-session-id", "")
+        # The SDK does not report which sessions it has ended.
         if opened and not known and answer.status < 400:
             self._forget_ended_sessions()
             program = _program_of(request)
@@ -354,13 +357,7 @@ class McpGateway(Gateway):
         caller = _caller_of(context)
         if lasts:
             caller = _Caller(caller.info, caller.role, is_stream=True)
-        alike = [each for each in self._callers if each.is_stream is lasts]
-        running = sum(len(each.clients) for each in alike)
-        if running >= self.settings.requests and not caller.presses_stop:
-            raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
-        own = sum(len(each.clients) for each in alike if each.owner == caller.owner)
-        if lasts and own >= self.settings.requests_per_address:
-            raise ToolError(f"you have {own} subscriptions (mcp.requests_per_address): end one of them")
+        self._check_requests(caller, lasts=lasts)
         name = f"mcp:{_name_of(context)}"
         client = self.access.client(self.shared, caller.role, caller.info.address, name)
         gate, leave = self.access.gate, None
@@ -401,6 +398,16 @@ class McpGateway(Gateway):
                 robot.close()
         if scope.cancelled_caught:
             raise ToolError("the request was abandoned: its client has gone")
+
+    def _check_requests(self, caller: _Caller, *, lasts: bool) -> None:
+        """Raise ToolError if the limit of requests, or of subscriptions if it `lasts`, is reached."""
+        alike = [each for each in self._callers if each.is_stream is lasts]
+        running = sum(len(each.clients) for each in alike)
+        if running >= self.settings.requests and not caller.presses_stop:
+            raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
+        own = sum(len(each.clients) for each in alike if each.owner == caller.owner)
+        if lasts and own >= self.settings.requests_per_address:
+            raise ToolError(f"you have {own} subscriptions (mcp.requests_per_address): end one of them")
 
     async def _ask_for_leave(
         self, gate: Gate, client: ClientGraph, caller: _Caller, allow: Allow, seconds: float

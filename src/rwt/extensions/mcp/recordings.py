@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from rwt.extensions.mcp.agent import Recordings
 from rwt.extensions.mcp.errors import ToolError
 from rwt.extensions.recording import RecordedMessage, RecordedTopic, Recording, RecordingError, open_recording
 from rwt.extensions.recording.playback.publications import add_recorded_types, read_payload
@@ -18,8 +17,11 @@ _SUFFIXES = frozenset({".mcap", ".bag", ".db3"})
 _SECOND = 1_000_000_000
 
 
-class RecordingFolder(Recordings):
-    """Recordings directly in one folder: MCAP files, bags of ROS 1, and folders of ROS 2 bags."""
+class RecordingFolder:
+    """Recordings directly in one folder: MCAP files, bags of ROS 1, and folders of ROS 2 bags.
+
+    The methods block, and raise ToolError for what does not exist or is damaged.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

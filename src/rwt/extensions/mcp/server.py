@@ -106,6 +106,7 @@ class _Handlers:
             content = [_content(part) for part in (str(error), *_of_gate(notices))]
             return types.CallToolResult(content=content, is_error=True)
         except Exception:
+            # The agent learns that it failed, and only the log why.
             self._host.count(tool.name, "failed")
             logger.exception("the tool %s failed", tool.name)
             return types.CallToolResult(content=[types.TextContent(text="internal error")], is_error=True)
@@ -113,6 +114,7 @@ class _Handlers:
         data = {**answer.data, "gate": list(notices)} if notices else dict(answer.data)
         return types.CallToolResult(
             content=[_content(part) for part in (*answer.parts, *_of_gate(notices))],
+            # Through text, since a message may contain bytes and numbers that JSON lacks.
             structured_content=msgspec.json.decode(as_text(data)),
         )
 

@@ -12,9 +12,10 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Literal, cast
 
@@ -247,8 +248,7 @@ class _Files:
         self.paths: list[Path] = []
         self.written = 0
         self.bytes_on_disk = 0
-        self._path = path
-        self._number = 0
+        self._candidates = _file_names(path, options)
         self._profile = profile
         self._note = note
         self._options = options
@@ -274,21 +274,15 @@ class _Files:
         self._disk.keep()
 
     def _open(self) -> _Disk:
-        options, path = self._options, self._path
-        if options.dated:
-            path = path.with_name(time.strftime(path.name))
         while True:
-            numbered = path
-            if options.split is not None or self._number:
-                numbered = path.with_name(f"{path.stem}_{self._number:04}{path.suffix}")
-            self._number += 1
+            path = next(self._candidates)
             try:
-                disk = _Disk(numbered, options.overwrite)
+                disk = _Disk(path, self._options.overwrite)
             except RecordingExists:
-                if not options.dated:
+                if not self._options.dated:
                     raise
             else:
-                self.paths.append(numbered)
+                self.paths.append(path)
                 return disk
 
     def add(self, item: _Item) -> None:
@@ -345,6 +339,14 @@ class _Files:
     def abandon(self) -> None:
         self._disk.cut()
         self._disk.close()
+
+
+def _file_names(path: Path, options: RecordingOptions) -> Iterator[Path]:
+    """Yield the names for the files of one recording, dated when they are requested."""
+    for number in count():
+        dated = path.with_name(time.strftime(path.name)) if options.dated else path
+        is_numbered = options.split is not None or number
+        yield dated.with_name(f"{dated.stem}_{number:04}{dated.suffix}") if is_numbered else dated
 
 
 class _Disk:

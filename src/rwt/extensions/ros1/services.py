@@ -17,8 +17,9 @@ from rwt_graph.backend import MemoryCall, NodeResources
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
+from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, ProviderGone
-from rwt_transports.scheduler import MESSAGES, Scheduler
+from rwt_transports.scheduler import REQUESTS, Scheduler
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.node import Ros1Node
@@ -85,13 +86,13 @@ class ServiceOffer:
         if link in self._open:
             raise WireError("a request was sent before the response to the one before it")
         if len(body) < LONG_FORMS_BYTES:
-            self._call(link, _decoded(self._provider.type.request, body))
+            self._call(link, finished(_decoded(self._provider.type.request, body)))
         else:
             self._open[link] = None
             self._node.spawn(partial(self._call_later, link, body), "a long request on ROS 1")
 
     async def _call_later(self, link: Link, body: bytes | memoryview) -> None:
-        request = await _decoded_in_steps(self._provider.type.request, body)
+        request = await Scheduler.of_loop(REQUESTS).finish(_decoded(self._provider.type.request, body))
         if self._open.pop(link, self) is None:  # It is still connected.
             self._call(link, request)
 
@@ -249,7 +250,7 @@ class Ros1Services:
             if not link.is_success:
                 call.fail(str(body, errors="replace"))
             elif len(body) < LONG_FORMS_BYTES:
-                reply(_decoded(info.type.response, body))
+                reply(finished(_decoded(info.type.response, body)))
             else:
                 long.append(body)
                 answered.set()
@@ -275,7 +276,7 @@ class Ros1Services:
                     on_close(link)
                 await answered.wait()
                 if long:
-                    reply(await _decoded_in_steps(info.type.response, long[0]))
+                    reply(await Scheduler.of_loop(REQUESTS).finish(_decoded(info.type.response, long[0])))
         except Ros1Error as error:
             call.end_with(ProviderGone(f"Service {info.name} cannot be called: {error}"))
 
@@ -284,15 +285,9 @@ def _probe_key(name: str, node: str) -> object:
     return "service", name, node
 
 
-def _decoded(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMessage:
+def _decoded(type: MessageType, body: bytes | memoryview) -> Steps[Payload | InvalidMessage]:
+    """Decode a request or response in steps; an error is returned, because the peer is told of it."""
     try:
-        return Payload.from_ros1(type, body)
-    except InvalidMessage as error:
-        return error
-
-
-async def _decoded_in_steps(type: MessageType, body: bytes | memoryview) -> Payload | InvalidMessage:
-    try:
-        return await Scheduler.of_loop(MESSAGES).finish(Payload.from_ros1_in_steps(type, body))
+        return (yield from Payload.from_ros1_in_steps(type, body))
     except InvalidMessage as error:
         return error

@@ -75,7 +75,7 @@ class Server:
             logger.warning("a request to %s is dropped: %d are unanswered", provider.name, _MOST_OPEN)
             return
         try:
-            request = Payload(provider.type.request, None, self._decode(data))
+            request = Payload(provider.type.request, self._decode(data))
         except InvalidMessage as error:
             logger.warning("a request to %s from another process is dropped: %s", provider.name, error)
             return
@@ -176,7 +176,7 @@ class Client:
 
     def _reply(self, call: MemoryCall, data: bytes) -> None:
         try:
-            response = Payload(self._response, None, self._decode(data))
+            response = Payload(self._response, self._decode(data))
         except InvalidMessage as error:
             call.fail(f"the answer of {call.service} is not a {self._response.name}: {error}")
         else:

@@ -38,7 +38,7 @@ from rwt_transports.http.routes import (
     MetricFamily,
     Reader,
     Route,
-    Work,
+    WorkAccount,
     page_policy,
 )
 
@@ -176,7 +176,7 @@ class WebVideoServer:
         topics.require(stream.topic)
         return await self._resolved(stream, topics)
 
-    def watch(self, stream: StreamRequest, work: Work) -> Viewer:
+    def watch(self, stream: StreamRequest, work: WorkAccount) -> Viewer:
         """Add a viewer for a request from :meth:`find`, until its `leave`; equal requests share an encoder.
 
         Raises:
@@ -239,7 +239,7 @@ class WebVideoServer:
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
         return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
-    async def _one_image(self, stream: StreamRequest, work: Work) -> Encoded:
+    async def _one_image(self, stream: StreamRequest, work: WorkAccount) -> Encoded:
         viewer, image = self._join(stream, work), None
         try:
             with anyio.move_on_after(PATIENCE):
@@ -272,7 +272,7 @@ class WebVideoServer:
         """
         viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.listeners]
         if len(viewers) >= self._most_viewers:
-            # Whose connection takes nothing makes place for who wants to look.
+            # Viewers whose connection accepts nothing make room for new ones.
             stalled = [viewer for viewer in viewers if viewer.has_stalled]
             for viewer in stalled:
                 viewer.leave()
@@ -289,6 +289,7 @@ class WebVideoServer:
             raise self._too_many_streams()
 
     def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
+        """Raise ImageUnreadable if a video exceeds `limits.video_pixels` together with the other videos."""
         others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
         taken = sum(broadcast.pixels for broadcast in others)
         if taken + pixels > self._most_pixels:
@@ -298,11 +299,17 @@ class WebVideoServer:
             )
 
     def _reserve(self, stream: StreamRequest, pixels: int) -> None:
-        """Count the pixels of a new video. Runs in the thread of the encoder."""
+        """Reserve pixels for a video whose size the encoder has learned from its first image.
+
+        Runs in the thread of the encoder; another encoder may reserve in its thread at the same time.
+
+        Raises:
+            ImageUnreadable: the videos together would exceed `limits.video_pixels`.
+        """
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
-            return
-        # Counted before it is checked: of two threads at the same time one at least sees the other's.
+            return  # All viewers have left meanwhile.
+        # Set before the check: of two threads at the same time, at least one sees the other's pixels.
         broadcast.pixels = _counted(stream, pixels)
         try:
             self._check_pixels(stream, broadcast.pixels)
@@ -310,7 +317,7 @@ class WebVideoServer:
             broadcast.pixels = 0
             raise
 
-    def _join(self, stream: StreamRequest, work: Work) -> Viewer:
+    def _join(self, stream: StreamRequest, work: WorkAccount) -> Viewer:
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
             counts = self._stream_metrics.of(stream.topic, stream.type)

@@ -38,8 +38,8 @@ logger = logging.getLogger(__name__)
 Announce = Callable[[str], None]
 """Callback of a child, called once when it is up, with a text for the supervisor."""
 
-Work = Callable[[int, Announce], int]
-"""Work of a child, given its number from 1 and an :data:`Announce`; returns the exit code."""
+ChildMain = Callable[[int, Announce], int]
+"""Main function of a child, given its number from 1 and an :data:`Announce`; returns the exit code."""
 
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 #: SIGHUP is passed on to the children, which then reload their files.
@@ -76,7 +76,7 @@ class Supervisor:
         stop_seconds: time to end before a process is killed.
     """
 
-    def __init__(self, count: int, work: Work, stop_seconds: float = _STOP_SECONDS) -> None:
+    def __init__(self, count: int, work: ChildMain, stop_seconds: float = _STOP_SECONDS) -> None:
         self._work = work
         self._stop_seconds = stop_seconds
         self._children: dict[int, _Child] = {}
@@ -227,7 +227,7 @@ def _ending(code: int | None) -> str:
     return f" with exit code {code}"
 
 
-def _child(work: Work, number: int, pipe: Connection) -> None:
+def _child(work: ChildMain, number: int, pipe: Connection) -> None:
     """Run a child: drop the parent's signal handling, then work."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 from rwt_interfaces.payload import Payload
 
@@ -43,7 +43,7 @@ class Encoded:
     key: bool = True
 
 
-class Encoder(Protocol):
+class Encoder(ABC):
     """Encoder of messages. Used by one thread at a time, never by the thread of the event loop.
 
     Attributes:
@@ -52,6 +52,7 @@ class Encoder(Protocol):
 
     bitrate: int | None
 
+    @abstractmethod
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
         """Encode one image; None if the codec leaves it out.
 

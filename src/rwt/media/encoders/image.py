@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from rwt.media.encoders.encoded import Encoded
+from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.encoders.jpeg import encode_jpeg
 from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.stream_request import COMPRESSED, Jpeg, Png, StreamRequest
@@ -19,7 +19,7 @@ _DEFAULT_QUALITY = 95
 _MAX_LEVEL = 6
 
 
-class ImageEncoder:
+class ImageEncoder(Encoder):
     """Encoder of JPEG or PNG images; a message that already holds one is passed through."""
 
     def __init__(self, request: StreamRequest, coding: Jpeg | Png) -> None:

@@ -15,7 +15,7 @@ from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_request import COMPRESSED, MOST_PIXELS, StreamRequest
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ImageFormat
-from rwt_participant.images import open_compressed, read_samples
+from rwt_participant.images import ENCODINGS, open_compressed, read_samples
 
 Bytes = NDArray[np.uint8]
 #: Samples of a message: rows x columns x values of a pixel, of one or two bytes each, or floats.
@@ -164,36 +164,21 @@ def _filled_green(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return (around + 4 * plane + 2) // 4
 
 
-_UYVY: Final = _yuv(slice(1, None, 2), 0, 2)
-_YUYV: Final = _yuv(slice(0, None, 2), 1, 3)
+_BY_COLOURS: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
+    "rgb": _bytes_of,
+    "bgr": _blue_first,
+    "grey": _grey,
+    "depth": _scaled,
+    "uyvy": _yuv(slice(1, None, 2), 0, 2),
+    "yuyv": _yuv(slice(0, None, 2), 1, 3),
+}
 
 SHOWN: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
-    "rgb8": _bytes_of,
-    "bgr8": _blue_first,
-    "rgba8": _bytes_of,
-    "bgra8": _blue_first,
-    "rgb16": _bytes_of,
-    "bgr16": _blue_first,
-    "rgba16": _bytes_of,
-    "bgra16": _blue_first,
-    "mono8": _grey,
-    "mono16": _grey,
-    "8UC1": _grey,
-    "8UC3": _blue_first,
-    "8UC4": _blue_first,
-    "16UC1": _scaled,
-    "32FC1": _scaled,
-    "yuv422": _UYVY,
-    "uyvy": _UYVY,
-    "yuv422_yuy2": _YUYV,
-    "yuyv": _YUYV,
-    **{
-        f"bayer_{pattern}{bits}": _bayer(pattern)
-        for bits in (8, 16)
-        for pattern in ("rggb", "bggr", "gbrg", "grbg")
-    },
+    name: _bayer(name[6:10]) if layout.colours == "bayer" else _BY_COLOURS[layout.colours]
+    for name, layout in ENCODINGS.items()
+    if layout.colours != "none"
 }
-"""Supported values of `encoding`, each with its converter."""
+"""Values of `encoding` that can be shown, with their converters. A `bayer_rggb8` names its pattern."""
 
 
 def read_image(payload: Payload, request: StreamRequest) -> Bytes:

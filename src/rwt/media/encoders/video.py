@@ -12,7 +12,7 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType, VideoFrame
 
 from rwt.media.encoders import colours
-from rwt.media.encoders.encoded import Encoded, Track
+from rwt.media.encoders.encoded import Encoded, Encoder, Track
 from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_request import StreamRequest, Video
@@ -60,8 +60,8 @@ STEP: Final = 1.25
 _H264_QUALITY: Final = "20"
 
 
-class VideoEncoder:
-    """Encoder of one video, in the size of its first frame; a :class:`rwt.media.encoders.encoded.Encoder`.
+class VideoEncoder(Encoder):
+    """Encoder of one video, in the size of its first frame.
 
     Attributes:
         bitrate: target of an adaptive video; None for that of the request.

@@ -76,6 +76,7 @@ class PeerGoal:
     def orphan(self) -> None:
         """Stop reporting: the client has disconnected, and the goal continues (ACT-19)."""
         self._listening = False
+        # The provider need not encode feedback that nobody receives.
         self.goal.want_feedback(False)
 
     def _on_feedback(self, feedback: Payload) -> None:
@@ -98,6 +99,7 @@ class PeerGoal:
                 result=not failed,
                 id=self.id,
             ),
+            # A failure is short: an error text.
             None if failed else self._fragment_size,
         )
 

@@ -41,14 +41,14 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
     except NotExact:
         raise _too_dense(type, raw, where) from None
     except TooManyValues as error:
-        raise _refused(where, error) from None
+        raise refusal(where, error) from None
     except InvalidMessage as error:
         if isinstance(raw, RawJson) and not raw.is_validated:
             # A large payload was cut out of its frame unparsed; only a full parse finds the fault.
             validated = raw.validated()
             if validated.data != bytes(raw.data):
                 return payload_of(type, validated, where, now)
-        raise _refused(where, error) from None
+        raise refusal(where, error) from None
 
 
 def payload_in_steps(
@@ -65,7 +65,7 @@ def payload_in_steps(
     except NotExact:
         raise _too_dense(type, raw, where) from None
     except TooManyValues as error:
-        raise _refused(where, error) from None
+        raise refusal(where, error) from None
     except InvalidMessage as error:
         if (
             isinstance(raw, RawJson)
@@ -73,7 +73,7 @@ def payload_in_steps(
             and (validated := raw.validated()).data != bytes(raw.data)
         ):
             return (yield from payload_in_steps(type, validated, where, now))
-        raise _refused(where, error) from None
+        raise refusal(where, error) from None
 
 
 def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:
@@ -90,8 +90,18 @@ def _too_dense(type: MessageType, raw: Encodable, where: str) -> Refused:
     )
 
 
-def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
-    """Check arguments: an object by name, a list by position, or none (SRV-02). Raises Refused."""
+def arguments_of(
+    type: MessageType, raw: Encodable, where: str, now: Callable[[], int], checked: Payload | None = None
+) -> Payload:
+    """Check arguments: an object by name, a list by position, or none (SRV-02). Raises Refused.
+
+    Args:
+        checked: the arguments as checked before, against a type that may be another one by now.
+    """
+    if checked is not None and checked.type is type:
+        return checked
+    if isinstance(raw, RawJson) and raw.data[0] == ord("{"):
+        return payload_of(type, raw, where, now)
     if not isinstance(raw, RawJson | Decoded) or raw.kind == "object":
         return payload_of(type, raw, where, now)
     try:
@@ -101,7 +111,7 @@ def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[]
             raise Refused(f"{where}: more than {MAX_LENIENT_VALUES} values: send them by their names")
         return Payload.from_args(type, raw.json(), now)
     except InvalidMessage as error:
-        raise _refused(where, error) from None
+        raise refusal(where, error) from None
 
 
 def arguments_in_steps(
@@ -114,7 +124,8 @@ def arguments_in_steps(
     return arguments_of(type, raw, where, now)
 
 
-def _refused(where: str, error: InvalidMessage) -> Refused:
+def refusal(where: str, error: InvalidMessage) -> Refused:
+    """Return the refusal of a payload that does not fit its type; its path starts with `where`."""
     path = f"{where}.{error.path}" if error.path else where
     return Refused(f"{path}: {error.reason}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final, Never
 
 from rwt.access.client_graph import ClientGraph
@@ -22,7 +23,6 @@ from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ServiceType
 from rwt_participant.errors import CallFailed, ProviderNotFound
-from rwt_protocol.codecs.quick_frames import UsualCall, UsualResponse
 from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import (
@@ -79,59 +79,21 @@ class PeerServices:
         # The services themselves are withdrawn by the client's graph (DIS-04).
         self.provided = PeerOffers(graph, address, offers)
 
-    def call(self, op: CallService) -> Steps | None:
+    def call(self, op: CallService, checked: Payload | None = None) -> Steps | None:
         """Call a service of the graph and answer with the caller's id (SRV-01 … SRV-14); large arguments are
         checked in steps.
+
+        Args:
+            checked: the request, if the arguments have been checked in steps.
         """
-        seconds = self._timeout if op.timeout is None else op.timeout
-        if op.args.size >= IN_STEPS:
-            return self._call_in_steps(op, seconds)
         args = op.args
-        self._call(
-            op.service,
-            op.id,
-            lambda type: arguments_of(type.request, args, _ARGUMENTS, self._now),
-            seconds,
-            op.fragment_size,
-        )
-        return None
-
-    def call_usual(self, asked: UsualCall) -> None:
-        """Like :meth:`call`, for a usual small call, whose arguments are an object."""
-        args = RawJson(bytes(asked.args))
-        self._call(
-            asked.service,
-            asked.id,
-            lambda type: payload_of(type.request, args, _ARGUMENTS, self._now),
-            self._timeout,
-            None,
-        )
-
-    def _call_in_steps(self, op: CallService, seconds: float) -> Steps:
-        service = self._graph.service(split_suffix(op.service)[0])
-        request: Payload | None = None
-        if service is not None:
-            request = yield from arguments_in_steps(service.type.request, op.args, _ARGUMENTS, self._now)
-
-        def request_of(type: ServiceType) -> Payload:
-            # Another provider may have offered the service with another type meanwhile.
-            if request is not None and request.type is type.request:
-                return request
-            return arguments_of(type.request, op.args, _ARGUMENTS, self._now)
-
-        self._call(op.service, op.id, request_of, seconds, op.fragment_size)
-
-    def _call(
-        self,
-        name: str,
-        id: str | int | None,
-        request_of: Callable[[ServiceType], Payload],
-        seconds: float,
-        fragment_size: int | None,
-    ) -> None:
+        size = len(args.data) if isinstance(args, RawJson) else args.size
+        if size >= IN_STEPS and checked is None:
+            return self._call_in_steps(op)
+        name, replies, fragment_size = op.service, self._replies, op.fragment_size
         service, suffix = split_suffix(name) if "#" in name else (name, None)
-        mark = suffix if id is None else id
-        replies = self._replies
+        mark = suffix if op.id is None else op.id
+        seconds = self._timeout if op.timeout is None else op.timeout
 
         def on_reply(outcome: Payload | CallFailed) -> None:
             """Answer the client: exactly one reply per call (SRV-14)."""
@@ -145,9 +107,18 @@ class PeerServices:
                 replies.send(ServiceResponse(service=name, values=reason, result=False, id=mark))
 
         try:
+            request_of = partial(arguments_of, raw=args, where=_ARGUMENTS, now=self._now, checked=checked)
             self._graph.call_service(service, request_of, on_reply, seconds if seconds > 0 else None)
         except ProviderNotFound as missing:
             raise Refused(str(missing)) from None
+        return None
+
+    def _call_in_steps(self, op: CallService) -> Steps:
+        service = self._graph.service(split_suffix(op.service)[0])
+        request: Payload | None = None
+        if service is not None:
+            request = yield from arguments_in_steps(service.type.request, op.args, _ARGUMENTS, self._now)
+        self.call(op, request)
 
     def advertise(self, op: AdvertiseService) -> None:
         """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
@@ -176,11 +147,6 @@ class PeerServices:
             return None
         self._reply(type, call, object_or_empty(op.values))
         return None
-
-    def answer_usual(self, given: UsualResponse) -> None:
-        """Answer like :meth:`answer`, in steps."""
-        type, call = self._asked(given.service, given.id)
-        self._reply(type, call, RawJson(bytes(given.values)))
 
     def _reply(self, type: ServiceType, call: ServiceCall, values: Encodable) -> None:
         try:

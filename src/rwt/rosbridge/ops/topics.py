@@ -10,13 +10,13 @@ from rwt.access.client_graph import ClientGraph, ClientPublisher, UnknownTopicTy
 from rwt.delivery.fanout import Fanout
 from rwt.delivery.shared_publishers import Lacks
 from rwt.delivery.throttle import Room
-from rwt.rosbridge.ops.payloads import IN_STEPS, payload_in_steps, payload_of
+from rwt.rosbridge.ops.payloads import IN_STEPS, payload_in_steps, payload_of, refusal
 from rwt.rosbridge.ops.qos import incompatible_policies, publisher_qos
 from rwt.rosbridge.ops.subscriptions import ClientSubscription
 from rwt.rosbridge.reply import Replies
 from rwt_graph.names import resolve
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.serialise.json import REJECTIONS
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.missing_fields import missing_fields
 from rwt_protocol.codecs import Encoding
@@ -36,7 +36,7 @@ class PeerTopics:
     """Topics that one client publishes and subscribes to; `queued` bytes may wait in its throttles."""
 
     __slots__ = (
-        "_encoding_of", "_exact", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions",
+        "_encoding_of", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions",
     )  # fmt: skip
 
     def __init__(
@@ -48,8 +48,6 @@ class PeerTopics:
         self._now = graph.clock.time_ns
         self._room = Room(queued)
         self._publishers: dict[str, ClientPublisher] = {}
-        # Publishers whose last message was passed through unchanged, by topic in UTF-8.
-        self._exact: dict[bytes, ClientPublisher] = {}
         self._subscriptions: dict[str, ClientSubscription] = {}
 
     def advertise(self, op: Advertise) -> None:
@@ -64,42 +62,36 @@ class PeerTopics:
             raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
         self._forget_publisher(name)
 
-    def publish(self, op: Publish) -> Steps | None:
-        """Check the message once and publish it (PUB-01 … PUB-09); a large one in steps."""
-        publisher = self._publishers.get(op.topic)
-        if publisher is None or op.qos is not None:
-            publisher = self._new_publisher(op)
-        raw = op.msg
-        if raw.size >= IN_STEPS:
-            return self._publish_in_steps(op, raw, publisher.type)
-        payload = payload_of(publisher.type, raw, "publish.msg", self._now)
-        if payload.is_passthrough:
-            # Checked before publishing: a subscriber in the process decodes the payload, after which it no
-            # longer counts as passed through.
-            self._exact[op.topic.encode()] = publisher
-        self._publish(op, publisher, payload)
-        return None
+    def publish(self, op: Publish, checked: Payload | None = None) -> Steps | None:
+        """Check the message once and publish it (PUB-01 … PUB-09); a large one in steps.
 
-    def publish_exact(self, topic: bytes, raw: bytes) -> bool:
-        """Publish a small message unchanged, on a topic whose last message could be passed through.
-
-        Returns False, and does nothing, if the message needs a full check.
+        Args:
+            checked: the message, if it has been checked in steps.
         """
-        publisher = self._exact.get(topic)
-        if publisher is None:
-            return False
-        type = publisher.type
-        codec = type.json
-        try:
-            checked = codec.check(raw)
-        except REJECTIONS:
-            del self._exact[topic]
-            return False
+        publisher = self._publishers.get(op.topic)
+        if publisher is None or (op.qos is not None and checked is None):
+            publisher = self._new_publisher(op)
+        raw, type_ = op.msg, publisher.type
+        if isinstance(raw, RawJson) and raw.validate is None and len(raw.data) < IN_STEPS:
+            # Nearly all messages: as `payload_of` does, without its call.
+            size = len(raw.data)
+            try:
+                payload = Payload.from_json(type_, raw.data, self._now)
+            except InvalidMessage as error:
+                raise refusal("publish.msg", error) from None
+        elif (size := raw.size) >= IN_STEPS and checked is None:
+            return self._publish_in_steps(op, raw, type_)
+        elif checked is not None and checked.type is type_:
+            payload = checked
+        else:
+            payload = payload_of(type_, raw, "publish.msg", self._now)
         counts = publisher.counts
         counts.received += 1
-        counts.received_bytes += len(raw)
-        publisher.publish(Payload(type, raw, checked=checked) if codec.has_arrays else Payload(type, raw))
-        return True
+        counts.received_bytes += size
+        publisher.publish(payload)
+        if self._replies.session.wants_warnings:
+            self._warn_of_defaults(op, type_)
+        return None
 
     def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
         if isinstance(raw, RawJson | Decoded):
@@ -108,20 +100,9 @@ class PeerTopics:
             yield  # Reading it was a step.
             payload = payload_of(type, raw, "publish.msg", self._now)
             yield
-            # The client's role or the topic may have changed meanwhile.
-        publisher = self._publishers.get(op.topic) or self._new_publisher(op)
-        if publisher.type is not type:
-            payload = payload_of(publisher.type, raw, "publish.msg", self._now)
-        self._publish(op, publisher, payload)
-        yield from self._graph.late_sends(publisher.topic)
-
-    def _publish(self, op: Publish, publisher: ClientPublisher, payload: Payload) -> None:
-        counts = publisher.counts
-        counts.received += 1
-        counts.received_bytes += op.msg.size
-        publisher.publish(payload)
-        if self._replies.session.wants_status("warning"):
-            self._warn_of_defaults(op, publisher.type)
+        # The client's role or the topic may have changed meanwhile.
+        self.publish(op, payload)
+        yield from self._graph.late_sends(resolve(op.topic))
 
     def _new_publisher(self, op: Publish) -> ClientPublisher:
         """Return the shared publisher for a new spelling of a topic, or for new policies."""
@@ -147,12 +128,10 @@ class PeerTopics:
 
     def _forget_publisher(self, topic: str) -> None:
         self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
-        self._exact = {name: held for name, held in self._exact.items() if held.topic != topic}
 
     def forget_publishers(self) -> None:
         """Check the right to publish again after a change of role."""
         self._publishers.clear()
-        self._exact.clear()
 
     def end_refused(self) -> None:
         """End the subscriptions that the client's role does not allow."""

@@ -394,9 +394,9 @@ def encodings() -> tuple[str, ...]:
 
 
 def _is_binary(encoding: str) -> bool:
-    from rwt_protocol.codecs import CODECS
+    from rwt_protocol.codecs import ENCODINGS
 
-    return encoding in CODECS and CODECS[encoding].binary
+    return encoding in ENCODINGS and ENCODINGS[encoding].binary
 
 
 def _judge(encoding: str, frame: ReceivedFrame | None, status: str) -> tuple[Verdict, str, str]:

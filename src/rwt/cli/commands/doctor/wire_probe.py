@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import anyio
 
-from rwt_protocol.codecs import CODECS, SELECTABLE
+from rwt_protocol.codecs import ENCODINGS, SELECTABLE
 from rwt_protocol.codecs.base import Codec, DecodeFailure
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WireLimits
@@ -73,7 +73,8 @@ class WireProbe:
     def receive(self, data: bytes, binary: bool) -> None:
         """Receive a message; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
         first = data[:1] if binary else b""
-        encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), CODECS["none"])
+        of_binary = (each for each in SELECTABLE if first and first in each.first_bytes)
+        encoding = next(of_binary, ENCODINGS["none"])
         op = _decoded(data, encoding.codec and encoding.codec())
         frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
         if frame.is_op("status") and len(self.complaints) < _COMPLAINTS:

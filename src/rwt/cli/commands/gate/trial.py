@@ -60,9 +60,10 @@ class Outcome:
 
 
 class Trial:
-    """Access control of a server at rest, in a graph with a robot that takes everything.
+    """Access control of a server without clients, in a graph whose robot accepts every request.
 
-    The decisions are those of :class:`rwt.access.client_graph.ClientGraph`, as in a server.
+    A request is sent for real, through the :class:`rwt.access.client_graph.ClientGraph` of a client; the
+    robot records what it receives.
 
     Args:
         settings: settings of the server; its audit is not written.
@@ -72,18 +73,20 @@ class Trial:
     """
 
     def __init__(self, settings: Settings) -> None:
+        # Default audit settings write no file.
         gate = settings.gate.model_copy(update={"audit": AuditSettings()})
-        self._settings = settings = settings.model_copy(update={"gate": gate})
+        self._settings = settings.model_copy(update={"gate": gate})
+        self._received: list[bytes] = []
         try:
-            self._graph = MemoryGraph(make_registry(settings), SimulatedClock(0))
-            for each, own in settings.active("node"):
+            self._graph = MemoryGraph(make_registry(self._settings), SimulatedClock(0))
+            # Requests to the demo robot's topics, services and actions need no --type.
+            for each, own in self._settings.active("node"):
                 if isinstance(each.part, NodePart) and each.part.in_trials:
-                    each.part.make(NodeContext(self._graph, settings.limits), own)
-            self._access = Access(self._graph, settings, DISCLOSURES)
+                    each.part.make(NodeContext(self._graph, self._settings.limits), own)
+            self._access = Access(self._graph, self._settings, DISCLOSURES)
         except SettingsError as error:
             raise CommandError(str(error), CALLED_WRONGLY) from error
         self._robot = self._graph.participant("/robot")
-        self._received: list[bytes] = []
 
     def role_of(self, token: str | None, name: str | None) -> Role | None:
         """Return the role of a client; None if a client without credentials is refused.
@@ -119,7 +122,11 @@ class Trial:
         return role
 
     def decide(self, role: Role | None, verb: str, name: str, message: object, type: str | None) -> Outcome:
-        """Decide a request.
+        """Decide a request: check the role, then send the request and compare what the robot receives.
+
+        Args:
+            role: role of the client; None if clients without credentials are refused.
+            verb: `publish`, `subscribe`, `call`, `goal`, `get_param`, `set_param` or `provide`.
 
         Raises:
             CommandError: the type is missing or unknown, or the message does not fit it.
@@ -129,32 +136,34 @@ class Trial:
             return Outcome("denied", text, "auth.default_role")
         outcome = Outcome("allowed", role=role.name, credential=role.credential)
         try:
-            is_parameter = verb.endswith("param")
-            absolute = f"/{name.removeprefix('/')}" if is_parameter else canonical(name)
+            absolute = f"/{name.removeprefix('/')}" if verb.endswith("param") else canonical(name)
             act = cast("Act", "goals" if verb == "goal" else verb)
             if role.allows(act, absolute):
                 outcome.rules = self._rules_of(role, verb, absolute)
-            client = self._access.client(SharedGraph(self._graph, "/check", 0.0, _ignore), role, _ADDRESS)
-            if verb in _ROLE_ACTS:
+            if verb in _ROLE_ACTS:  # The gate has no rules for these.
                 role.require(act, absolute)
                 return outcome
+            client = self._access.client(SharedGraph(self._graph, "/check", 0.0, _ignore), role, _ADDRESS)
             sent = self._send(client, verb, absolute, json.dumps(message).encode(), type)
         except AccessError as refused:
             return self._refused(outcome, refused)
         except (InterfaceError, RobotError, CallFailed, ValueError) as error:
             raise CommandError(f"{verb} {name}: {error}", CALLED_WRONGLY) from error
+        return self._passed(outcome, sent)
+
+    def _passed(self, outcome: Outcome, sent: bytes) -> Outcome:
+        """Complete the outcome of a request that was not rejected: pending approval, changed or allowed."""
         gate = self._access.gate
         if gate is not None and gate.approvals.pending:
-            request = gate.approvals.pending[0]
-            return self._refused(
-                outcome, GateRefused("requires human approval", f"{request.rule.key}.approval")
-            )
+            rule = gate.approvals.pending[0].rule
+            return self._refused(outcome, GateRefused("requires human approval", f"{rule.key}.approval"))
         received = self._received[-1] if self._received else b""
         if received and json.loads(received) != json.loads(sent):
             outcome.decision, outcome.sent = "changed", received.decode()
         return outcome
 
     def _refused(self, outcome: Outcome, refused: AccessError) -> Outcome:
+        """Complete the outcome of a request that was rejected, with the setting that rejected it."""
         outcome.decision, outcome.text = "denied", str(refused)
         found = _SETTING.search(str(refused))
         outcome.rule = refused.rule if isinstance(refused, GateRefused) else found[1] if found else ""
@@ -187,7 +196,7 @@ class Trial:
             case "call":
                 if type is not None or self._graph.service(name) is None:
                     robot.advertise_service(name, registry.service(_required(type, name)), self._on_call)
-                client.call_service(name, lambda type: payload(type.request), _ignore)
+                client.call_service(name, payload, _ignore)
             case "goal":
                 if type is not None or self._graph.action(name) is None:
                     robot.advertise_action(name, registry.action(_required(type, name)), self._on_goal)
@@ -196,7 +205,7 @@ class Trial:
                 service = "/rosapi/set_param"
                 robot.advertise_service(service, registry.service("rosapi_msgs/SetParam"), self._on_call)
                 message = json.dumps({"name": name, "value": message.decode()}).encode()
-                client.call_service(service, lambda type: payload(type.request), _ignore)
+                client.call_service(service, payload, _ignore)
         return made[-1]
 
     def _on_sample(self, sample: Sample) -> None:

@@ -231,7 +231,7 @@ def parse_binary(data: bytes | memoryview) -> Binary:
 
 def _call(view: memoryview) -> ServiceCallRequest:
     _, service_id, call_id, length = _CALL.unpack_from(view)
-    encoding = _text(view[_CALL.size :], length, "the encoding of a service call", 64)
+    encoding = _utf8(view[_CALL.size :], length, "the encoding of a service call", 64)
     return ServiceCallRequest(service_id, call_id, encoding.decode(), view[_CALL.size + length :])
 
 
@@ -239,17 +239,21 @@ def _playback(view: memoryview) -> PlaybackControlRequest:
     _, command, speed, has_seek, seek_ns, length = _PLAYBACK.unpack_from(view)
     if command > 1:
         raise InvalidFrame(f"playback command {command}: expected 0 (play) or 1 (pause)")
-    request_id = _text(view[_PLAYBACK.size :], length, "the id of a playback request", _LONGEST_ID)
+    request_id = _utf8(view[_PLAYBACK.size :], length, "the id of a playback request", _LONGEST_ID)
     return PlaybackControlRequest(command == 0, speed, seek_ns if has_seek else None, request_id)
 
 
-def _text(rest: memoryview, length: int, what: str, most: int) -> bytes:
-    """Return the UTF-8 string in the first `length` bytes of `rest`."""
+def _utf8(rest: memoryview, length: int, what: str, most: int) -> bytes:
+    """Return the first `length` bytes of `rest`, a valid UTF-8 string of at most `most` bytes.
+
+    Raises:
+        InvalidFrame: the string is longer, is cut off, or is not UTF-8.
+    """
     if length > min(len(rest), most):
         raise InvalidFrame(f"{what} has {length} bytes: {len(rest)} follow, and {most} is the most")
-    text = bytes(rest[:length])
+    string = bytes(rest[:length])
     try:
-        text.decode()
+        string.decode()
     except UnicodeDecodeError:
         raise InvalidFrame(f"{what} is not UTF-8") from None
-    return text
+    return string

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from typing import Final
 
 from rwt.extensions.foxglove.errors import NotPossible
 from rwt_interfaces.distro import Distro
 from rwt_interfaces.errors import NotExact
 from rwt_interfaces.payload import LARGE_BYTES, Payload
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.structs import MessageType
 from rwt_protocol.frames import Buffer
 from rwt_protocol.limits import has_more_brackets
@@ -30,26 +31,30 @@ def check_encoding(encoding: str, distro: Distro) -> None:
 
 
 def is_long(encoding: str, data: memoryview) -> bool:
-    """Return True if a payload is JSON so long that it needs :func:`long_payload`."""
+    """Return True if a payload is JSON so long that :func:`payload_of` takes steps."""
     return encoding == JSON and len(data) >= LARGE_BYTES
 
 
-def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable[[], int]) -> Payload:
-    """Return the message in a view of its frame; `now` is ROS time in nanoseconds. Raises InvalidMessage."""
-    if encoding == JSON:
-        return Payload.from_json(type, data, now)
-    return Payload.deserialised(type, data)
+def payload_of(
+    type: MessageType, encoding: str, data: memoryview, now: Callable[[], int], structure: int
+) -> Steps[Payload]:
+    """Decode the message in a view of its frame, long JSON in steps of about a millisecond.
 
-
-def long_payload(
-    type: MessageType, data: memoryview, now: Callable[[], int], structure: int
-) -> Generator[None, None, Payload]:
-    """Decode long JSON in steps of about a millisecond.
+    Args:
+        type: expected type.
+        encoding: encoding of the data.
+        data: view of the frame.
+        now: ROS time in nanoseconds.
+        structure: maximum number of brackets in long JSON that is not exact.
 
     Raises:
-        InvalidMessage: it does not fit.
-        NotPossible: it is incomplete and has more than `structure` brackets.
+        InvalidMessage: the message does not fit.
+        NotPossible: long JSON is not exact and has more than `structure` brackets.
     """
+    if encoding != JSON:
+        return Payload.deserialised(type, data)
+    if not is_long(encoding, data):
+        return Payload.from_json(type, data, now)
     whole = bytes(data)  # The frame's buffer may be reused before the next step.
     is_dense = has_more_brackets(whole, structure // 2)
     try:

@@ -72,7 +72,11 @@ async def _type_of(agent: Agent, action: str) -> ActionType:
 
 
 async def _follow(agent: Agent, sent: AgentGoal, patience: float, *, cancel: bool) -> Answer:
-    """Wait for the end of a goal and report progress; cancel the goal if the request is cancelled."""
+    """Wait `patience` seconds for the end of a goal, and report progress.
+
+    Args:
+        cancel: True to cancel the goal if the agent cancels its request.
+    """
     goal, robot, told = sent.goal, agent.robot, 0
     began = robot.clock.monotonic()
     try:
@@ -172,12 +176,17 @@ class CancelGoalArguments(Arguments):
 
 
 async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
+    """Request cancellation, and wait a few seconds for the goal to end.
+
+    The goal may succeed meanwhile, or go on: servers of actions may reject the request.
+    """
     sent = agent.goals.find(agent.owner, asked.goal_id)
     if not sent.goal.done:
         agent.robot.cancel_goal(sent.goal.action, sent.goal.id)
     try:
         return await _follow(agent, sent, _CANCEL_SECONDS, cancel=False)
     except ToolError as error:
+        # The goal has ended, but its result cannot be shown, for example because it is too large.
         return Answer(_state(sent), (bounded(str(error), RESULT_BYTES),))
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from rwt.extensions.mcp.agent import RESULT_BYTES, Agent, Recordings, shown
+from rwt.extensions.mcp.agent import RESULT_BYTES, Agent, shown
 from rwt.extensions.mcp.content.answer import Answer, bounded
 from rwt.extensions.mcp.errors import ToolError
 from rwt.extensions.mcp.tools.tool import Arguments, MessageValue, Name, Tool
 
+if TYPE_CHECKING:
+    from rwt.extensions.mcp.recordings import RecordingFolder
 
-def _recordings(agent: Agent) -> Recordings:
+
+def _recordings(agent: Agent) -> RecordingFolder:
     if agent.recordings is None:
         raise ToolError("no recordings are available (setting mcp.recordings)")
     return agent.recordings

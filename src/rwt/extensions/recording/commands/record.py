@@ -90,6 +90,19 @@ def add_record_verb(verbs: Commands) -> None:
         "--token", metavar="TOKEN", help=f"bearer token to present (default ${TOKEN_VARIABLE})"
     )
     add_tls_options(parser)
+    _add_file_options(parser)
+    parser.add_argument("--max-seconds", type=seconds, metavar="S", help="stop after this many seconds")
+    parser.add_argument(
+        "--no-reconnect",
+        action="store_true",
+        help="stop when the connection is lost, instead of reconnecting",
+    )
+    parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
+    parser.set_defaults(run=_run)
+
+
+def _add_file_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options about what is written to the file."""
     parser.add_argument(
         "--output",
         "-o",
@@ -121,14 +134,6 @@ def add_record_verb(verbs: Commands) -> None:
         metavar="AMOUNT",
         help="begin a new file at this size (1GB) or duration (10m)",
     )
-    parser.add_argument("--max-seconds", type=seconds, metavar="S", help="stop after this many seconds")
-    parser.add_argument(
-        "--no-reconnect",
-        action="store_true",
-        help="stop when the connection is lost, instead of reconnecting",
-    )
-    parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
-    parser.set_defaults(run=_run)
 
 
 def parse_split(text: str) -> Split:

@@ -6,6 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import partial
 from itertools import islice
 from typing import Any, Final
@@ -22,7 +23,7 @@ from rwt.extensions.recording.playback.publications import (
 from rwt.extensions.recording.playback.read_ahead import ReadAhead
 from rwt.extensions.recording.recording import RecordedMessage, Recording
 from rwt_graph.api import Graph, Participant, ServiceCall
-from rwt_graph.clock import END_OF_TIME_NS
+from rwt_graph.clock import END_OF_TIME_NS, Playback
 from rwt_graph.topic_selection import EVERYTHING, TopicSelection
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
@@ -68,8 +69,32 @@ class PlayOptions:
     answer_services: bool = True
 
 
-class Player:
+class _PlayerState(Enum):
+    PAUSED = "paused"
+    PLAYING = "playing"
+    CLOSED = "closed"
+
+
+_TRANSITIONS: Final = {
+    _PlayerState.PAUSED: {_PlayerState.PLAYING, _PlayerState.CLOSED},
+    _PlayerState.PLAYING: {_PlayerState.PAUSED, _PlayerState.CLOSED},
+    _PlayerState.CLOSED: {_PlayerState.CLOSED},
+}
+
+
+class Player(Playback):
     """Node that publishes the messages of a recording in order and at the times of the recording.
+
+    Life cycle::
+
+        PAUSED ────────── resume() ──────────> PLAYING ── close() ──> CLOSED
+         │^── pause(), end without a loop ────────┘                     ^
+         └───────────────────────── close() ────────────────────────────┘
+
+    * **PAUSED**: time stands still at ``_anchor_ns``; :meth:`play_next` advances it.
+    * **PLAYING**: time runs from ``_anchor_ns``, which it had at ``_anchor_at``; ``_timer`` runs until the
+      next message is due.
+    * **CLOSED**: the player has left the graph.
 
     It is driven by the graph's clock: with a :class:`PlaybackClock` messages have the stamps that they were
     recorded with; with a :class:`~rwt_graph.clock.SimulatedClock` each `advance` plays that much of the
@@ -83,7 +108,6 @@ class Player:
         node: node that publishes, and whose services control playback.
         start_ns: time of the recording at which playback begins, in nanoseconds since the epoch.
         end_ns: time at which playback ends.
-        paused: True while playback is paused.
         rate: recorded seconds per second.
         seeks: number of jumps in time, including those to the beginning of a loop.
         played: number of messages published so far.
@@ -94,7 +118,7 @@ class Player:
         ValueError: `rate`, `start` or `end` is out of range.
     """
 
-    node: Final = NODE
+    node = NODE
 
     def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
         self._clock = graph.clock
@@ -113,7 +137,7 @@ class Player:
         self._failure = ""
         self._next: RecordedMessage | None = None
         self._timer: Timer | None = None
-        self.paused = True
+        self._state = _PlayerState.PAUSED
         self._rounds = 0  # how often the end was reached
         self.seeks = 0
         self._place(self.start_ns)
@@ -129,6 +153,15 @@ class Player:
         self._read_from(self.start_ns)
         if not options.paused:
             self.resume()
+
+    def _become(self, state: _PlayerState) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    @property
+    def paused(self) -> bool:
+        """True unless it is playing."""
+        return self._state is not _PlayerState.PLAYING
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -165,17 +198,17 @@ class Player:
     # -- control -------------------------------------------------------------------------------------------
 
     def resume(self) -> None:
-        """Resume playback."""
-        if self.paused:
+        """Resume playback; no-op after :meth:`close`."""
+        if self._state is _PlayerState.PAUSED:
             self._place(self._anchor_ns)
-            self.paused = False
+            self._become(_PlayerState.PLAYING)
             self._arm()
 
     def pause(self) -> None:
         """Pause playback."""
         if not self.paused:
             self._place(self.position_ns)
-            self.paused = True
+            self._become(_PlayerState.PAUSED)
             self._disarm()
 
     def toggle_paused(self) -> None:
@@ -238,7 +271,7 @@ class Player:
 
     def close(self) -> None:
         """Stop and leave the graph; the caller closes the recording. Idempotent."""
-        self.paused = True
+        self._become(_PlayerState.CLOSED)
         self._next = None
         self._disarm()
         if self._ahead is not None:
@@ -307,11 +340,14 @@ class Player:
 
     def _end_reached(self) -> None:
         self._rounds += 1
+        if self._state is _PlayerState.CLOSED:
+            return  # A subscriber closed the player.
         if self._options.loop and self.start_ns < self.end_ns:
             self._jump(self.start_ns)
             return
         self._place(self.end_ns)
-        self.paused = True
+        if not self.paused:
+            self._become(_PlayerState.PAUSED)
         self._disarm()
         self.finished.set()
 

@@ -25,7 +25,7 @@ from rwt_transports.websocket.wire import WebSocketWire
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.wire.network import Network
-    from rwt_protocol.codecs.base import Steps
+    from rwt_interfaces.steps import Steps
     from rwt_transports.api import Link
 
 T = TypeVar("T")
@@ -81,7 +81,7 @@ async def call(uri: str, method: str, *params: xmlrpc.Value) -> xmlrpc.Value:
 async def value_of(uri: str, method: str, body: bytes) -> xmlrpc.Value:
     """Return the value of a response; raises Ros1Error."""
     try:
-        match (await _finished(_decoded(body))).response():
+        match (await _in_turns(_decoded(body))).response():
             case [1, str(), value]:
                 return value
             case [int(), str(text), *_]:
@@ -106,7 +106,7 @@ async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
     try:
         host, port = address_of(uri)
         with anyio.fail_after(CALL_SECONDS):
-            content = await _finished(_joined(_in_parts(xmlrpc.encode_call(method, params))))
+            content = await _in_turns(_joined(_in_parts(xmlrpc.encode_call(method, params))))
             async with await anyio.connect_tcp(host, port) as stream:
                 return await _exchange(stream, f"{host}:{port}", content)
     except TimeoutError as error:
@@ -142,7 +142,7 @@ def _joined(parts: Iterator[str]) -> Steps[bytes]:
     return b"".join(found)
 
 
-async def _finished(steps: Steps[T]) -> T:
+async def _in_turns(steps: Steps[T]) -> T:
     """Take steps in turns of the event loop, as HTTP requests are read."""
     return await Scheduler.of_loop(REQUESTS).finish(steps)
 
@@ -235,9 +235,9 @@ class _RpcServer:
         try:
             if network.calling > _MOST_RECEIVED:
                 raise WireError("too many large calls are being received")
-            parts = self._response(await _finished(_decoded(body)))
+            parts = self._response(await _in_turns(_decoded(body)))
             async with self._responses:
-                return _xml(await _finished(_joined(parts)))
+                return _xml(await _in_turns(_joined(parts)))
         except WireError as error:
             return _fault(error)
         finally:
@@ -247,7 +247,7 @@ class _RpcServer:
         """Answer when all parts of the response are known."""
         try:
             async with self._responses:
-                return _xml(await _finished(_joined(parts)))
+                return _xml(await _in_turns(_joined(parts)))
         except WireError as error:
             return _fault(error)
 

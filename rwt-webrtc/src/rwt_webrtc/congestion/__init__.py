@@ -1,0 +1,1 @@
+"""Congestion control of media, without I/O: rates from reports of receivers, probes, and pacing."""

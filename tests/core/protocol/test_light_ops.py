@@ -1,0 +1,177 @@
+"""Common small messages become light ops, which have the members that the general path finds."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from rwt_protocol.codecs.bson import BsonCodec
+from rwt_protocol.codecs.quick_frames import QUICK_BYTES
+from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.errors import Refused
+from rwt_protocol.limits import WireLimits
+from rwt_protocol.ops import Direction, Op, Status, inbound
+from rwt_protocol.ops.light import LIGHT
+from rwt_protocol.payloads import RawJson
+from rwt_protocol.profiles import PROFILES, ROS1
+from rwt_protocol.session import Refusal, Session
+
+LightSession = partial(Session, light=True)
+USUAL = b'{"op":"publish","topic":"/t","msg":{"data":1}}'
+
+
+def _is_light(op: object) -> bool:
+    return isinstance(op, tuple(LIGHT.values()))
+
+
+def _read(session: Session, text: bytes) -> Op | Refusal:
+    (found,) = session.decode(text, False, 0.0)
+    return found
+
+
+def _assert_same(light: object, full: object) -> None:
+    """Check all members of an op."""
+    assert isinstance(full, Op)
+    assert _is_light(light)
+    assert LIGHT[type(full)] is type(light)
+    for name in type(full).model_fields:
+        assert getattr(light, name) == getattr(full, name), name
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        USUAL,
+        b'{"op":"publish","id":"publish:/t:1","topic":"/t","msg":{"data":1},"latch":false}',
+        b'{"op": "publish", "id": "publish:/t:1", "topic": "/t", "msg": {"data":1}, "latch": false}',
+        b'{"op": "publish", "topic": "/t", "type": "std_msgs/Int32", "msg": {"data":1}}',
+        b'{"op":"publish","topic":"/t","msg":{"data":1},"latch":true}',
+        b'{"op":"publish","topic":"/\\u0074","msg":{"data":1} }',
+        b'{"topic":"/t","msg":[1],"op":"publish"}',
+        b'{"op":"publish","topic":"/t","id":null,"msg":{"data":1}}',
+        b'{"op":"publish","topic":"/t","msg":{"data":1},"topic":"/u"}',
+        b'{"op":"publish","topic":"/t","msg":{"data":"' + b"x" * 10_000 + b'"}}',
+        b'{"op":"call_service","id":"7","service":"/add","args":{"a":1}}',
+        b'{"op":"call_service","id":"7","service":"/add","type":"std_srvs/Empty","args":{}}',
+        b'{"op":"service_response","id":"7","service":"/add","values":{"sum":1},"result":true}',
+        b'{"op":"service_response","id":"7","service":"/add","values":{}}',
+        b'{"op":"service_response","service":"/add","values":{},"result":false}',
+    ],
+)
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
+def test_a_light_op_has_the_members_of_its_op(text: bytes, profile: object) -> None:
+    profile = PROFILES[getattr(profile, "name", "")]
+    _assert_same(_read(LightSession(profile), text), _read(Session(profile), text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b'{"op":"publish","topic":"/t","qos":{"depth":1},"msg":{"data":1}}',
+        b'{"op":"publish","id":5,"topic":"/t","msg":{"data":1}}',
+        b'{"op":"publish","topic":"/t"}',
+        b'{"op":"publish","topic":5,"msg":{"data":1}}',
+        b'{"op":"publish","id":"' + b"x" * 4097 + b'","topic":"/t","msg":{"data":1}}',
+        '{"op":"publish","topic":"/t","msg":{"data":"\u00e9"}}'.encode(),
+        b'{"op":"publish","topic":"/t","msg":{"data":"' + b"x" * QUICK_BYTES + b'"}}',
+        b'{"op":"publish","topic":"/t","msg":{"data":[' + b"1e300," * 1_001 + b"0]}}",
+        b'{"op":"publish","topic":"/t","msg":' + b"[" * 100 + b"]" * 100 + b"}",
+        b'{"op":"call_service","service":"/add","args":[1,2]}',
+        b'{"op":"call_service","service":"/add"}',
+        b'{"op":"call_service","service":"/add","args":{},"timeout":1.0}',
+        b'{"op":"service_response","id":"7","service":"/add","values":"no","result":false}',
+        b'{"op":"subscribe","topic":"/t"}',
+        USUAL + USUAL,
+        USUAL[:-1],
+        b"",
+    ],
+)
+def test_others_are_left_to_the_general_path(text: bytes) -> None:
+    found = LightSession().decode(text, False, 0.0)
+    assert not any(map(_is_light, found))
+    assert found == Session().decode(text, False, 0.0)
+
+
+def _frames() -> st.SearchStrategy[bytes]:
+    """Frames that begin and end as the usual ones do, and hold anything that has to do with them."""
+    pieces = st.sampled_from(
+        [
+            '{"data":1}', '"msg":', '"topic":"/u"', '"m\\u0073g":', "{", "}", ",", '"', '\\"', "\\", ":",
+            '"latch":false', ',"latch":false}', '"op":"subscribe"', "NaN", "[", "]", "1", " ", "{}", '"x"',
+            '{"op":"publish","topic":"/v"',
+        ]
+    )  # fmt: skip
+    heads = st.sampled_from(
+        [
+            '{"op":"publish","topic":"/t","msg":{',
+            '{"op":"publish","id":"a","topic":"/t","msg":{',
+            '{"op": "publish", "topic": "/t", "type": "x", "msg": {',
+        ]
+    )
+    tails = st.sampled_from(["}}", '},"latch":false}', '}, "latch": false}'])
+    inside = st.lists(pieces, max_size=8).map("".join)
+    return st.builds(lambda head, between, tail: (head + between + tail).encode(), heads, inside, tails)
+
+
+@given(_frames())
+@example(b'{"op":"publish","topic":"/t","msg":{},"topic":"/u","msg":{}}')
+@example(b'{"op":"publish","topic":"/t","msg":{}}{"op":"publish","topic":"/u","msg":{}}')
+@example(b'{"op":"publish","topic":"/t","msg":{"a":"},\\"latch\\":false}"}}')
+def test_both_paths_find_the_same_messages(frame: bytes) -> None:
+    light, full = (session.decode(frame, False, 0.0) for session in (LightSession(), Session()))
+    assert len(light) == len(full)
+    for one, other in zip(light, full, strict=True):
+        if _is_light(one):
+            _assert_same(one, other)
+        else:
+            assert one == other
+
+
+def test_only_sessions_that_can_return_light_ops() -> None:
+    def makes(session: Session) -> bool:
+        return any(map(_is_light, session.decode(USUAL, False, 0.0)))
+
+    assert makes(LightSession())
+    assert not makes(Session())
+    assert not makes(LightSession(limits=WireLimits(max_message_size=100)))
+    assert not makes(LightSession(limits=WireLimits(max_depth=1)))
+    assert makes(LightSession(direction=Direction.TO_CLIENT))
+    assert not makes(LightSession(codec=BsonCodec()))
+    assert not any(map(_is_light, LightSession().decode(USUAL, True, 0.0)))
+
+
+def test_a_client_that_wants_warnings() -> None:
+    session = LightSession(ROS1)
+    for level, wants in (("info", True), ("error", False), ("warning", True), ("none", False)):
+        session.decode(b'{"op":"set_level","level":"%b"}' % level.encode(), False, 0.0)
+        assert session.wants_warnings is wants
+
+
+def test_the_handler_of_an_op_gets_its_light_form() -> None:
+    def refuse(context: list[Op], op: Op) -> None:
+        context.append(op)
+        raise Refused("not here")
+
+    def unexpected(context: object, op: Op, error: Exception) -> None:
+        raise AssertionError(op) from error
+
+    seen: list[Op] = []
+    dispatcher: Dispatcher[list[Op]] = Dispatcher(
+        dict.fromkeys(inbound(Direction.TO_SERVER), refuse), unexpected
+    )
+    op = _read(LightSession(), USUAL.replace(b'"msg"', b'"id":"1","msg"'))
+    assert not isinstance(op, Refusal)
+    assert dispatcher.dispatch(seen, op) == Status(level="error", msg="not here", id="1")
+    assert seen == [op]
+
+
+def test_payloads_do_not_keep_the_frame_alive() -> None:
+    op = _read(LightSession(), USUAL)
+    message: object = getattr(op, "msg", None)
+    assert isinstance(message, RawJson)
+    assert type(message.data) is bytes
+    assert json.loads(message.data) == {"data": 1}
