@@ -39,14 +39,14 @@ _WITH_REPLY: Final = frozenset({"call_service", "send_action_goal"})
 """Ops with a reply of their own, which reports their success."""
 
 
-class _Work(NamedTuple):
+class _Unfinished(NamedTuple):
     """The remaining steps of one message."""
 
     op: Op
     steps: Steps
 
 
-_Waiting = _Work | str
+_Waiting = _Unfinished | str
 """Rest of a message, or the reason to close the connection, which waits for a turn."""
 
 
@@ -146,7 +146,7 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
             return left
         if left is not None:
             self._unfinished = op
-            self._wait(_Work(op, left))
+            self._wait(_Unfinished(op, left))
         return None
 
     def _after(self, op: Op, answer: Op | None) -> None:
@@ -158,7 +158,7 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
             self.replies.send(Status(level="info", msg=f"{op.op}: done", id=op.id))
 
     def _resume(self, what: Op | Refusal | _Waiting, now: float) -> None:
-        if isinstance(what, _Work):
+        if isinstance(what, _Unfinished):
             self._unfinished = None
             answer = self.work(what.op, what.steps)
             if answer is not None or self._session.level == "info":

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, NamedTuple, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self, TypeVar, cast
 
 from pydantic import AfterValidator, Field, ValidationError, create_model, model_validator
 
@@ -173,6 +173,13 @@ class Settings(BridgeSettings):
 
             key, text = explain(error, type(self))
             raise SettingsError(text, key) from None
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """Validate a mapping, of which the tables determine the class; see pydantic for the options."""
+        if cls is Settings and isinstance(obj, Mapping):
+            cls = cast("type[Self]", settings_type(frozenset(_parts_in(obj))))
+        return super().model_validate(obj, **options)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the values that were set: the class is made again from their names."""

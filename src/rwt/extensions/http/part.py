@@ -20,7 +20,7 @@ class HttpSettings(Table):
 
 
 def _make(context: GatewayContext, settings: HttpSettings) -> Gateway:
-    from rwt.extensions.http import HttpGateway
+    from rwt.extensions.http.gateway import HttpGateway
 
     return HttpGateway(context.graph, context.access, settings, context.linger, context.server)
 

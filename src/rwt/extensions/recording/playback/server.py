@@ -8,7 +8,8 @@ from typing import Self
 
 from rwt.access.settings import SettingsError
 from rwt.extensions.recording import Recording
-from rwt.extensions.recording.playback import PlaybackClock, Player, PlayOptions
+from rwt.extensions.recording.playback.clock import PlaybackClock
+from rwt.extensions.recording.playback.player import Player, PlayOptions
 from rwt.server import Server
 from rwt.settings.models import Settings
 from rwt_graph.api import Graph
