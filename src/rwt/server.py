@@ -18,12 +18,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import anyio
 
-from rwt.access.access import Access
 from rwt.access.audit import bounded_log
 from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
 from rwt.composition.graphs import MakeGraph, bridged_graphs, check_graph, make_graph, relay_between
-from rwt.composition.listeners import Listeners
 from rwt.composition.starting import (
     http_of,
     load_encodings,
@@ -43,8 +41,6 @@ from rwt.declarations import (
     ServicePart,
     SupervisorPart,
 )
-from rwt.gateways.visitors import counted
-from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import (
     ALIVE,
     READY,
@@ -54,9 +50,6 @@ from rwt.observability.supervision import (
     tell,
     tell_reloading,
 )
-from rwt.rosapi import DISCLOSURES
-from rwt.rosbridge.bridge import GATEWAY_NODE, Bridge
-from rwt.rosbridge.numpy_loading import NumpyLoading
 from rwt.settings.sources import LoadedSettings, changed_names, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt.tls.machine import outward_address
@@ -72,10 +65,13 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypeIs
 
+    from rwt.access.access import Access
     from rwt.access.graph_view import GraphView
     from rwt.blocking import BlockingNode
     from rwt.declarations import AsgiApp, InWorker, ReadyNode, WorkerContext
     from rwt.gateways.base import Gateway, MakeGateway
+    from rwt.observability.metrics import ServerMetrics
+    from rwt.rosbridge.bridge import Bridge
     from rwt.settings.models import Settings
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
@@ -278,6 +274,8 @@ class Server:
             return given
         if given is None and self._script is not None:
             # What the robot's own nodes publish is not what it received.
+            from rwt.rosbridge.bridge import GATEWAY_NODE  # Not at the top, see `_start`.
+
             make = only_part("script", ScriptPart).make_graph
 
             def given(registry: Registry, clock: Clock | None) -> Graph:
@@ -441,6 +439,16 @@ class Server:
         return await stack.__aexit__(*exc)
 
     async def _start(self, stack: AsyncExitStack) -> _Running:
+        # Imported on start: the gateway and the transports would add a third to the time of
+        # `from rwt import Server`, and only a running server needs them.
+        from rwt.access.access import Access
+        from rwt.composition.listeners import Listeners
+        from rwt.gateways.visitors import counted
+        from rwt.observability.metrics import ServerMetrics
+        from rwt.rosapi import DISCLOSURES
+        from rwt.rosbridge.bridge import Bridge
+        from rwt.rosbridge.numpy_loading import NumpyLoading
+
         settings, graph = self.settings, self.graph
         tls = server_tls(settings.tls)
         load_encodings(settings.encodings)

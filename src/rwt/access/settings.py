@@ -106,7 +106,9 @@ _PLAIN: Final[Mapping[object, tuple[tuple[type, ...], Literal["bool_type", "int_
 class Table(BaseModel):
     """A group of settings: one table of the TOML file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # Built on first use: building all models would be a tenth of the time of `from rwt import Server`.
+    # The default of a field that is a table is made by `model_construct`, which needs no built model.
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     @field_validator("*", mode="before")
     @classmethod
@@ -320,8 +322,8 @@ class GateSettings(Table):
     rules: Mapping[str, GateRule] = Field(
         default_factory=dict, description="what clients have to keep to, each rule under a name of its own"
     )
-    emergency: EmergencySettings = EmergencySettings()
-    audit: AuditSettings = AuditSettings()
+    emergency: EmergencySettings = EmergencySettings.model_construct()
+    audit: AuditSettings = AuditSettings.model_construct()
 
     def named_roles(self) -> Iterator[tuple[str, str]]:
         """The roles that rules name, by the key of the setting, without those that are globs."""
@@ -602,7 +604,7 @@ class TlsSettings(Table):
 
 BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
     {
-        "admin": RoleSettings(
+        "admin": RoleSettings.model_construct(
             publish=("*",),
             subscribe=("*",),
             call=("*",),
@@ -612,7 +614,7 @@ BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
             get_param=("*",),
             set_param=("*",),
         ),
-        "viewer": RoleSettings(read_only=True),
+        "viewer": RoleSettings.model_construct(read_only=True),
     }
 )
 """Roles that are there without being configured; a configured one of the same name takes their place."""
@@ -621,13 +623,13 @@ BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
 class AccessSettings(Table):
     """Limits, credentials, roles, origins and the gate."""
 
-    limits: ClientLimits = ClientLimits()
-    auth: AuthSettings = AuthSettings()
+    limits: ClientLimits = ClientLimits.model_construct()
+    auth: AuthSettings = AuthSettings.model_construct()
     roles: Mapping[str, RoleSettings] = Field(
         default_factory=dict, description="roles besides the built-in `admin` and `viewer`"
     )
-    origins: OriginSettings = OriginSettings()
-    gate: GateSettings = GateSettings()
+    origins: OriginSettings = OriginSettings.model_construct()
+    gate: GateSettings = GateSettings.model_construct()
 
     @model_validator(mode="after")
     def _roles_exist(self) -> AccessSettings:

@@ -18,9 +18,7 @@ from rwt.declarations import (
     ReadyNode,
     ServerInfo,
 )
-from rwt.rosbridge.bridge import GATEWAY_NODE
 from rwt_graph.nodes.node import Node
-from rwt_protocol.codecs import load_encoding
 from rwt_protocol.extensions import ExtensionError
 from rwt_transports.http.routes import HttpExtension
 
@@ -59,6 +57,8 @@ def only_part(kind: parts.Kind, expected: type[P]) -> P:
 
 def load_encodings(names: Iterable[str]) -> None:
     """Import the encodings of the setting `encodings`. Raises SettingsError."""
+    from rwt_protocol.codecs import load_encoding  # On start only: it imports all ops.
+
     for name in names:
         try:
             load_encoding(name)
@@ -128,6 +128,8 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
 
 def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) -> Node:
     """Start the node of all clients, with its parameters `port` and `actual_port` (CFG-01)."""
+    from rwt.rosbridge.bridge import GATEWAY_NODE  # On start only: it imports the whole gateway.
+
     node = Node(graph, GATEWAY_NODE)
     for name, each in (("port", settings.listen), ("actual_port", urls)):
         ports = [urlsplit(url).port for url in each if url.startswith(("ws:", "wss:"))]

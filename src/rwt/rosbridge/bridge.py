@@ -31,7 +31,9 @@ from rwt_protocol.codecs.base import Codec
 from rwt_protocol.dispatcher import Dispatcher, Steps
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.limits import WireLimits
+from rwt_protocol.ops import Direction
 from rwt_protocol.profiles import PROFILES
+from rwt_protocol.readers import readers
 from rwt_protocol.session import Session
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.websocket.close_codes import POLICY
@@ -88,6 +90,8 @@ class Bridge(ConnectionGateway[Peer]):
         self._owns_access = access is None
         self.settings = settings
         self.loading = loading
+        # Builds the models of the ops, which takes milliseconds, before the first client connects.
+        readers(PROFILES[settings.profile], Direction.TO_SERVER)
         self.orphans: dict[actions.PeerGoal, str] = {}
         self.service_offers: Offers[services.Asked] = {}
         self.action_offers: Offers[actions.Accepted] = {}

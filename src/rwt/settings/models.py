@@ -230,8 +230,8 @@ class Settings(BridgeSettings):
         ),
     ] = ()
     access_log: bool = Field(False, description="log each HTTP request")
-    limits: LimitSettings = LimitSettings()
-    tls: TlsSettings = TlsSettings()
+    limits: LimitSettings = LimitSettings.model_construct()
+    tls: TlsSettings = TlsSettings.model_construct()
     graph: Annotated[
         str,
         _named("rwt.graphs", _GRAPHS, _GRAPH_EXPECTED),

@@ -179,7 +179,10 @@ class Op(BaseModel):
         fragment_size: maximum characters of a message before it is split (FRG-20); None and 0: never split.
     """
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
+    # Built on first use, see `rwt_protocol.readers`: programs use few of the ops.
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="ignore", hide_input_in_errors=True, defer_build=True
+    )
 
     wire_order: ClassVar[tuple[str, ...]] = ()
     """Order in which members are written (ENV-16), if it differs from the model's."""

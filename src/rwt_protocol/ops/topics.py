@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from rwt_protocol.error_text import Expected
 from rwt_protocol.ops.base import (
@@ -33,7 +35,9 @@ def _lower(value: object) -> object:
 class Duration(BaseModel):
     """Alternative form of a number of seconds."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="ignore", hide_input_in_errors=True, defer_build=True
+    )
 
     secs: Annotated[int, Field(ge=0, le=MOST_SECONDS)]
     nsecs: Annotated[int, Field(ge=0, le=MOST)]
@@ -42,11 +46,18 @@ class Duration(BaseModel):
 _Seconds = Annotated[float, Field(ge=0, le=MOST_SECONDS, allow_inf_nan=False)]
 
 
-_DURATION = Duration.model_json_schema()
-# Written out, since pydantic before 2.12 loses a model that only the schema of an input refers to.
-_Object = Annotated[
-    dict[str, int], WithJsonSchema({key: _DURATION[key] for key in ("type", "properties", "required")})
-]
+class _DurationSchema:
+    """JSON Schema of :class:`Duration`, made when the schema of an op is."""
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        # Written out, since pydantic before 2.12 loses a model that only the schema of an input refers to.
+        schema = Duration.model_json_schema()
+        return {key: schema[key] for key in ("type", "properties", "required")}
+
+
+_Object = Annotated[dict[str, int], _DurationSchema()]
 
 
 def _seconds(value: object) -> object:
@@ -69,7 +80,9 @@ class Qos(BaseModel):
         lifespan: age in seconds after which a message is no longer delivered.
     """
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="ignore", hide_input_in_errors=True, defer_build=True
+    )
 
     history: Annotated[
         Literal["keep_last", "keep_all"] | None,
