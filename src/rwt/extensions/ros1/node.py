@@ -7,13 +7,14 @@ import os
 import socket
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from rwt.extensions.ros1.wire.links import Link
 from rwt.extensions.ros1.wire.rpc import RpcServer
 from rwt_graph.errors import WireError
 
 if TYPE_CHECKING:
+    from rwt.extensions.ros1.services import ServiceOffer
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.topics import Publication, Subscription
     from rwt.extensions.ros1.wire.xmlrpc import Value
@@ -22,13 +23,6 @@ logger = logging.getLogger(__name__)
 
 #: Maximum connections of other programs to one node.
 _MOST_LINKS: Final = 1000
-
-
-class Offer(Protocol):
-    """Topic or service that accepts connections: a publication, or a service of this process."""
-
-    def accept(self, link: Link) -> None:
-        """Answer a connection whose header has arrived."""
 
 
 class Ros1Node:
@@ -51,7 +45,7 @@ class Ros1Node:
         self.is_evicted = False
         self.publications: dict[str, Publication] = {}
         self.subscriptions: dict[str, Subscription] = {}
-        self.services: dict[str, Offer] = {}
+        self.services: dict[str, ServiceOffer] = {}
         self.spawn = session.sockets.spawn
         self._session = session
         self._links: set[Link] = set()
@@ -141,7 +135,7 @@ class Ros1Node:
         else:
             link.refuse("the header names no topic and no service")
 
-    def _pass_on(self, link: Link, kind: str, offer: Offer | None) -> None:
+    def _pass_on(self, link: Link, kind: str, offer: Publication | ServiceOffer | None) -> None:
         if offer is None:
             link.refuse(f"{self.name} does not offer the {kind} {link.header[kind][:200]}")
         else:
