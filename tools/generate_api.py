@@ -51,6 +51,7 @@ PACKAGES = (
     "rwt.rosbridge",
     "rwt_client",
     "rwt_graph",
+    "rwt_graph.backend",
     "rwt_interfaces",
     "rwt_lerobot",
     "rwt_protocol",

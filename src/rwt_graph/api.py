@@ -24,6 +24,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
@@ -48,6 +49,18 @@ OnConnection: TypeAlias = Callable[[str, bool], None]
 
 #: Maximum number of concurrent goals of one action server.
 MOST_GOALS: Final = 1000
+
+
+class Limitation(Enum):
+    """What a backend cannot do, as a sentence; declared in :attr:`Graph.limitations`."""
+
+    SERVICE_ERRORS = "A caller in another process gets no answer from a service that fails."
+    CALL_END = "A service is not informed that a caller in another process waits no longer."
+    GOAL_REASONS = "The reason why a goal was rejected in another process may be missing."
+    LIFESPAN = "The lifespan of samples of other processes is measured in real time."
+    SUBSCRIBER_COUNT = "The subscribers of one topic in another process count as one."
+    QOS = "Other processes do not report QoS, except for latched publishers."
+    PARAMETER_TREE = "The global tree of parameters stays in the process."
 
 
 class Sample(Struct, frozen=True, eq=False, gc=False):
@@ -469,12 +482,14 @@ class Graph(GraphListings):
         registry: known interfaces.
         clock: ROS time, steady time and timers.
         parameters: global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
+        limitations: what the backend cannot do.
         dds_rules: True if publishers and subscriptions with incompatible QoS are not connected.
         in_batch: calls a function that delivers what other processes sent; servers send the results at once.
         observers: called when the connection to other processes is lost or restored, by backends that
             notice it.
     """
 
+    limitations: frozenset[Limitation] = frozenset()
     dds_rules: bool = False
     in_batch: Callable[[Callable[[], None]], None] = staticmethod(lambda call: call())
     distro: Distro

@@ -102,7 +102,7 @@ def _command(block: Block, folder: Path, code: str) -> list[str]:
     if block.value("run") == "pytest":
         plugins = (
             "no:cacheprovider",
-            "rwt.extensions.testing.pytest_plugin",
+            "rwt.testing.pytest_plugin",
             "rwt_rclpy.pytest_plugin",
             "anyio",
         )

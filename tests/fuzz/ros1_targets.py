@@ -6,32 +6,48 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 
 from rwt.extensions.ros1.wire import xmlrpc
-from rwt.extensions.ros1.wire.tcpros import Frames, decode_header, encode_header, length_prefix
-from rwt.extensions.ros1.wire_types import WireTypes
+from rwt.extensions.ros1.wire.tcpros import TcprosWire, decode_header, encode_header, length_prefix
+from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import WireError
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
+from rwt_transports.limits import Limits
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
-_LARGEST = 2_000
-"""Largest frame, so that small inputs reach what happens beyond it."""
 
+class _Frames:
+    """Frames that a wire finds, and True until one breaks the rules."""
 
-def _frames(chunks: Iterator[bytes]) -> tuple[list[bytes], bool]:
-    frames, found = Frames(_LARGEST), list[bytes]()
-    try:
+    def __init__(self, chunks: Iterable[bytes]) -> None:
+        self.found: list[bytes] = []
+        self.is_intact = True
+        wire = TcprosWire(lambda call: call(), False, self, Limits(), ReceiveBufferPool())
+        wire.message = lambda body, _: self.found.append(bytes(body))
         for chunk in chunks:
-            found.extend(bytes(frame) for frame in frames.feed(chunk))
-            assert frames.held <= _LARGEST
-    except WireError:
-        return found, False
-    return found, True
+            wire.feed(chunk)
+
+    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
+        self.is_intact = False
+
+    def oversized(self, size: int) -> bool:
+        raise AssertionError
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        raise AssertionError
+
+    def answer(self, data: bytes) -> None:
+        raise AssertionError
+
+    def pong(self, data: bytes) -> None:
+        raise AssertionError
 
 
 def tcpros(data: bytes) -> None:
     """A stream of frames, the first of which is a connection header with a definition."""
-    whole = _frames(iter([data]))
-    assert whole == _frames(data[at : at + 1] for at in range(len(data)))
-    for frame in whole[0][:1]:
+    whole = _Frames([data])
+    pieces = _Frames(data[at : at + 1] for at in range(len(data)))
+    assert (whole.found, whole.is_intact) == (pieces.found, pieces.is_intact)
+    for frame in whole.found[:1]:
         with suppress(WireError):
             fields = decode_header(frame)
             found = WireTypes(Registry(NOETIC)).find(

@@ -46,11 +46,11 @@ T = TypeVar("T")
 
 
 class MemoryParticipant(Participant):
-    """Node of the graph; owns what it created until it is closed."""
+    """Node of a graph; owns what it created until it is closed."""
 
     def __init__(self, graph: MemoryGraph, name: str, *, private: bool = False) -> None:
         self.name = name
-        self._graph = graph
+        self.graph = graph
         self.owner = NodeResources(name, private=private)
         self._closed = False
 
@@ -65,7 +65,7 @@ class MemoryParticipant(Participant):
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         self._check_open()
-        return self._graph.topic_table.advertise(validate(topic), type, qos, self.owner)
+        return self.graph.topic_table.advertise(validate(topic), type, qos, self.owner)
 
     def subscribe(
         self,
@@ -75,7 +75,7 @@ class MemoryParticipant(Participant):
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         self._check_open()
-        return self._graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self.owner)
+        return self.graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self.owner)
 
     def advertise_service(
         self,
@@ -84,13 +84,13 @@ class MemoryParticipant(Participant):
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         self._check_open()
-        return self._graph.service_table.advertise(validate(service), type, self.owner, on_call)
+        return self.graph.service_table.advertise(validate(service), type, self.owner, on_call)
 
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
         self._check_open()
-        return self._graph.service_table.call(service, request, on_reply, timeout, self.owner)
+        return self.graph.service_table.call(service, request, on_reply, timeout, self.owner)
 
     def advertise_action(
         self,
@@ -99,7 +99,7 @@ class MemoryParticipant(Participant):
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         self._check_open()
-        graph = self._graph
+        graph = self.graph
         server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
         if graph.distro.action_transport == "services":
             try:
@@ -113,19 +113,19 @@ class MemoryParticipant(Participant):
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
         self._check_open()
-        return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
+        return self.graph.action_table.send(action, goal, events, goal_id, self.owner)
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        self._graph.action_table.cancel(action, goal_id, self.owner)
+        self.graph.action_table.cancel(action, goal_id, self.owner)
 
     def cancel_every_goal(self, action: str) -> Iterator[None]:
-        return self._graph.action_table.cancel_every(action, self.owner)
+        return self.graph.action_table.cancel_every(action, self.owner)
 
     def close(self) -> None:
         if not self._closed:
             self._closed = True
             self.owner.release_all()
-            self._graph.left(self)
+            self.graph.left(self)
 
 
 def _cached(make: Callable[[MemoryGraph], T]) -> Callable[[MemoryGraph], T]:

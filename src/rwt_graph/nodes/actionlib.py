@@ -53,6 +53,7 @@ class ActionlibStatus(IntEnum):
     PREEMPTING = 6
 
 
+#: Status of actionlib by state of a goal.
 STATUS: Mapping[GoalStatus, ActionlibStatus] = {
     GoalStatus.UNKNOWN: ActionlibStatus.PENDING,
     GoalStatus.ACCEPTED: ActionlibStatus.PENDING,

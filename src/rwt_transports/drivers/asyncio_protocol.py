@@ -16,6 +16,7 @@ from time import monotonic
 from typing import Final, cast
 from weakref import WeakValueDictionary
 
+import anyio
 from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Buffer
@@ -455,6 +456,22 @@ def _without(pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
     return left
 
 
+async def _accept(listening: socket.socket) -> tuple[socket.socket, tuple[object, ...]]:
+    """Accept a connection.
+
+    If `loop.sock_accept()` is cancelled in the turn in which a connection arrives, it fails in a callback,
+    and leaves that connection open.
+    """
+    while True:
+        try:
+            accepted, address = listening.accept()
+        except (BlockingIOError, InterruptedError):
+            await anyio.wait_readable(listening)
+        else:
+            accepted.setblocking(False)
+            return accepted, address
+
+
 class AsyncioDriver:
     """TCP and Unix sockets, with or without TLS, on the running asyncio loop.
 
@@ -516,14 +533,12 @@ class AsyncioDriver:
                     each.listen(BACKLOG)
                     tasks.start_soon(
                         accept_peers,
-                        partial(loop.sock_accept, each),
+                        partial(_accept, each),
                         lambda accepted: tasks.start_soon(open_link, accepted),
                     )
                 yield port
         finally:
             for each in sockets:
-                with contextlib.suppress(ValueError, NotImplementedError):
-                    loop.remove_reader(each)  # A cancelled sock_accept() may leave its reader registered.
                 each.close()
             if address.path:
                 remove_unix(address.path)

@@ -21,6 +21,7 @@ from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Route
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake, wants_websocket
 from rwt_transports.websocket.wire import SERVER_FRAMING
+from rwt_transports.wires.receive_buffer import STAGING_BYTES
 
 logger = logging.getLogger("rwt_transports.http")
 access = logging.getLogger("rwt_transports.access")
@@ -149,6 +150,7 @@ class HttpConnection(UnbufferedCallbacks):
     def lost(self) -> None:
         self._become(_HttpState.ENDED)
         self._listener.detach(self)
+        self._listener.buffers.release(self)
         self.outbox.discard()
         if self._scope is not None:
             self._scope.cancel()
@@ -253,7 +255,11 @@ class HttpConnection(UnbufferedCallbacks):
                 self._body += event.data
                 if len(self._body) > self._most_body():
                     self._fail(413)
+                elif len(self._body) >= STAGING_BYTES:
+                    self._listener.buffers.hold(self, len(self._body))
             elif isinstance(event, h11.EndOfMessage) and self._request is not None:
+                if len(self._body) >= STAGING_BYTES:
+                    self._listener.buffers.release(self)
                 self._requested(self._request)
             else:
                 self._end()
@@ -533,6 +539,11 @@ class HttpConnection(UnbufferedCallbacks):
     def _respond_text(self, status: int, text: str, headers: Mapping[str, str] | None = None) -> None:
         self._respond(HttpResponse(text.encode(), status, headers=headers or {}))
 
+    def give_up(self, reason: str) -> None:
+        """Refuse the request whose body is incomplete: all bodies together are too large."""
+        logger.info("closing %s: %s", self, reason)
+        self._fail(503)
+
     def _fail(self, status: int) -> None:
         """Answer an invalid request, if an answer is still possible, and close."""
         if self._h11.our_state in (h11.IDLE, h11.SEND_RESPONSE):
@@ -560,6 +571,7 @@ _BROKEN = {
     400: b"this is not a valid HTTP request\n",
     408: b"the request did not arrive in time (limits.handshake_seconds)\n",
     413: b"the request body is too large (http_body_bytes)\n",
+    503: b"too many request bodies are being received (limits.incoming_bytes)\n",
     431: b"the request's headers are too large (http_header_bytes)\n",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -9,6 +10,10 @@ STAGING_BYTES = 256 * 1024
 """Initial size of the buffer of a large message; it grows as bytes arrive."""
 POOLED_BYTES = 4 * 1024 * 1024
 """A buffer of up to this size is kept for the next large message."""
+LENT_BUFFERS = 8
+"""Maximum number of buffers that wait for the end of the views of them."""
+LENT_BYTES = 8 * 1024 * 1024
+"""Maximum size of such a buffer."""
 
 
 class Incomplete(Protocol):
@@ -26,7 +31,8 @@ class ReceiveBufferPool:
 
     Attributes by purpose:
 
-    * Buffer: ``_kept`` (one used buffer, for the next large message).
+    * Buffers: ``_kept`` (one used buffer, for the next large message), ``_lent`` (used ones, of which views
+      may exist).
     * Incomplete messages: ``_incomplete`` (bytes by holder, oldest first), ``_held`` (their sum), ``_most``.
     * Complete messages that wait for a paused endpoint: ``_unread`` (bytes by holder), ``_unread_bytes``
       (their sum), ``_inflating`` (holders that inflate one), ``_arriving`` (size of the large message being
@@ -39,6 +45,7 @@ class ReceiveBufferPool:
 
     def __init__(self, most: int = 96 * 1024 * 1024) -> None:
         self._kept: bytearray | None = None
+        self._lent: deque[bytearray] = deque(maxlen=LENT_BUFFERS)
         self._most = most
         self._held = 0
         self._incomplete: dict[Incomplete, int] = {}
@@ -53,7 +60,19 @@ class ReceiveBufferPool:
         if kept is not None and len(kept) >= min(size, STAGING_BYTES):
             self._kept = None
             return kept
+        for index, buffer in enumerate(self._lent):
+            # Not much larger: a view of a message keeps the whole buffer.
+            if min(size, LENT_BYTES) <= len(buffer) <= 4 * size and _is_free(buffer):
+                del self._lent[index]
+                return buffer
         return bytearray(min(size, STAGING_BYTES))
+
+    def lend(self, buffer: bytearray, size: int) -> memoryview:
+        """Return the message of `size` bytes in a buffer from :meth:`take` without a copy; the buffer is
+        reused once no view of it exists."""
+        if len(buffer) <= LENT_BYTES:
+            self._lent.append(buffer)
+        return memoryview(buffer)[:size].toreadonly()
 
     def give(self, buffer: bytearray) -> None:
         """Keep `buffer` for reuse if it is larger than the current one, and not too large."""
@@ -113,3 +132,13 @@ class ReceiveBufferPool:
     def has_much_unread(self) -> bool:
         """Return True if large messages must not be received for now."""
         return self._unread_bytes > self._most // 4
+
+
+def _is_free(buffer: bytearray) -> bool:
+    """Return True if no view of a buffer exists: only then, its size may change."""
+    try:
+        buffer.append(0)
+    except BufferError:
+        return False
+    buffer.pop()
+    return True

@@ -23,7 +23,7 @@ from rwt_graph.api import (
     Subscription,
     TopicInfo,
 )
-from rwt_graph.memory.graph import MemoryGraph
+from rwt_graph.backend import DistributedGraph
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
@@ -84,10 +84,11 @@ class PairedGraph(Graph):
     """Two graphs of one clock, each connected to the other. What it knows is what the consumers' graph
     knows."""
 
-    def __init__(self, provider: MemoryGraph, consumer: MemoryGraph) -> None:
+    def __init__(self, provider: DistributedGraph, consumer: DistributedGraph) -> None:
         self.provider, self.consumer = provider, consumer
         self.distro, self.registry, self.clock = provider.distro, provider.registry, provider.clock
         self.parameters = provider.parameters
+        self.limitations = provider.limitations
 
     async def start(self) -> None:
         """Called when both graphs run."""

@@ -20,27 +20,6 @@ if TYPE_CHECKING:
 
 HAS_ROS = importlib.util.find_spec("rclpy") is not None and "AMENT_PREFIX_PATH" in os.environ
 
-_NO_ERRORS = "services of ROS 2 have no errors: a caller receives no answer"
-_NO_CANCEL = "services of ROS 2 have no cancel: a provider does not learn that a call has ended"
-_REASONS = "the reason is a message of its own, which a new subscription may miss"
-
-#: Reasons of tests that fail on ROS 2 at times.
-UNSTABLE = {"test_a_rejected_goal": _REASONS, "test_a_server_that_raises_rejects": _REASONS}
-
-#: Reasons of tests that fail on ROS 2, by test and its parameter `how`.
-DIFFERENCES = {
-    "test_answers_come_in_any_order": _NO_ERRORS,
-    "test_a_provider_that_raises_fails_the_call_without_telling_why": _NO_ERRORS,
-    "test_a_timeout_is_never_early_and_at_most_20_ms_late": _NO_CANCEL,
-    "test_a_cancelled_call_hears_nothing": _NO_CANCEL,
-    "test_open_calls_of_a_node_that_leaves_end": _NO_CANCEL,
-    "test_a_provider_learns_once_that_a_call_has_ended[timeout]": _NO_CANCEL,
-    "test_a_provider_learns_once_that_a_call_has_ended[cancel]": _NO_CANCEL,
-    "test_a_provider_learns_once_that_a_call_has_ended[caller leaves]": _NO_CANCEL,
-    "test_kept_samples_are_forgotten_after_their_lifespan": "DDS measures a lifespan in real time",
-    "test_subscriber_count_and_endpoints": "subscribers of one process share one subscription",
-}
-
 #: Seconds without any sample or change, after which nothing is on the way: DDS has no mark of an end.
 _QUIET_SECONDS = 0.15
 

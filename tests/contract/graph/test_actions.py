@@ -15,7 +15,7 @@ from rwt_participant.messages import Message
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tests.contract.graph.conftest import GoalDiary, Harness
+    from tests.contract.graph.harness import GoalDiary, Harness
 
 pytestmark = pytest.mark.anyio
 

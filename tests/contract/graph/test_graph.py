@@ -13,7 +13,7 @@ from rwt_graph import InvalidGraphName
 
 if TYPE_CHECKING:
     from rwt_graph.api import Publisher, Registration, Subscription
-    from tests.contract.graph.conftest import Harness
+    from tests.contract.graph.harness import Harness
 
 pytestmark = pytest.mark.anyio
 

@@ -20,7 +20,7 @@ from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ServiceType
-    from tests.contract.graph.conftest import Harness
+    from tests.contract.graph.harness import Harness
 
 pytestmark = pytest.mark.anyio
 

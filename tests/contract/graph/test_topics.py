@@ -12,7 +12,7 @@ from rwt_participant.qos import DEFAULT_QOS, LATCHED, Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
-    from tests.contract.graph.conftest import Harness
+    from tests.contract.graph.harness import Harness
 
 pytestmark = pytest.mark.anyio
 

@@ -14,6 +14,7 @@ import anyio.to_thread
 import pytest
 
 from rwt.extensions.ros1 import Ros1Graph, discovery
+from rwt.extensions.ros1.node import Ros1Node
 from rwt.extensions.ros1.wire import links, rpc, xmlrpc
 from rwt.extensions.ros1.wire.tcpros import decode_header, encode_header, length_prefix
 from rwt_graph.errors import Ros1Error
@@ -45,6 +46,14 @@ async def graph(anyio_backend: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIte
         yield joined
 
 
+async def opened(graph: Ros1Graph, name: str) -> Ros1Node:
+    """Return a node of the graph once it accepts connections."""
+    assert graph.session is not None
+    node = graph.session.nodes[name]
+    await node.opened.wait()
+    return node
+
+
 @pytest.fixture
 async def tasks(graph: Ros1Graph) -> AsyncIterator[anyio.abc.TaskGroup]:
     async with anyio.create_task_group() as group:
@@ -65,14 +74,10 @@ class Hostile:
         data = await anyio.create_tcp_listener(local_host="127.0.0.1")
         self.port = data.extra(anyio.abc.SocketAttribute.local_port)
         assert self._graph.session is not None
-        server = rpc.RpcServer(self._graph.session.sockets, "127.0.0.1", self._dispatch)
-        self.uri = f"http://127.0.0.1:{server.port}/"
-        try:
-            async with data:
-                task_status.started()
-                await data.serve(self._serve)
-        finally:
-            server.close()
+        async with rpc.serve(self._graph.session.network, "127.0.0.1", self._dispatch) as port, data:
+            self.uri = f"http://127.0.0.1:{port}/"
+            task_status.started()
+            await data.serve(self._serve)
 
     def _dispatch(self, method: str, params: tuple[Any, ...]) -> Any:
         return [1, "", ["TCPROS", "127.0.0.1", self.port] if method == "requestTopic" else 0]
@@ -154,8 +159,7 @@ async def test_a_hostile_publisher_hurts_nobody_else(
 async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(links, "CONNECT_SECONDS", 0.1)
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph.session is not None
-    node = graph.session.nodes["/talker"]
+    node = await opened(graph, "/talker")
     host, port = rpc.address_of(node.service_uri, "rosrpc")
     async with await anyio.connect_tcp(host, port) as stream:
         await stream.send(b"\x10")  # A drip.
@@ -175,8 +179,7 @@ async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch
 )
 async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_bytes: bytes) -> None:
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph.session is not None
-    uri = graph.session.nodes["/talker"].uri
+    uri = (await opened(graph, "/talker")).uri
     async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
         await stream.send(request_bytes)
         assert await rpc.call(uri, "getName", "/me") == "/talker"
@@ -187,8 +190,7 @@ async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_by
 
 async def test_connections_to_one_node_are_limited(graph: Ros1Graph) -> None:
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph.session is not None
-    uri = graph.session.nodes["/talker"].uri
+    uri = (await opened(graph, "/talker")).uri
     streams = [await anyio.connect_tcp(*rpc.address_of(uri)) for _ in range(80)]
     with anyio.fail_after(30), pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
         await streams[0].receive()  # The one that was idle for longest made room.
@@ -203,8 +205,7 @@ async def test_an_idle_connection_to_a_node_is_closed(
 ) -> None:
     monkeypatch.setattr(rpc, "IDLE_SECONDS", 0.2)
     graph.node("talker").advertise("/chatter", "std_msgs/String")
-    assert graph.session is not None
-    uri = graph.session.nodes["/talker"].uri
+    uri = (await opened(graph, "/talker")).uri
     async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
         with anyio.fail_after(30), pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
             await stream.receive()
@@ -219,8 +220,11 @@ async def test_the_calls_of_one_call_are_answered_one_by_one(graph: Ros1Graph) -
         {"methodName": "unregisterSubscriber", "params": ["/one", "/topic", "http://one:1"]},
         {"methodName": "lookupNode", "params": ["/me", "/one"]},
     ]
-    proxy: Any = ServerProxy(graph.master)
-    answers = await anyio.to_thread.run_sync(proxy.system.multicall, calls)
+    proxy: Any
+    with ServerProxy(graph.master) as proxy:
+        answers = await anyio.to_thread.run_sync(proxy.system.multicall, calls)
+        with pytest.raises(Fault, match="a list of calls"):
+            await anyio.to_thread.run_sync(proxy.system.multicall, "calls")
     faults = [each["faultString"] for each in answers if isinstance(each, dict)]
     assert faults == ["method system.multicall is not supported", "malformed call"]
     assert [each[0] for each in answers if isinstance(each, list)] == [
@@ -229,8 +233,6 @@ async def test_the_calls_of_one_call_are_answered_one_by_one(graph: Ros1Graph) -
         [1, "unregistered", 1],
         [-1, "unknown node [/one]", ""],
     ]
-    with pytest.raises(Fault, match="a list of calls"):
-        await anyio.to_thread.run_sync(proxy.system.multicall, "calls")
 
 
 async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.LogCaptureFixture) -> None:
@@ -238,13 +240,10 @@ async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.L
     types = [[f"/t{number}", "std_msgs/String"] for number in range(10_000)]
     answers = {"getSystemState": state, "getTopicTypes": types}
     assert graph.session is not None
-    fake = rpc.RpcServer(
-        graph.session.sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})]
-    )
-    async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
+    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         await until(lambda: len(other.topics()) > 10_000)
         assert [node.name for node in other.nodes() if node.name == "/many"] == ["/many"]
-    fake.close()
 
 
 @pytest.mark.parametrize(
@@ -256,15 +255,14 @@ async def test_a_hostile_master_is_survived(
 ) -> None:
     caplog.set_level(logging.INFO)
     assert graph.session is not None
-    fake = rpc.RpcServer(graph.session.sockets, "127.0.0.1", lambda _method, _params: answer)
-    async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
+    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda _method, _params: answer)
+    async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("both")
         heard: list[str] = []
         node.subscribe("/chatter", lambda each: heard.append(each.data), "std_msgs/String")
         node.advertise("/chatter", "std_msgs/String").publish({"data": "here"})
         await until(partial(bool, heard))
         await anyio.sleep(0.2)
-    fake.close()
     assert xmlrpc.BODY_BYTES < 2**25
 
 
@@ -290,14 +288,12 @@ async def test_publishers_are_found_where_no_update_of_the_master_arrives(
         "lookupNode": good.uri,
     }
     assert graph.session is not None
-    sockets = graph.session.sockets
-    fake = rpc.RpcServer(sockets, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
     texts: list[str] = []
-    async with Ros1Graph(master=f"ros1://127.0.0.1:{fake.port}") as other:
+    async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("listener")
         node.subscribe("/chatter", lambda each: texts.append(each.data), "std_msgs/String")
         await until(lambda: "hi" in texts)
-    fake.close()
     assert "the ROS 1 master does not report the publishers of /chatter" in caplog.text
 
 
@@ -310,5 +306,20 @@ async def test_one_port_per_node_and_several_publishers(graph: Ros1Graph, tasks:
         await rpc.call(graph.master, "registerPublisher", name, "/chatter", "std_msgs/String", good.uri)
     await until(lambda: len(texts) == 3)
     graph.node("other").advertise("/own", "std_msgs/String")
+    await opened(graph, "/other")
     assert graph.session is not None
     assert len({each.uri for each in graph.session.nodes.values()}) == len(graph.session.nodes) > 1
+
+
+async def test_a_service_that_comes_back_is_asked_for_its_type_at_once(
+    graph: Ros1Graph, tasks: anyio.abc.TaskGroup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(discovery, "PROBE_AGAIN_SECONDS", 3600.0)
+    header = {"callerid": "/hostile", "type": "std_srvs/Empty", "md5sum": "d41d8cd98f00b204e9800998ecf8427e"}
+    hostile = await start(graph, tasks, sends(encode_header(header)))
+    where = ("/hostile", "/reset", f"rosrpc://127.0.0.1:{hostile.port}")
+    for _ in range(2):
+        await rpc.call(graph.master, "registerService", *where, hostile.uri)
+        await until(lambda: graph.service("/reset") is not None)
+        await rpc.call(graph.master, "unregisterService", *where)
+        await until(lambda: graph.service("/reset") is None)

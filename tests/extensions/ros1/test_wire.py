@@ -2,27 +2,30 @@ from __future__ import annotations
 
 import random
 import struct
+import tracemalloc
 import xmlrpc.client as standard
 from contextlib import suppress
 from typing import Any
 
 import pytest
 
-from rwt.extensions.ros1 import wire_types
+from rwt.extensions.ros1.wire import types as wire_types
 from rwt.extensions.ros1.wire import xmlrpc
 from rwt.extensions.ros1.wire.tcpros import (
     HEADER_BYTES,
     LARGE_BYTES,
     MESSAGE_BYTES,
-    Frames,
+    TcprosWire,
     decode_header,
     encode_header,
 )
-from rwt.extensions.ros1.wire_types import WireTypes
+from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import WireError
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from rwt_transports.limits import Limits
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.fuzz.ros1_targets import call_of, response_of, xml
 
 #: Header of a subscriber as the ROS wiki prints it, in part.
@@ -68,45 +71,100 @@ class TestHeaders:
                 decode_header(bytes(body[: source.randrange(len(body) + 1)]))
 
 
+class Receiver:
+    """Wire whose frames are written down, with their status."""
+
+    def __init__(self, *, has_status: bool = False) -> None:
+        self.pool = ReceiveBufferPool()
+        self.wire = TcprosWire(lambda call: call(), has_status, self, Limits(), self.pool)
+        self.wire.message = lambda body, success: self.found.append((body, success))
+        self.found: list[tuple[bytes | memoryview, bool]] = []
+        self.ends: list[str] = []
+
+    @property
+    def bodies(self) -> list[bytes]:
+        return [bytes(body) for body, _ in self.found]
+
+    def receive(self, data: bytes | memoryview, *, direct: bool = True) -> int:
+        """Receive bytes as a driver does, into the wire's buffer if it has one; returns their number."""
+        space = self.wire.get_buffer() if direct else None
+        if space is None:
+            self.wire.feed(bytes(data))
+            return len(data)
+        with space:
+            count = min(len(space), len(data))
+            space[:count] = data[:count]
+        self.wire.buffer_updated(count)
+        return count
+
+    # WireEvents
+
+    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
+        self.ends.append(reason)
+
+    def oversized(self, size: int) -> bool:
+        raise AssertionError
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        raise AssertionError
+
+    def answer(self, data: bytes) -> None:
+        raise AssertionError
+
+    def pong(self, data: bytes) -> None:
+        raise AssertionError
+
+
 class TestFrames:
     def test_any_division_of_the_stream_gives_the_same_frames(self) -> None:
         source = random.Random(2)
         bodies = [source.randbytes(source.choice((0, 1, 3, 4, 5, 100, 5000))) for _ in range(40)]
         stream = b"".join(map(frame, bodies))
         for _ in range(50):
-            frames, found, at = Frames(), list[bytes | memoryview](), 0
+            receiver, at = Receiver(), 0
             while at < len(stream):
                 size = source.choice((1, 2, 3, 7, 64, 4096))
-                found += frames.feed(stream[at : at + size])
+                receiver.receive(stream[at : at + size])
                 at += size
-            assert found == bodies
-            assert (frames.missing, frames.held) == (0, 0)
+            assert receiver.bodies == bodies
 
     def test_large_frames_are_the_same_however_they_are_received(self) -> None:
         source = random.Random(4)
         bodies = [source.randbytes(size) for size in (3, LARGE_BYTES, 10, 900_000, 5, 400_000, 2_000_000)]
         stream = memoryview(b"".join(map(frame, bodies)))
         for _ in range(20):
-            frames, found, at = Frames(MESSAGE_BYTES), list[bytes](), 0
+            receiver, at = Receiver(), 0
             while at < len(stream):
                 size = source.randrange(1, 300_000)
-                if frames.missing and source.random() < 0.7:
-                    with frames.space() as space:
-                        size = min(len(space), size)
-                        space[:size] = stream[at : at + size]
-                    whole = frames.filled(size)
-                    found += () if whole is None else (bytes(whole),)
-                else:
-                    found += map(bytes, frames.feed(bytes(stream[at : at + size])))
-                at += size
-            assert found == bodies
+                at += receiver.receive(stream[at : at + size], direct=source.random() < 0.7)
+            assert receiver.bodies == bodies
+
+    def test_no_frame_is_delivered_while_the_wire_is_held(self) -> None:
+        receiver = Receiver()
+        bodies = [b"%d" % number * 50_000 for number in range(5)]
+        stream = b"".join(map(frame, bodies))
+
+        def take(body: bytes, _success: bool) -> None:
+            receiver.found.append((body, True))
+            receiver.wire.hold()
+
+        receiver.wire.message = take
+        receiver.receive(stream[:120_000])
+        for at in range(120_000, len(stream), 60_000):
+            receiver.receive(stream[at : at + 60_000])
+        for number in range(1, 6):
+            assert receiver.bodies == bodies[:number]
+            receiver.wire.go_on()
 
     def test_memory_of_large_frames_is_reused_without_views(self) -> None:
-        frames, body = Frames(MESSAGE_BYTES), bytes(range(256)) * 3600
+        receiver, body = Receiver(), bytes(range(256)) * 3600
+        receiver.receive(frame(b""))
 
         def receive(body: bytes) -> memoryview:
-            list(frames.feed(frame(body)[:100]))
-            (whole,) = frames.feed(frame(body)[100:])
+            receiver.found.clear()
+            receiver.receive(frame(body)[:100])
+            receiver.wire.feed(frame(body)[100:])
+            whole = receiver.found.pop()[0]
             assert isinstance(whole, memoryview)
             return whole
 
@@ -120,24 +178,40 @@ class TestFrames:
         with pytest.raises(TypeError):
             again[0] = 1
 
-    def test_responses_have_a_status(self) -> None:
-        frames = Frames()
-        frames.has_status = True
-        seen = [
-            (frames.is_success, body) for body in frames.feed(b"\1" + frame(b"yes") + b"\0" + frame(b"no"))
-        ]
-        assert seen == [(True, b"yes"), (False, b"no")]
+    def test_responses_have_a_status_and_their_header_has_none(self) -> None:
+        receiver = Receiver(has_status=True)
+        receiver.receive(frame(b"header") + b"\1" + frame(b"yes") + b"\0" + frame(b"no"))
+        assert receiver.found == [(b"header", True), (b"yes", True), (b"no", False)]
 
-    def test_nothing_is_allocated_for_an_announced_frame(self) -> None:
-        frames = Frames(most=2**31)
-        assert not list(frames.feed(struct.pack("<I", 2**30) + b"a few"))
-        assert frames.held == 5
+    def test_an_announced_frame_takes_memory_in_proportion_to_what_has_arrived(self) -> None:
+        receiver = Receiver()
+        receiver.receive(frame(b""))
+        tracemalloc.start()
+        receiver.receive(struct.pack("<I", MESSAGE_BYTES) + b"a few")
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < MESSAGE_BYTES // 100
+        assert len(receiver.found) == 1
 
-    def test_a_frame_beyond_the_limit_is_rejected(self) -> None:
-        with pytest.raises(WireError, match="4294967295 bytes"):
-            list(Frames().feed(b"\xff\xff\xff\xff"))
-        with pytest.raises(WireError):
-            list(Frames().feed(struct.pack("<I", HEADER_BYTES + 1)))
+    def test_a_frame_beyond_the_limit_ends_the_connection(self) -> None:
+        receiver = Receiver()
+        receiver.receive(b"\xff\xff\xff\xff" + bytes(100))
+        receiver.receive(frame(b"more"))
+        assert receiver.ends == [f"a frame of 4294967295 bytes was announced, {HEADER_BYTES} is the limit"]
+        assert not receiver.found
+        other = Receiver()
+        other.receive(struct.pack("<I", HEADER_BYTES + 1))
+        assert other.ends
+
+    def test_what_an_endpoint_rejects_ends_the_connection(self) -> None:
+        receiver = Receiver()
+
+        def reject(_body: bytes, _success: bool) -> None:
+            raise WireError("no such thing")
+
+        receiver.wire.message = reject
+        receiver.receive(frame(b"a") * 3)
+        assert receiver.ends == ["no such thing"]
 
 
 class TestXmlRpc:

@@ -1,6 +1,6 @@
 """Graph of a live ROS 1 robot, without an installation of ROS: XML-RPC to the master, TCPROS to its nodes.
 
-A :class:`Ros1Graph` is used like a :class:`~rwt_graph.memory.graph.MemoryGraph`; its nodes and endpoints are
+A :class:`Ros1Graph` is used like a :class:`~rwt_graph.MemoryGraph`; its nodes and endpoints are
 visible to all ROS 1 programs::
 
     async with Ros1Graph(master="ros1://robot:11311") as graph:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import anyio
 
 from rwt_graph.api import ActionInfo, ClientGoal, Sample
-from rwt_graph.nodes.actionlib import STATUS, ActionlibStatus
+from rwt_graph.backend import STATUS, ActionlibStatus
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.topics import Ros1Topics
     from rwt_graph.api import GoalEvents
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_graph.memory.tables import NodeResources
-    from rwt_graph.memory.topics import Topic
+    from rwt_graph.backend import DistributedGraph, NodeResources, Topic
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +49,7 @@ _STATES: Final = {int(status): state for state, status in STATUS.items()} | {
 class Ros1Actions:
     """Actions of other nodes: a node that subscribes to `<action>/goal` as an action server does."""
 
-    def __init__(self, graph: MemoryGraph, topics: Ros1Topics) -> None:
+    def __init__(self, graph: DistributedGraph, topics: Ros1Topics) -> None:
         self.graph = graph
         self.ros_topics = topics
         self.session: Session | None = None
@@ -175,7 +173,7 @@ class ActionClient:
     def _watch(self) -> None:
         if not self._is_watching:
             self._is_watching = True
-            self._session.sockets.spawn(self._run, f"action {self.info.name}")
+            self._session.network.spawn(self._run, f"action {self.info.name}")
 
     async def _run(self) -> None:
         """Send what waits once the server is connected, and end the goals when it leaves."""

@@ -10,20 +10,22 @@ from typing import TYPE_CHECKING, Final
 import anyio.to_thread
 
 from rwt.extensions.ros1.actions import Ros1Actions
-from rwt.extensions.ros1.addresses import master_uri, own_address
 from rwt.extensions.ros1.discovery import Discovery
 from rwt.extensions.ros1.master import Master
 from rwt.extensions.ros1.parameters import MasterParameters
 from rwt.extensions.ros1.services import Ros1Services
 from rwt.extensions.ros1.session import Session
 from rwt.extensions.ros1.topics import Ros1Topics
+from rwt.extensions.ros1.wire import rpc
+from rwt.extensions.ros1.wire.addresses import master_uri, own_address
 from rwt.extensions.ros1.wire.rpc import address_of
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant
 from rwt_graph.errors import Ros1Error
-from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros_time import RosTime
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
 from rwt_participant.qos import DEFAULT_QOS, QoS
+from rwt_transports.errors import ListenError
 
 if TYPE_CHECKING:
     from rwt_graph.api import Publisher
@@ -48,17 +50,17 @@ class Ros1Participant(MemoryParticipant):
     """Node whose publishers use the definition that a topic has on ROS 1, not that of the registry."""
 
     def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
-        info = self._graph.topic(topic)
+        info = self.graph.topic(topic)
         if info is not None and info.type is not None and info.type.name == type.name:
             type = info.type
         return super().advertise(topic, type, qos)
 
 
-class Ros1Graph(MemoryGraph):
+class Ros1Graph(DistributedGraph):
     """Graph with nodes in this process and in ROS 1 programs.
 
-    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 1 when it is
-    entered, also if the master does not answer yet. `ROS_IP` and `ROS_HOSTNAME` apply.
+    Nodes of one process communicate in memory, as in a :class:`~rwt_graph.MemoryGraph`. The graph joins ROS 1
+    when it is entered, also if the master does not answer yet. `ROS_IP` and `ROS_HOSTNAME` apply.
 
     Args:
         registry: interfaces of a ROS 1 distribution; by default the standard ones.
@@ -70,6 +72,8 @@ class Ros1Graph(MemoryGraph):
         Ros1Error: the registry is of ROS 2, or `master` is not an address.
     """
 
+    limitations = frozenset((Limitation.QOS,))
+
     def __init__(
         self, registry: Registry | None = None, clock: Clock | None = None, *, master: str | None = None
     ) -> None:
@@ -78,7 +82,6 @@ class Ros1Graph(MemoryGraph):
             raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
         self.master = master_uri(master)
         self._is_master = master is not None and master.startswith("ros1-master")
-        self._own_master: Master | None = None
         self.parameters = self._master_parameters = MasterParameters()
         self.registry.advice = _ADVICE
         self._ros_topics = Ros1Topics(self.topic_table)
@@ -87,14 +90,12 @@ class Ros1Graph(MemoryGraph):
         self.session: Session | None = None
         self._time_source: MemoryParticipant | None = None
         self._ros_actions = Ros1Actions(self, self._ros_topics)
-        self.topic_table.remote = self._ros_topics
-        self.service_table.remote = self._ros_services
-        self.action_table.remote = self._ros_actions
+        self.set_remotes(self._ros_topics, self._ros_services, self._ros_actions)
 
     def make_participant(self, name: str) -> MemoryParticipant:
         return Ros1Participant(self, name)
 
-    async def _join(self) -> None:
+    async def join(self) -> None:
         """Join ROS 1.
 
         Raises:
@@ -103,11 +104,14 @@ class Ros1Graph(MemoryGraph):
         address = await anyio.to_thread.run_sync(own_address, self.master)  # May ask name servers.
         try:
             session = self.session = Session(self, self.master, address)
+            await session.monitor.open()
             if self._is_master:
                 bind, port = address_of(self.master)
-                self._own_master = Master(session.sockets, address.host, bind, port)
+                master = Master(session.network, f"http://{address.host}:{port}/")
+                calls = rpc.serve(session.network, bind, master.dispatch, port)
+                await session.network.open(calls, "calls of the ROS 1 master")
                 self._collect_logs()
-        except OSError as error:
+        except (ListenError, OSError) as error:
             raise Ros1Error(f"cannot accept connections of ROS 1 at {self.master}: {error}") from error
         parameters = self._master_parameters
         session.on_parameter = parameters.on_update
@@ -119,12 +123,9 @@ class Ros1Graph(MemoryGraph):
 
         session.on_forgotten = repeat
         discovery = Discovery(self, session, self._ros_topics, self._ros_services)
-        try:
-            self._ros_topics.open(session, discovery)
-            self._ros_services.open(session)
-            self._ros_actions.session = session
-        except OSError as error:
-            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+        self._ros_topics.open(session, discovery)
+        self._ros_services.open(session)
+        self._ros_actions.session = session
         try:
             await discovery.poll()
             await parameters.join(session)
@@ -160,12 +161,11 @@ class Ros1Graph(MemoryGraph):
         collected = node.advertise("/rosout_agg", type)
         node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
 
-    async def __aexit__(self, *exc: object) -> None:
+    async def leave(self) -> None:
         session = self.session
+        if self._time_source is not None:
+            self._time_source.close()
         try:
-            self._close_participants()
-            if self._time_source is not None:
-                self._time_source.close()
             if session is not None:
                 await session.registrar.leave()
         finally:
@@ -174,6 +174,3 @@ class Ros1Graph(MemoryGraph):
             self._ros_services.close()
             if session is not None:
                 session.close()
-            if self._own_master is not None:
-                self._own_master.close()
-            await super().__aexit__(*exc)

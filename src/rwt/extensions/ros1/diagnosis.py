@@ -10,9 +10,9 @@ import anyio
 
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.declarations import Finding
-from rwt.extensions.ros1.addresses import is_loopback, master_uri, own_address
 from rwt.extensions.ros1.discovery import State
 from rwt.extensions.ros1.wire import rpc
+from rwt.extensions.ros1.wire.addresses import is_loopback, master_uri, own_address
 from rwt_graph.errors import Ros1Error, WireError
 
 _MOST_AT_ONCE: Final = 16

@@ -13,9 +13,9 @@ import anyio
 import anyio.lowlevel
 
 from rwt.extensions.ros1.wire import rpc
-from rwt.extensions.ros1.wire.links import exchange_headers, open_link, request_topic
+from rwt.extensions.ros1.wire.links import connected, exchange_headers, request_topic
+from rwt_graph.backend import RemoteEndpoint, TransientLocalCache
 from rwt_graph.errors import Ros1Error, WireError
-from rwt_graph.memory.topics import RemoteEndpoint, TransientLocalCache
 from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.services import Ros1Services
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.topics import Ros1Topics
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.backend import DistributedGraph
     from rwt_interfaces.structs import MessageType
 
 #: Seconds between two readings of the master's tables.
@@ -31,7 +31,7 @@ POLL_SECONDS: Final = 1.0
 
 #: Maximum types that are asked for at once, and seconds before a node that gave no answer is asked again.
 _MOST_PROBES: Final = 8
-_PROBE_AGAIN_SECONDS: Final = 10.0
+PROBE_AGAIN_SECONDS: Final = 10.0
 
 #: Readings after which a subscriber without a connection, or a publisher without an update, is reported.
 _PATIENT_READINGS: Final = 4
@@ -108,7 +108,7 @@ class Discovery:
     """Task that keeps the tables of a graph in step with the master."""
 
     def __init__(
-        self, graph: MemoryGraph, session: Session, topics: Ros1Topics, services: Ros1Services
+        self, graph: DistributedGraph, session: Session, topics: Ros1Topics, services: Ros1Services
     ) -> None:
         self._graph = graph
         self._session = session
@@ -178,13 +178,15 @@ class Discovery:
                 nodes.add(providers[-1])
                 self._services.found(name, providers[-1], self._probe)
         async for name in _in_steps(self._services.names() - services.keys()):
-            self._services.lost(name)
+            # What comes back is asked for its type at once: it may be another program.
+            self._probed.pop(self._services.lost(name), None)
         now = time.monotonic()
         self._probed = {key: until for key, until in self._probed.items() if until > now}
         await self._apply_nodes(nodes)
 
     def _leave(self, key: Key) -> None:
         known = self._endpoints.pop(key, None)
+        self._probed.pop(key, None)
         if known is not None:
             self._graph.topic_table.remote_left(key[0], known[0])
 
@@ -246,8 +248,8 @@ class Discovery:
         if self._probes.statistics().tasks_waiting > _MOST_WAITING:
             self._raw = b""  # Asked when the tables are read next.
         elif self._probed.get(key, 0.0) <= now:
-            self._probed[key] = now + _PROBE_AGAIN_SECONDS
-            self._session.sockets.spawn(partial(self._ask, ask), f"type of {key}")
+            self._probed[key] = now + PROBE_AGAIN_SECONDS
+            self._session.network.spawn(partial(self._ask, ask), f"type of {key}")
 
     async def _ask(self, ask: Callable[[], Awaitable[None]]) -> None:
         async with self._probes:
@@ -277,10 +279,9 @@ class Discovery:
         session = self._session
         uri = await session.call_master("lookupNode", "/rwt", node)
         host, port = await request_topic(str(uri), "/rwt", topic)
-        link = await open_link(session.sockets, host, port)
-        fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
-        header = await exchange_headers(link, fields)
-        link.close()
+        async with connected(session.network, host, port) as link:
+            fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
+            header = await exchange_headers(link, fields)
         type = session.types.find(
             header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", "")
         )

@@ -5,24 +5,35 @@ Its tables are those of the master's API; nodes of this process register like th
 
 from __future__ import annotations
 
+import logging
 import os
 import uuid
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
+from functools import partial
 from inspect import signature
 from typing import TYPE_CHECKING, Final
 
-from rwt.extensions.ros1.notifications import Notifications
+import anyio
+
 from rwt.extensions.ros1.parameters import is_below
 from rwt.extensions.ros1.wire import rpc
-from rwt_graph.errors import WireError
-from rwt_graph.parameters.tree import ParameterTree
+from rwt_graph.backend import ParameterTree
+from rwt_graph.errors import Ros1Error, WireError
 from rwt_interfaces.distro import NOETIC
 from rwt_participant.errors import NotFound, ParameterRejected
 
 if TYPE_CHECKING:
-    from rwt.extensions.ros1.wire.sockets import Sockets
+    from rwt.extensions.ros1.wire.network import Network
     from rwt.extensions.ros1.wire.xmlrpc import Value
+
+logger = logging.getLogger(__name__)
+
+#: Maximum nodes that are called at once.
+_MOST_CALLED: Final = 64
+
+#: Maximum calls that wait, besides one for each node.
+_MOST_WAITING: Final = 20_000
 
 #: Maximum registrations and watched parameters, and characters of a name or address.
 _MOST_ENTRIES: Final = 5000
@@ -35,19 +46,92 @@ Table = dict[str, dict[str, str]]
 """Addresses by node, by topic or service."""
 
 
-class Master:
-    """Master that listens for calls.
+class Notifications:
+    """Calls that wait for nodes. A newer one replaces an older one of the same method and name.
+
+    If too many wait, the oldest of a node gives way to its newest.
 
     Args:
-        host: host in the address that nodes are given.
-        bind: address on which it listens.
-
-    Raises:
-        OSError: the port is in use.
+        on_deaf: called with the address of a node that takes no calls; those that wait for it are dropped.
     """
 
-    def __init__(self, sockets: Sockets, host: str, bind: str, port: int) -> None:
-        self._sockets = sockets
+    def __init__(self, network: Network, on_deaf: Callable[[str], None]) -> None:
+        self._network = network
+        self._on_deaf = on_deaf
+        # By address, method and name; an address stays while it is called.
+        self._calls: dict[str, dict[tuple[str, str], tuple[Value, ...]]] = {}
+        self._count = 0
+        self._queue: deque[str] = deque()
+        self._limiter = anyio.CapacityLimiter(_MOST_CALLED)
+
+    def add(self, uri: str, method: str, name: str, *params: Value) -> None:
+        """Call a node soon, after the calls that wait for it."""
+        calls = self._calls.get(uri)
+        if calls is None:
+            calls = self._calls[uri] = {}
+            self._queue_up(uri)
+        self.discard(uri, method, name)
+        if calls and self._count >= _MOST_WAITING:
+            self.discard(uri, *next(iter(calls)))
+        calls[method, name] = params
+        self._count += 1
+
+    def discard(self, uri: str, method: str, name: str) -> None:
+        """Forget a call that waits; no-op if there is none."""
+        if self._calls.get(uri, {}).pop((method, name), None) is not None:
+            self._count -= 1
+
+    def _queue_up(self, uri: str) -> None:
+        self._queue.append(uri)
+        if len(self._queue) == 1:
+            self._network.spawn(self._call_nodes, "calls of ROS 1 nodes")
+
+    async def _call_nodes(self) -> None:
+        """Start the call of each queued node, as soon as fewer than `_MOST_CALLED` are called.
+
+        Acquiring the limiter lets the event loop go on, so that a turn starts one call at most: thousands may
+        be due at once. The node stays first in the queue until its call has started; an empty queue means
+        that this task does not run.
+        """
+        while self._queue:
+            uri = self._queue[0]
+            await self._limiter.acquire_on_behalf_of(uri)
+            self._network.spawn(partial(self._call, uri), f"a call of {uri}")
+            self._queue.popleft()
+
+    async def _call(self, uri: str) -> None:
+        """Carry out the oldest call of one node. If more wait, the node queues again, behind the others.
+
+        A node that does not answer is given up: all its calls are dropped.
+        """
+        calls = self._calls[uri]
+        try:
+            if calls:  # They may have been discarded while the node was queued.
+                method, name = next(iter(calls))
+                params = calls[method, name]
+                self.discard(uri, method, name)
+                await rpc.call(uri, method, "/master", name, *params)
+        except Ros1Error as error:
+            logger.info("a node does not take a notification: %s", error)
+            self._count -= len(calls)
+            calls.clear()
+            self._on_deaf(uri)
+        finally:
+            self._limiter.release_on_behalf_of(uri)
+        if calls:
+            self._queue_up(uri)
+        else:
+            del self._calls[uri]
+
+
+class Master:
+    """Tables and parameters of a master, and its answers to calls.
+
+    Args:
+        uri: address that nodes are given.
+    """
+
+    def __init__(self, network: Network, uri: str) -> None:
         self._publishers: Table = {}
         self._subscribers: Table = {}
         self._services: Table = {}
@@ -56,7 +140,7 @@ class Master:
         self._types: dict[str, str] = {}
         self._nodes: dict[str, str] = {}
         self._watches: dict[tuple[str, str], str] = {}
-        self._notifications = Notifications(sockets, self._on_deaf)
+        self._notifications = Notifications(network, self._on_deaf)
         self._parameters = tree = ParameterTree(max_bytes=_PARAMETER_BYTES)
         tree.set("/rosdistro", f"{NOETIC.name}\n")
         tree.set("/rosversion", f"{NOETIC.master_version}\n")
@@ -73,7 +157,7 @@ class Master:
             "getPublishedTopics": self._published_topics,
             "getTopicTypes": lambda _: [1, "topic types", [[*each] for each in self._types.items()]],
             "getSystemState": lambda _: [1, "system state", self._state()],
-            "getUri": lambda _: [1, "", self.uri],
+            "getUri": lambda _: [1, "", uri],
             "getPid": lambda _: [1, "", os.getpid()],
             "setParam": self._set_param,
             "getParam": self._get_param,
@@ -85,11 +169,8 @@ class Master:
             "unsubscribeParam": self._unsubscribe_param,
         }
         self._methods = {name: (handle, signature(handle)) for name, handle in methods.items()}
-        self._server = rpc.RpcServer(sockets, bind, self._dispatch, port)
-        self.port = self._server.port
-        self.uri = f"http://{host}:{self.port}/"
 
-    def _dispatch(self, method: str, params: tuple[Value, ...]) -> Value:
+    def dispatch(self, method: str, params: tuple[Value, ...]) -> Value:
         if method not in self._methods:
             raise WireError(f"method {method[:80]} is not supported")
         handle, parameters = self._methods[method]
@@ -255,10 +336,6 @@ class Master:
     def _on_deaf(self, uri: str) -> None:
         for watch in [each for each in self._watches if each[0] == uri]:
             del self._watches[watch]
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._server.close()
 
 
 def _absolute(caller: str, key: str) -> str:

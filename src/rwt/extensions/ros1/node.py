@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import logging
 import os
-import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from rwt.extensions.ros1.wire.links import Link
-from rwt.extensions.ros1.wire.rpc import RpcServer
+import anyio
+
+from rwt.extensions.ros1.wire import links, rpc
 from rwt_graph.errors import WireError
+from rwt_transports.errors import ListenError
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.services import ServiceOffer
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.topics import Publication, Subscription
+    from rwt.extensions.ros1.wire.links import Link
     from rwt.extensions.ros1.wire.xmlrpc import Value
 
-logger = logging.getLogger(__name__)
-
-#: Maximum connections of other programs to one node.
-_MOST_LINKS: Final = 1000
+#: Seconds before a node that cannot accept connections tries it again.
+_RETRY_SECONDS: Final = 1.0
 
 
 class Ros1Node:
@@ -30,8 +29,9 @@ class Ros1Node:
 
     Attributes:
         name: name on the ROS 1 graph; changes once if another node has it, or takes it.
-        uri: address of the slave API.
+        uri: address of the slave API; empty before `opened` is set.
         service_uri: address of its services.
+        opened: set once the node accepts connections.
         spawn: starts a task on the graph's event loop.
         is_named: True once it was checked that no other node has the name.
         is_renamed: True once the name was changed.
@@ -46,14 +46,40 @@ class Ros1Node:
         self.publications: dict[str, Publication] = {}
         self.subscriptions: dict[str, Subscription] = {}
         self.services: dict[str, ServiceOffer] = {}
-        self.spawn = session.sockets.spawn
+        self.uri = self.service_uri = ""
+        self.opened = anyio.Event()
+        self.spawn = session.network.spawn
         self._session = session
+        self._port = 0
         self._links: set[Link] = set()
-        address = session.address
-        self._rpc = RpcServer(session.sockets, address.bind, self._dispatch)
-        self._listener = session.sockets.listen(address.bind, self._accept)
-        self.uri = f"http://{address.host}:{self._rpc.port}/"
-        self.service_uri = f"rosrpc://{address.host}:{self._listener.port}"
+        self._closers: list[Callable[[], None]] = []
+
+    async def open(self) -> None:
+        """Accept connections.
+
+        Raises:
+            ListenError: no port is available.
+        """
+        network, address = self._session.network, self._session.address
+        calls = rpc.serve(network, address.bind, self._dispatch)
+        port, close = await network.open(calls, f"calls of {self.name} on ROS 1")
+        self._closers.append(close)
+        accepting = links.serve(network, address.bind, self._accept)
+        self._port, close = await network.open(accepting, f"connections of {self.name} on ROS 1")
+        self._closers.append(close)
+        self.uri = f"http://{address.host}:{port}/"
+        self.service_uri = f"rosrpc://{address.host}:{self._port}"
+        self.opened.set()
+
+    async def keep_opening(self) -> None:
+        """Accept connections as soon as that is possible."""
+        while not self.opened.is_set():
+            try:
+                await self.open()
+            except (ListenError, OSError) as error:
+                self.close()
+                self._session.warn_once(f"node {self.name} cannot accept connections of ROS 1: {error}")
+                await anyio.sleep(_RETRY_SECONDS)
 
     def rename(self) -> None:
         """Change the name, which another node has, to one of this process."""
@@ -101,13 +127,13 @@ class Ros1Node:
         if topic not in self.publications:
             return [0, f"{self.name} is not a publisher of {topic}", []]
         if any(each[:1] == ["TCPROS"] for each in protocols if isinstance(each, list)):
-            return [1, "ready", ["TCPROS", self._session.address.host, self._listener.port]]
+            return [1, "ready", ["TCPROS", self._session.address.host, self._port]]
         return [0, "only TCPROS is supported", []]
 
     def _bus_info(self) -> Iterator[list[Value]]:
         for publication in self.publications.values():
             for link in publication.links:
-                where = f"TCPROS connection on port {self._listener.port} to [{link.peer}:0 on socket 0]"
+                where = f"TCPROS connection on port {self._port} to [{link.peer}:0 on socket 0]"
                 yield [link.caller, "o", "TCPROS", publication.name, True, where]
         for subscription in self.subscriptions.values():
             for uri in subscription.connected:
@@ -115,12 +141,7 @@ class Ros1Node:
 
     # Connections
 
-    def _accept(self, accepted: socket.socket, peer: str) -> None:
-        if len(self._links) >= _MOST_LINKS:
-            logger.warning("node %s has %d connections; another one is refused", self.name, _MOST_LINKS)
-            accepted.close()
-            return
-        link = Link(self._session.sockets, accepted, peer)
+    def _accept(self, link: Link) -> None:
         link.on_header = self._on_header
         self._links.add(link)
 
@@ -143,17 +164,16 @@ class Ros1Node:
 
     def sweep(self) -> None:
         """Close connections without a header, and forget closed ones."""
-        self._rpc.sweep()
         for link in tuple(self._links):
             if link.is_overdue():
                 link.close()
-            if link.closed.is_set():
+            if link.ended.is_set():
                 self._links.discard(link)
 
     def close(self) -> None:
         """Close all connections."""
-        self._rpc.close()
-        self._listener.close()
+        while self._closers:
+            self._closers.pop()()
         for link in self._links:
             link.close()
         self._links.clear()

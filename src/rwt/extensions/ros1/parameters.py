@@ -13,8 +13,8 @@ import anyio
 import anyio.lowlevel
 
 from rwt.extensions.ros1.wire import xmlrpc
+from rwt_graph.backend import ParameterTree
 from rwt_graph.errors import Ros1Error, WireError
-from rwt_graph.parameters.tree import ParameterTree
 from rwt_participant.errors import ParameterRejected
 
 if TYPE_CHECKING:

@@ -101,6 +101,7 @@ class Registrar:
 
     async def _register(self, each: Registration) -> None:
         session, node = self._session, each.node
+        await node.opened.wait()
         if not node.is_named:
             await self._choose_name(node)
         subscription = node.subscriptions.get(each.name) if each.kind == "Subscriber" else None

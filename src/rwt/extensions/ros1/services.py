@@ -10,14 +10,11 @@ from typing import TYPE_CHECKING, Final
 import anyio
 
 from rwt.extensions.ros1.registrar import Registration
-from rwt.extensions.ros1.wire.links import exchange_headers, open_link
+from rwt.extensions.ros1.wire.links import connected, exchange_headers
 from rwt.extensions.ros1.wire.rpc import address_of
-from rwt.extensions.ros1.wire.sockets import Frame
-from rwt.extensions.ros1.wire.tcpros import length_prefix
 from rwt_graph.api import ServiceInfo
+from rwt_graph.backend import MemoryCall, NodeResources
 from rwt_graph.errors import Ros1Error, WireError
-from rwt_graph.memory.services import MemoryCall
-from rwt_graph.memory.tables import NodeResources
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
 from rwt_interfaces.steps import Steps, finished
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.wire.links import Link
     from rwt_graph.api import OnReply, PendingCall
-    from rwt_graph.memory.services import MemoryProvider, Services
+    from rwt_graph.backend import MemoryProvider, Services
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
@@ -111,10 +108,10 @@ class ServiceOffer:
 
     def _answer(self, link: Link, answer: Payload | CallFailed) -> None:
         self._open.pop(link, None)
-        is_failed = isinstance(answer, CallFailed)
-        parts = (str(answer).encode(),) if isinstance(answer, CallFailed) else answer.serialised_parts()
-        head = (b"\0" if is_failed else b"\1") + length_prefix(sum(map(len, parts)))
-        link.stream.send(Frame((head, *parts)))
+        if isinstance(answer, CallFailed):
+            link.send(str(answer).encode(), status=b"\0")
+        else:
+            link.send(*answer.serialised_parts(), status=b"\1")
         if link.header.get("persistent", "").lower() not in ("1", "true"):
             self._links.discard(link)
             link.finish()
@@ -168,10 +165,11 @@ class Ros1Services:
 
     # Services of other nodes
 
-    def lost(self, name: str) -> None:
-        """Remove a service that the master does not list."""
-        self._remote.pop(name, None)
+    def lost(self, name: str) -> object:
+        """Remove a service that the master does not list; returns the key of its probe."""
+        node, _ = self._remote.pop(name)
         self._services.changes.note()
+        return _probe_key(name, node)
 
     def found(self, name: str, node: str, probe: Probe) -> None:
         """Add or keep a service that the master lists, and have its type asked for if it is unknown."""
@@ -184,7 +182,7 @@ class Ros1Services:
             if ending in _OF_EVERY_NODE:
                 self._learn(name, node, _OF_EVERY_NODE[ending], None)
             else:
-                probe(("service", name, node), partial(self._ask_type, name, node))
+                probe(_probe_key(name, node), partial(self._ask_type, name, node))
 
     def _learn(self, name: str, node: str, type_name: str, md5: str | None) -> None:
         if self._session is None or self._remote.get(name, ("",))[0] != node:
@@ -207,19 +205,18 @@ class Ros1Services:
     async def _ask_type(self, name: str, node: str) -> None:
         session = self._session
         if session is not None:
-            link = await self._connect(session, name)
-            fields = {"callerid": "/rwt", "service": name, "md5sum": "*", "probe": "1"}
-            header = await exchange_headers(link, fields)
-            link.close()
+            host, port = await self._address(session, name)
+            async with connected(session.network, host, port) as link:
+                fields = {"callerid": "/rwt", "service": name, "md5sum": "*", "probe": "1"}
+                header = await exchange_headers(link, fields)
             self._learn(name, node, header.get("type", ""), header.get("md5sum"))
 
-    async def _connect(self, session: Session, name: str) -> Link:
+    async def _address(self, session: Session, name: str) -> tuple[str, int]:
         uri = await session.call_master("lookupService", "/rwt", name)
         try:
-            host, port = address_of(str(uri), "rosrpc")
+            return address_of(str(uri), "rosrpc")
         except WireError as error:
             raise Ros1Error(f"service {name} has no address: {error}") from error
-        return await open_link(session.sockets, host, port)
 
     def info(self, name: str) -> ServiceInfo | None:
         return self._remote.get(name, ("", None))[1]
@@ -240,19 +237,17 @@ class Ros1Services:
         call = MemoryCall(name, request, on_reply)
         deadlines = self._services.deadlines
         call.wait(self._open, caller, None if timeout is None else deadlines.add(call, timeout))
-        session.sockets.spawn(partial(self._run, session, call, info, caller.name), f"call of {name}")
+        session.network.spawn(partial(self._run, session, call, info, caller.name), f"call of {name}")
         return call
 
     async def _run(self, session: Session, call: MemoryCall, info: ServiceInfo, caller: str) -> None:
         """Send a request and wait for its response, or for the end of the call."""
         answered = anyio.Event()
         call.on_end = answered.set
-        link: Link | None = None
-
         long: list[bytes | memoryview] = []
 
         def on_response(link: Link, body: bytes | memoryview) -> None:
-            if not link.frames.is_success:
+            if not link.is_success:
                 call.fail(str(body, errors="replace"))
             elif len(body) < LONG_FORMS_BYTES:
                 reply(finished(_decoded(info.type.response, body)))
@@ -270,24 +265,24 @@ class Ros1Services:
             call.end_with(ProviderGone(f"Service {info.name} went away without an answer: {link.reason}"))
 
         try:
-            link = await self._connect(session, info.name)
-            link.on_header = _expect_status
-            # The request follows the response to the header: rospy loses one that arrives with the header.
-            fields = {"callerid": caller, "service": info.name, "md5sum": info.type.md5}
-            await exchange_headers(link, fields)
-            link.on_frame, link.on_close = on_response, on_close
-            parts = call.request.serialised_parts()
-            link.stream.send(Frame((length_prefix(sum(map(len, parts))), *parts)))
-            if link.closed.is_set():
-                on_close(link)
-            await answered.wait()
-            if long:
-                reply(await Scheduler.of_loop(REQUESTS).finish(_decoded(info.type.response, long[0])))
+            host, port = await self._address(session, info.name)
+            async with connected(session.network, host, port, has_status=True) as link:
+                # The request follows the response to the header: rospy loses one that arrives with it.
+                fields = {"callerid": caller, "service": info.name, "md5sum": info.type.md5}
+                await exchange_headers(link, fields)
+                link.on_frame, link.on_close = on_response, on_close
+                link.send(*call.request.serialised_parts())
+                if link.ended.is_set():
+                    on_close(link)
+                await answered.wait()
+                if long:
+                    reply(await Scheduler.of_loop(REQUESTS).finish(_decoded(info.type.response, long[0])))
         except Ros1Error as error:
             call.end_with(ProviderGone(f"Service {info.name} cannot be called: {error}"))
-        finally:
-            if link is not None:
-                link.close()
+
+
+def _probe_key(name: str, node: str) -> object:
+    return "service", name, node
 
 
 def _decoded(type: MessageType, body: bytes | memoryview) -> Steps[Payload | InvalidMessage]:
@@ -296,7 +291,3 @@ def _decoded(type: MessageType, body: bytes | memoryview) -> Steps[Payload | Inv
         return (yield from Payload.from_ros1_in_steps(type, body))
     except InvalidMessage as error:
         return error
-
-
-def _expect_status(link: Link) -> None:
-    link.frames.has_status = True

@@ -13,15 +13,14 @@ import anyio
 from rwt.extensions.ros1.node import Ros1Node
 from rwt.extensions.ros1.registrar import Registrar
 from rwt.extensions.ros1.wire import rpc
-from rwt.extensions.ros1.wire.sockets import Sockets
-from rwt.extensions.ros1.wire_types import WireTypes
+from rwt.extensions.ros1.wire.network import Network
+from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import Ros1Error
 
 if TYPE_CHECKING:
-    from rwt.extensions.ros1.addresses import Address
+    from rwt.extensions.ros1.wire.addresses import Address
     from rwt.extensions.ros1.wire.xmlrpc import Value
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_graph.memory.tables import NodeResources
+    from rwt_graph.backend import DistributedGraph, NodeResources
 
 logger = logging.getLogger(__name__)
 
@@ -49,12 +48,12 @@ class Session:
         on_parameter: called with key and value of a parameter that another node has changed.
     """
 
-    def __init__(self, graph: MemoryGraph, master: str, address: Address) -> None:
+    def __init__(self, graph: DistributedGraph, master: str, address: Address) -> None:
         self.graph = graph
         self.run_on_graph = graph.run_on_graph
         self.master = master
         self.address = address
-        self.sockets = Sockets(graph)
+        self.network = Network(graph)
         self._warnings: dict[str, None] = {}
         self._next_warning = self._next_attempt = 0.0
         self.types = WireTypes(graph.registry)
@@ -72,6 +71,7 @@ class Session:
         node = self.nodes.get(owner.name)
         if node is None:
             node = self.nodes[owner.name] = Ros1Node(self, owner.name)
+            node.spawn(node.keep_opening, f"node {owner.name} on ROS 1")
         return node
 
     def own_uris(self) -> set[str]:

@@ -18,21 +18,22 @@ from typing import TYPE_CHECKING, Final
 import anyio
 
 from rwt.extensions.ros1.registrar import Registration
-from rwt.extensions.ros1.wire.links import exchange_headers, open_link, request_topic
-from rwt.extensions.ros1.wire.sockets import PEER_CLOSED, Frame
-from rwt.extensions.ros1.wire.tcpros import length_prefix
+from rwt.extensions.ros1.wire.links import PEER_CLOSED, connected, exchange_headers, request_topic
+from rwt.extensions.ros1.wire.tcpros import frame_of
 from rwt_graph.api import Sample
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_protocol.frames import Frame
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.discovery import Discovery
     from rwt.extensions.ros1.node import Ros1Node
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.wire.links import Link
-    from rwt_graph.memory.topics import MemoryPublisher, RemoteEndpoint, Topic, Topics
+    from rwt_graph.backend import MemoryPublisher, RemoteEndpoint, Topic, Topics
     from rwt_interfaces.structs import MessageType
+    from rwt_transports.endpoint import DropReason, Flow
 
 logger = logging.getLogger(__name__)
 
@@ -57,14 +58,14 @@ class Publication:
     """Topic that a node of this process publishes.
 
     Attributes:
-        links: connections of subscribers.
+        links: connections of subscribers, with the queue of each.
         publishers: publishers of the node, whose samples are sent.
     """
 
     def __init__(self, node: Ros1Node, discovery: Discovery, name: str, type: MessageType) -> None:
         self.name = name
         self.type = type
-        self.links: set[Link] = set()
+        self.links: dict[Link, Flow] = {}
         self.publishers: dict[MemoryPublisher, None] = {}
         self.registration = Registration("Publisher", name, type.name, node)
         self._node = node
@@ -78,8 +79,8 @@ class Publication:
         """Send the samples of a publisher, and those that it retains."""
         self.publishers[publisher] = None
         publisher.on_publish_remote = self._send
-        for link in self.links:
-            self._send_retained(publisher, link)
+        for flow in self.links.values():
+            self._send_retained(publisher, flow)
 
     def remove(self, publisher: MemoryPublisher) -> None:
         """Send no more samples of a publisher."""
@@ -115,22 +116,29 @@ class Publication:
             }
         )
         link.on_close = self._left
-        self.links.add(link)
+        flow = self.links[link] = link.flow(self.name, partial(self._on_drop, link))
         self._discovery.found_subscriber(self.name, link.caller, self.type)
         for publisher in self.publishers:
-            self._send_retained(publisher, link)
+            self._send_retained(publisher, flow)
         if not is_latched and time.monotonic() < self._startup_end:
             for frame in self._startup:
-                link.stream.send(frame)
+                flow.send(frame)
+
+    def _on_drop(self, link: Link, _reason: DropReason) -> None:
+        if link not in self._slow:
+            self._slow.add(link)
+            self._discovery.warn_once(
+                f"node {link.caller} reads {self.name} too slowly: its oldest messages are dropped"
+            )
 
     def _left(self, link: Link) -> None:
-        self.links.discard(link)
+        self.links.pop(link, None)
         self._discovery.lost_subscriber(self.name, link.caller)
 
-    def _send_retained(self, publisher: MemoryPublisher, link: Link) -> None:
+    def _send_retained(self, publisher: MemoryPublisher, flow: Flow) -> None:
         retained = () if publisher.cache is None else publisher.cache.samples()
         for sample in retained[-1:]:  # As ROS 1 does: only the last one.
-            link.stream.send(_frame(sample.payload))
+            flow.send(frame_of(sample.payload.serialised_parts()))
 
     def _send(self, sample: Sample) -> None:
         is_startup = self._startup_end and time.monotonic() < self._startup_end
@@ -138,17 +146,11 @@ class Publication:
             self._startup_end = 0.0
             self._startup.clear()
         if self.links or is_startup:
-            frame = _frame(sample.payload)
+            frame = frame_of(sample.payload.serialised_parts())
             if is_startup and frame.size <= _STARTUP_BYTES:
-                frame.keep()
-                self._startup.append(frame)
-            for link in tuple(self.links):
-                link.stream.send(frame)
-                if link.stream.dropped and link not in self._slow:
-                    self._slow.add(link)
-                    self._discovery.warn_once(
-                        f"node {link.caller} reads {self.name} too slowly: its oldest messages are dropped"
-                    )
+                self._startup.append(Frame(frame.data))
+            for flow in self.links.values():
+                flow.send(frame)
 
     def close(self) -> None:
         """Close the connections of subscribers."""
@@ -157,11 +159,6 @@ class Publication:
         for link in tuple(self.links):
             link.finish()
         self.links.clear()
-
-
-def _frame(payload: Payload) -> Frame:
-    parts = payload.serialised_parts()
-    return Frame((length_prefix(sum(map(len, parts))), *parts))
 
 
 class Subscription:
@@ -193,7 +190,7 @@ class Subscription:
             self._publishers.pop(uri).cancel()
         for uri in sorted(wanted - self._publishers.keys()):
             scope = self._publishers[uri] = anyio.CancelScope()
-            self._session.sockets.spawn(partial(self._keep_connected, uri, scope), f"{self.name} at {uri}")
+            self._session.network.spawn(partial(self._keep_connected, uri, scope), f"{self.name} at {uri}")
 
     def follow_also(self, uris: Iterable[str]) -> bool:
         """Connect to publishers of which no update came; returns False if all are known."""
@@ -220,26 +217,23 @@ class Subscription:
         """Receive from a publisher until the connection ends; raises Ros1Error."""
         session = self._session
         host, port = await request_topic(uri, self.node.name, self.name)
-        link = await open_link(session.sockets, host, port)
-        link.on_header = self._on_header
-        try:
-            await exchange_headers(
-                link,
-                {
-                    "callerid": self.node.name,
-                    "topic": self.name,
-                    "type": self.type_name,
-                    "md5sum": "*",  # Checked here: a publisher that refuses cannot say what its type is.
-                    "tcp_nodelay": "1",
-                },
-            )
+        fields = {
+            "callerid": self.node.name,
+            "topic": self.name,
+            "type": self.type_name,
+            "md5sum": "*",  # Checked here: a publisher that refuses cannot say what its type is.
+            "tcp_nodelay": "1",
+        }
+        async with connected(session.network, host, port) as link:
+            link.on_header = self._on_header
+            await exchange_headers(link, fields)
             self.connected.add(uri)
-            await link.closed.wait()
+            try:
+                await link.ended.wait()
+            finally:
+                self.connected.discard(uri)
             if link.reason not in ("", PEER_CLOSED):
                 raise Ros1Error(link.reason)
-        finally:
-            self.connected.discard(uri)
-            link.close()
 
     def _on_header(self, link: Link) -> None:
         header = link.header

@@ -1,7 +1,7 @@
 """Graph of a live ROS 2 robot, through the `rclpy` of the ROS 2 that is installed.
 
 Needs a sourced ROS 2 (or its wheels). A :class:`Ros2Graph` is used like a
-:class:`~rwt_graph.memory.graph.MemoryGraph`; its nodes and endpoints are visible to all ROS 2 programs::
+:class:`~rwt_graph.MemoryGraph`; its nodes and endpoints are visible to all ROS 2 programs::
 
     async with Ros2Graph() as graph:
         node = graph.node("talker")

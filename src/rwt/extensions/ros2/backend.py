@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from rwt.extensions.ros2.ament import add_installed
 from rwt.extensions.ros2.connection import Connection
@@ -12,13 +12,15 @@ from rwt.extensions.ros2.discovery import Discovery
 from rwt.extensions.ros2.remapping import RemappedParticipant, Remapping
 from rwt.extensions.ros2.services import Ros2Services
 from rwt.extensions.ros2.topics import Ros2Topics
-from rwt_graph.actions.remote_goals import Ros2Actions
-from rwt_graph.actions.server import Ros2ActionServer
 from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
+from rwt_graph.backend import (
+    DistributedGraph,
+    Limitation,
+    MemoryParticipant,
+    Ros2Actions,
+)
 from rwt_graph.clock import Clock
 from rwt_graph.errors import InvalidGraphName, Ros2Error
-from rwt_graph.memory.actions import MemoryActionServer
-from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import validate
 from rwt_graph.ros_time import RosTime
 from rwt_interfaces.registry import Registry
@@ -29,12 +31,12 @@ logger = logging.getLogger(__name__)
 _FEEDBACK_LINGERS_SECONDS = 10.0
 
 
-class Ros2Graph(MemoryGraph):
+class Ros2Graph(DistributedGraph):
     """Graph with nodes in this process and in ROS 2 programs.
 
-    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 2 when it is
-    entered. `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `RMW_IMPLEMENTATION` and the other variables of
-    ROS 2 apply. The global tree of parameters stays in the process.
+    Nodes of one process communicate in memory, as in a :class:`~rwt_graph.MemoryGraph`. The graph joins ROS 2
+    when it is entered. `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `RMW_IMPLEMENTATION` and the other
+    variables of ROS 2 apply. The global tree of parameters stays in the process.
 
     Topics, services and actions are exchanged with ROS 2. Its services have no errors: a caller in another
     process receives no answer from a service of this one that fails.
@@ -52,6 +54,17 @@ class Ros2Graph(MemoryGraph):
     Raises:
         Ros2Error: the registry is of ROS 1, or a remapping rule is invalid.
     """
+
+    limitations = frozenset(
+        (
+            Limitation.SERVICE_ERRORS,
+            Limitation.CALL_END,
+            Limitation.GOAL_REASONS,
+            Limitation.LIFESPAN,
+            Limitation.SUBSCRIBER_COUNT,
+            Limitation.PARAMETER_TREE,
+        )
+    )
 
     def __init__(
         self,
@@ -80,15 +93,14 @@ class Ros2Graph(MemoryGraph):
         self._ros_topics = Ros2Topics(self.topic_table, self.clock)
         self._ros_services = Ros2Services(self.service_table, self.registry, self.clock)
         self._discovery = Discovery(self, self._ros_topics, self._ros_services)
-        self.topic_table.remote = self._ros_topics
-        self.service_table.remote = self._ros_services
-        self.action_table.remote = Ros2Actions(
+        actions = Ros2Actions(
             self.topic_table,
             self.service_table,
             self._ros_services,
             self.registry,
             linger=_FEEDBACK_LINGERS_SECONDS,
         )
+        self.set_remotes(self._ros_topics, self._ros_services, actions)
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = super().participant(self._remapping.node(validate(name)))
@@ -117,12 +129,7 @@ class Ros2Graph(MemoryGraph):
         if self._connection is not None:
             self._connection.forget_node(participant.owner)
 
-    def offer_action_services(
-        self, participant: MemoryParticipant, server: MemoryActionServer
-    ) -> Callable[[], None]:
-        return Ros2ActionServer(participant, server, self.action_table, self.clock).close
-
-    async def _join(self) -> None:
+    async def join(self) -> None:
         """Join ROS 2.
 
         Raises:
@@ -132,7 +139,7 @@ class Ros2Graph(MemoryGraph):
             self, self._domain, self._discovery.on_change, use_callbacks=self._use_callbacks
         )
         self._connection = connection
-        for participant in self._participants:
+        for participant in self.participants:
             connection.node_of(participant.owner)
         self._discovery.open(connection)
         self._ros_topics.open(connection)
@@ -144,18 +151,12 @@ class Ros2Graph(MemoryGraph):
             self.clock.follow(self._time_source)
         logger.info("joined ROS 2 in domain %d", connection.domain)
 
-    async def __aexit__(self, *exc: object) -> None:
-        try:
-            self._close_participants()
-            if self._time_source is not None:
-                self._time_source.close()
-        finally:
-            connection, self._connection = self._connection, None
-            self._discovery.close()
-            self._ros_topics.close()
-            self._ros_services.close()
-            try:
-                if connection is not None:
-                    connection.close()
-            finally:
-                await super().__aexit__(*exc)
+    async def leave(self) -> None:
+        if self._time_source is not None:
+            self._time_source.close()
+        connection, self._connection = self._connection, None
+        self._discovery.close()
+        self._ros_topics.close()
+        self._ros_services.close()
+        if connection is not None:
+            connection.close()

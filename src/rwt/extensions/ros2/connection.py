@@ -19,9 +19,8 @@ from rwt.extensions.ros2.raw_services import RawClient, RawService
 from rwt.extensions.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw, share_arenas
 from rwt.extensions.ros2.type_supports import NotInstalled, message_class, service_class
 from rwt.extensions.ros2.wakeups import Wakeups
+from rwt_graph.backend import DistributedGraph, NodeResources
 from rwt_graph.errors import Ros2Error
-from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.memory.tables import NodeResources
 from rwt_graph.names import namespace_of
 from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.qos import QoS
@@ -54,7 +53,7 @@ class Connection:
 
     def __init__(
         self,
-        graph: MemoryGraph,
+        graph: DistributedGraph,
         domain: int | None,
         on_graph_change: Callable[[], None],
         *,

@@ -13,14 +13,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rwt.extensions.ros2 import qos as profiles
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.rcl import GID_BYTES
-from rwt_graph.memory.endpoint_types import EndpointTypes
-from rwt_graph.memory.topics import RemoteEndpoint
+from rwt_graph.backend import EndpointTypes, RemoteEndpoint
 from rwt_graph.names import namespace_of
 
 if TYPE_CHECKING:
     from rwt.extensions.ros2.services import Ros2Services
     from rwt.extensions.ros2.topics import Ros2Topics
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.backend import DistributedGraph
     from rwt_participant.qos import QoS
 
 #: Name that ROS 2 reports until it knows the node of an endpoint.
@@ -64,7 +63,7 @@ class Snapshot:
 class Discovery:
     """Discovery that keeps the tables of a graph in step with ROS 2."""
 
-    def __init__(self, graph: MemoryGraph, topics: Ros2Topics, services: Ros2Services) -> None:
+    def __init__(self, graph: DistributedGraph, topics: Ros2Topics, services: Ros2Services) -> None:
         self._graph = graph
         self._services = services
         self._topics = graph.topic_table

@@ -12,8 +12,8 @@ from collections.abc import Iterable
 
 from rwt.extensions.ros2.rcl import NO_NUMBER
 from rwt_graph.api import Sample
+from rwt_graph.backend import KEEP_ALL_LIMIT, TransientLocalCache
 from rwt_graph.clock import Clock
-from rwt_graph.memory.topics import KEEP_ALL_LIMIT, TransientLocalCache
 from rwt_participant.qos import Durability, History, QoS, Reliability
 
 #: Profile that receives everything that a transient-local publisher retains.

@@ -16,8 +16,8 @@ from rwt_graph.api import (
     ServiceCall,
     Subscription,
 )
+from rwt_graph.backend import DistributedGraph, MemoryParticipant
 from rwt_graph.errors import InvalidGraphName, Ros2Error
-from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import namespace_of, resolve
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -77,7 +77,7 @@ class Remapping:
 class RemappedParticipant(MemoryParticipant):
     """Node whose topics, services and actions are remapped."""
 
-    def __init__(self, graph: MemoryGraph, name: str, remapping: Remapping) -> None:
+    def __init__(self, graph: DistributedGraph, name: str, remapping: Remapping) -> None:
         super().__init__(graph, name)
         self._remapped = remapping.name
 

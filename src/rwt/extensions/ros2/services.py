@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.type_supports import NotInstalled
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
+from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, RemoteServiceTable, Services
 from rwt_graph.errors import Ros2Error
-from rwt_graph.memory.remote_services import RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall, MemoryProvider, Services
-from rwt_graph.memory.tables import NodeResources
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.serialise.unpack import compile_decoder

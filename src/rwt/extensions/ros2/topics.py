@@ -16,16 +16,16 @@ from rwt.extensions.ros2.history import ALL_RETAINED, Probe, RemoteHistory
 from rwt.extensions.ros2.rcl import NO_NUMBER, RawSample
 from rwt.extensions.ros2.type_supports import NotInstalled
 from rwt_graph.api import Sample
-from rwt_graph.clock import Clock
-from rwt_graph.errors import Ros2Error
-from rwt_graph.memory.tables import NodeResources
-from rwt_graph.memory.topics import (
+from rwt_graph.backend import (
     MemoryPublisher,
     MemorySubscription,
+    NodeResources,
     RemoteEndpoint,
     Topic,
     Topics,
 )
+from rwt_graph.clock import Clock
+from rwt_graph.errors import Ros2Error
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS

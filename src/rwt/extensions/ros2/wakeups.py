@@ -26,8 +26,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from rwt.extensions.ros2.ament import library
 from rwt.extensions.ros2.rcl import rcutils
+from rwt_graph.backend import DistributedGraph
 from rwt_graph.errors import Ros2Error
-from rwt_graph.memory.graph import MemoryGraph
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +110,7 @@ class Wakeups:
 
     def __init__(
         self,
-        graph: MemoryGraph,
+        graph: DistributedGraph,
         context: Any,
         node: Any,
         on_graph_change: Callable[[], None],

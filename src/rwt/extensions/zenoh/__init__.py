@@ -1,7 +1,7 @@
 """Graph over Eclipse Zenoh, compatible with ROS 2's rmw_zenoh: many processes and hosts, one graph.
 
 Needs the extra `zenoh`. A :class:`ZenohGraph` is used like a
-:class:`~rwt_graph.memory.graph.MemoryGraph`; its nodes and endpoints are visible to all connected processes::
+:class:`~rwt_graph.MemoryGraph`; its nodes and endpoints are visible to all connected processes::
 
     async with ZenohGraph(connect=["tcp/10.0.0.7:7447"]) as graph:
         node = graph.node("talker")

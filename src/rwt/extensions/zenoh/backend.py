@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from os import PathLike
 
 import anyio
@@ -14,26 +14,28 @@ from rwt.extensions.zenoh.link import Presence, ZenohLink
 from rwt.extensions.zenoh.services import ZenohServices
 from rwt.extensions.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt.extensions.zenoh.topics import ZenohTopics
-from rwt_graph.actions.remote_goals import Ros2Actions
-from rwt_graph.actions.server import Ros2ActionServer
+from rwt_graph import Node
+from rwt_graph.backend import (
+    DistributedGraph,
+    Limitation,
+    MemoryParticipant,
+    NodeResources,
+    Ros2Actions,
+)
 from rwt_graph.clock import Clock
 from rwt_graph.errors import ZenohError
-from rwt_graph.memory.actions import MemoryActionServer
-from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
-from rwt_graph.memory.tables import NodeResources
 from rwt_graph.names import resolve
-from rwt_graph.nodes.node import Node
 from rwt_interfaces.registry import Registry
 
 logger = logging.getLogger(__name__)
 
 
-class ZenohGraph(MemoryGraph):
+class ZenohGraph(DistributedGraph):
     """Graph with nodes in this process and in others.
 
-    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph connects when it is
-    entered; leaving it always closes the Zenoh session. The graph's own `/rosout` and `/clock` and the global
-    tree of parameters stay in the process; the topics and parameters of its nodes do not.
+    Nodes of one process communicate in memory, as in a :class:`~rwt_graph.MemoryGraph`. The graph connects
+    when it is entered; leaving it always closes the Zenoh session. The graph's own `/rosout` and `/clock` and
+    the global tree of parameters stay in the process; the topics and parameters of its nodes do not.
 
     Differences to one process:
 
@@ -52,6 +54,8 @@ class ZenohGraph(MemoryGraph):
         ZenohError: the registry is of ROS 1, which rmw_zenoh does not support.
         InvalidGraphName: ROS does not allow `namespace`.
     """
+
+    limitations = frozenset((Limitation.PARAMETER_TREE,))
 
     def __init__(
         self,
@@ -81,11 +85,8 @@ class ZenohGraph(MemoryGraph):
         self._zenoh_topics = ZenohTopics(self.topic_table)
         self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
         self._discovery = Discovery(self, self._zenoh_topics, self._zenoh_services)
-        self.topic_table.remote = self._zenoh_topics
-        self.service_table.remote = self._zenoh_services
-        self.action_table.remote = Ros2Actions(
-            self.topic_table, self.service_table, self._zenoh_services, self.registry
-        )
+        actions = Ros2Actions(self.topic_table, self.service_table, self._zenoh_services, self.registry)
+        self.set_remotes(self._zenoh_topics, self._zenoh_services, actions)
 
     def node(self, name: str, namespace: str | None = None) -> Node:
         """Return a new :class:`~rwt_graph.nodes.node.Node`, in the graph's namespace by default."""
@@ -105,12 +106,7 @@ class ZenohGraph(MemoryGraph):
                 presence.end()
             self.link.forget_node(participant.owner)
 
-    def offer_action_services(
-        self, participant: MemoryParticipant, server: MemoryActionServer
-    ) -> Callable[[], None]:
-        return Ros2ActionServer(participant, server, self.action_table, self.clock).close
-
-    async def _join(self) -> None:
+    async def join(self) -> None:
         """Connect to the other processes. Raises :exc:`ZenohError`."""
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
         link = ZenohLink(session, self.options.domain, self.run_on_graph)
@@ -123,21 +119,15 @@ class ZenohGraph(MemoryGraph):
             logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
         self._discovery.open(link, alive)
         self.link = link
-        for participant in self._participants:
+        for participant in self.participants:
             self._present[participant.owner] = link.declare_node(participant.owner)
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
 
-    async def __aexit__(self, *exc: object) -> None:
-        try:
-            self._close_participants()
-        finally:
-            self.link = None
-            self._discovery.close()
-            self._zenoh_topics.close()
-            self._zenoh_services.close()
-            try:
-                with anyio.CancelScope(shield=True):
-                    await anyio.to_thread.run_sync(self._session.close)
-            finally:
-                await super().__aexit__(*exc)
+    async def leave(self) -> None:
+        self.link = None
+        self._discovery.close()
+        self._zenoh_topics.close()
+        self._zenoh_services.close()
+        with anyio.CancelScope(shield=True):
+            await anyio.to_thread.run_sync(self._session.close)

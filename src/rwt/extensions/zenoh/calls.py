@@ -11,7 +11,7 @@ import zenoh
 
 from rwt.extensions.zenoh.rmw.attachment import Attachment
 from rwt.extensions.zenoh.rmw.keys import data_key
-from rwt_graph.memory.services import MemoryCall
+from rwt_graph.backend import MemoryCall
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ProviderGone

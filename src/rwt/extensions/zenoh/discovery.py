@@ -12,9 +12,8 @@ import zenoh
 
 from rwt.extensions.zenoh.rmw.keys import type_name
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, all_tokens, gid_of, parse
+from rwt_graph.backend import EndpointTypes, RemoteEndpoint
 from rwt_graph.errors import InvalidGraphName, WireError
-from rwt_graph.memory.endpoint_types import EndpointTypes
-from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import validate
 from rwt_participant.qos import Durability
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from rwt.extensions.zenoh.link import ZenohLink
     from rwt.extensions.zenoh.services import ZenohServices
     from rwt.extensions.zenoh.topics import ZenohTopics
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.backend import DistributedGraph
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
@@ -37,7 +36,7 @@ _QUERY_TIMEOUT = 2.0
 class Discovery:
     """Discovery that keeps the tables of a graph in step with the live tokens."""
 
-    def __init__(self, graph: MemoryGraph, topics: ZenohTopics, services: ZenohServices) -> None:
+    def __init__(self, graph: DistributedGraph, topics: ZenohTopics, services: ZenohServices) -> None:
         self._graph = graph
         self._topics = graph.topic_table
         self._zenoh_topics = topics

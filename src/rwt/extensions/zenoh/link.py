@@ -11,7 +11,7 @@ from typing import TypeVar
 import zenoh
 
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
-from rwt_graph.memory.tables import NodeResources
+from rwt_graph.backend import NodeResources
 
 T = TypeVar("T")
 

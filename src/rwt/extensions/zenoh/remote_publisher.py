@@ -8,7 +8,7 @@ import zenoh
 from zenoh.ext import CacheConfig, declare_advanced_publisher
 
 from rwt.extensions.zenoh.rmw import attachment
-from rwt_graph.memory.topics import KEEP_ALL_LIMIT, MemoryPublisher
+from rwt_graph.backend import KEEP_ALL_LIMIT, MemoryPublisher
 from rwt_participant.qos import History, QoS, Reliability
 
 if TYPE_CHECKING:

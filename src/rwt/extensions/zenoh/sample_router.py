@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rwt.extensions.zenoh.rmw import attachment
 from rwt_graph.api import Sample
-from rwt_graph.memory.topics import MemorySubscription, RemoteEndpoint, Topic, TransientLocalCache
+from rwt_graph.backend import MemorySubscription, RemoteEndpoint, Topic, TransientLocalCache
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, QoS

@@ -15,10 +15,8 @@ from rwt.extensions.zenoh.rmw.attachment import Attachment
 from rwt.extensions.zenoh.rmw.keys import data_key, dds_type, type_name
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
+from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, RemoteServiceTable, Services
 from rwt_graph.errors import WireError
-from rwt_graph.memory.remote_services import RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall, MemoryProvider, Services
-from rwt_graph.memory.tables import NodeResources
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, ProviderGone

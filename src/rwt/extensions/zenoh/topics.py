@@ -13,13 +13,19 @@ from rwt.extensions.zenoh.remote_publisher import ZenohPublisher
 from rwt.extensions.zenoh.rmw.keys import data_key, dds_type
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, TokenEndpoint
 from rwt.extensions.zenoh.sample_router import ReplayFilter, SampleRouter
-from rwt_graph.actions.names import belongs_to_action
+from rwt_graph.backend import belongs_to_action
 from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
     from rwt.extensions.zenoh.link import Presence, ZenohLink
-    from rwt_graph.memory.tables import NodeResources
-    from rwt_graph.memory.topics import MemoryPublisher, MemorySubscription, RemoteEndpoint, Topic, Topics
+    from rwt_graph.backend import (
+        MemoryPublisher,
+        MemorySubscription,
+        NodeResources,
+        RemoteEndpoint,
+        Topic,
+        Topics,
+    )
     from rwt_interfaces.structs import MessageType
 
 

@@ -10,7 +10,8 @@ import anyio
 import pytest
 
 from rwt.extensions.ros1 import Ros1Graph
-from rwt.extensions.ros1.wire import sockets
+from rwt.extensions.ros1.wire.links import QUEUE_BYTES
+from rwt_transports.drivers import sockets
 from tests.core.access.network import Cable, why_no_cables
 from tests.extensions.ros1.live.conftest import Ros
 from tests.extensions.ros1.live.test_topics import PUBLISH, SUBSCRIBE
@@ -42,9 +43,8 @@ def ros(tmp_path: Path, cable: Cable) -> Iterator[Ros]:
 async def test_half_open_connections_are_closed_and_made_again(
     ros: Ros, cable: Cable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick = {"TCP_KEEPIDLE": 1, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 2, "TCP_USER_TIMEOUT": 3000}
-    assert quick.keys() == sockets.LOST_PEER_OPTIONS.keys()
-    monkeypatch.setattr(sockets, "LOST_PEER_OPTIONS", quick)
+    monkeypatch.setattr(sockets, "KEEPALIVE_SECONDS", 1)
+    monkeypatch.setattr(sockets, "UNACKNOWLEDGED_SECONDS", 3)
     monkeypatch.setenv("ROS_IP", cable.here)
     program = ros.program(prefix=cable.there_runs, environment={"ROS_IP": cable.there})
     program.run(SUBSCRIBE.replace("m.data", "m.data[:10]") + SPEAK)
@@ -63,9 +63,9 @@ async def test_half_open_connections_are_closed_and_made_again(
         with anyio.fail_after(60):
             while publication.links or subscription.connected:
                 publisher.publish({"data": "x" * 1_000_000})
-                assert link.stream._queued <= sockets.QUEUE_BYTES + 2_000_000
+                assert link.traffic.queued_bytes <= QUEUE_BYTES + 2_000_000
                 await anyio.sleep(0.05)
-        assert link.stream.closed
+        assert link.ended.is_set()
 
         # Only this side: rospy notices its own half-open connections after two minutes and a half.
         cable.plug()

@@ -226,10 +226,10 @@ async def test_a_subscriber_that_stalls_is_bounded_and_affects_no_other(
         await until(lambda: program.run("result = len(received)") == 60)
         assert graph.session is not None
         links = graph.session.nodes["/talker"].publications["/chatter"].links
-        (slow,) = (link for link in links if link.stream.dropped)
+        (slow,) = (link for link in links if link.traffic.dropped)
         assert slow.caller == "/robot/stalled"
         assert caplog.text.count("node /robot/stalled reads /chatter too slowly") == 1
-        assert slow.stream._queued <= 18_000_000
+        assert slow.traffic.queued_bytes <= 18_000_000
     finally:
         stalled.process.send_signal(18)
     publisher.publish({"data": "the last"})

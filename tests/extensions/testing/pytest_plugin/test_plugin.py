@@ -371,7 +371,8 @@ def test_a_suite_that_does_not_use_it_loads_nothing_of_it(suite: Suite) -> None:
         def test_it():
             ours = {name for name in sys.modules if name.startswith("rwt")}
             lazy = {"rwt_protocol", "rwt_protocol.extensions"}
-            assert ours == {"rwt", "rwt.extensions.testing", "rwt.extensions.testing.pytest_plugin"} | lazy
+            testing = "rwt.extensions.testing"
+            assert ours == {"rwt", "rwt.moved", "rwt.extensions", testing, f"{testing}.pytest_plugin"} | lazy
             assert not {"numpy", "pydantic", "msgspec", "websockets", "h11"} & sys.modules.keys()
             assert threading.active_count() == 1
         """,
@@ -391,7 +392,7 @@ def test_it_is_found_where_the_package_is_installed_and_a_strict_suite_takes_it(
     suite.write("pytest.ini", FILTERS + "addopts = --strict-markers --strict-config\nxfail_strict = true\n")
     suite.write("test_it.py", "def test_it(rwt_server):\n    assert rwt_server.port\n")
     path = os.pathsep.join((str(suite.folder / "installed"), str(SOURCES)))
-    for arguments in ((), ("-p", "rwt.extensions.testing.pytest_plugin")):
+    for arguments in ((), ("-p", "rwt.testing.pytest_plugin")):
         done = subprocess.run(
             [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, "test_it.py"],
             cwd=suite.folder,

@@ -1,1 +1,1 @@
-"""Connections of ROS 1: TCPROS and XML-RPC over HTTP, their bytes, and sockets on the event loop."""
+"""Connections of ROS 1 over the transports: TCPROS and XML-RPC, their bytes, addresses and types."""

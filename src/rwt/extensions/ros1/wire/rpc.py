@@ -1,24 +1,34 @@
-"""XML-RPC over HTTP: calls of other programs, and connections of callers."""
+"""XML-RPC over HTTP: calls of other programs, and the server of their calls."""
 
 from __future__ import annotations
 
-import socket
-import time
-from collections.abc import Callable, Iterator
-from itertools import chain
-from typing import TYPE_CHECKING, Final
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AbstractAsyncContextManager
+from functools import partial
+from itertools import chain, count
+from typing import TYPE_CHECKING, Final, Never, TypeVar
 from urllib.parse import urlsplit
 
 import anyio
-import anyio.lowlevel
 import h11
 
 from rwt.extensions.ros1.wire import xmlrpc
-from rwt.extensions.ros1.wire.sockets import Frame, Stream
+from rwt.extensions.ros1.wire.network import listening
 from rwt_graph.errors import Ros1Error, WireError
+from rwt_transports.connection import ListenerState
+from rwt_transports.errors import Refused
+from rwt_transports.http.connection import HttpConnection
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
+from rwt_transports.limits import Limits
+from rwt_transports.scheduler import REQUESTS, Scheduler
+from rwt_transports.websocket.wire import WebSocketWire
 
 if TYPE_CHECKING:
-    from rwt.extensions.ros1.wire.sockets import Sockets
+    from rwt.extensions.ros1.wire.network import Network
+    from rwt_interfaces.steps import Steps
+    from rwt_transports.api import Link
+
+T = TypeVar("T")
 
 #: Timeout of a call in seconds: nodes that were stopped still accept connections.
 CALL_SECONDS: Final = 5.0
@@ -26,7 +36,7 @@ CALL_SECONDS: Final = 5.0
 #: Seconds after which a connection without requests is closed.
 IDLE_SECONDS: Final = 60.0
 
-#: Maximum open connections of one node, and bytes of calls that are being received by all nodes.
+#: Maximum open connections of one node, and bytes of large calls that are answered at once by all nodes.
 _MOST_CONNECTIONS: Final = 64
 _MOST_RECEIVED: Final = 2 * xmlrpc.BODY_BYTES
 
@@ -71,12 +81,7 @@ async def call(uri: str, method: str, *params: xmlrpc.Value) -> xmlrpc.Value:
 async def value_of(uri: str, method: str, body: bytes) -> xmlrpc.Value:
     """Return the value of a response; raises Ros1Error."""
     try:
-        decoder = xmlrpc.Decoder()
-        for part in xmlrpc.parts_of(body):
-            decoder.feed(part)
-            if len(body) > len(part):
-                await anyio.lowlevel.checkpoint()
-        match decoder.response():
+        match (await _in_turns(_decoded(body))).response():
             case [1, str(), value]:
                 return value
             case [int(), str(text), *_]:
@@ -86,12 +91,22 @@ async def value_of(uri: str, method: str, body: bytes) -> xmlrpc.Value:
     raise Ros1Error(f"{uri} does not answer {method} as ROS 1 programs do")
 
 
+def _decoded(body: bytes) -> Steps[xmlrpc.Decoder]:
+    """Return a decoder that has read a call or response, in steps; raises WireError."""
+    decoder = xmlrpc.Decoder()
+    for at in range(0, len(body), xmlrpc.PART_BYTES):
+        if at:
+            yield
+        decoder.feed(body[at : at + xmlrpc.PART_BYTES])
+    return decoder
+
+
 async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
     """Call a method and return the body of the response; raises Ros1Error."""
     try:
         host, port = address_of(uri)
         with anyio.fail_after(CALL_SECONDS):
-            content = await _joined(_in_parts(xmlrpc.encode_call(method, params)))
+            content = await _in_turns(_joined(_in_parts(xmlrpc.encode_call(method, params))))
             async with await anyio.connect_tcp(host, port) as stream:
                 return await _exchange(stream, f"{host}:{port}", content)
     except TimeoutError as error:
@@ -113,13 +128,13 @@ def _in_parts(texts: Iterator[str]) -> Iterator[str]:
     yield "".join(part)
 
 
-async def _joined(parts: Iterator[str]) -> bytes:
-    """Return the bytes of parts, between which the event loop goes on; raises WireError for too many."""
+def _joined(parts: Iterator[str]) -> Steps[bytes]:
+    """Return the bytes of parts, in steps; raises WireError for too many."""
     found: list[bytes] = []
     size = 0
     for part in parts:
         if found:
-            await anyio.lowlevel.checkpoint()
+            yield
         found.append(part.encode())
         size += len(found[-1])
         if size > _MOST_SENT:
@@ -127,7 +142,13 @@ async def _joined(parts: Iterator[str]) -> bytes:
     return b"".join(found)
 
 
+async def _in_turns(steps: Steps[T]) -> T:
+    """Take steps in turns of the event loop, as HTTP requests are read."""
+    return await Scheduler.of_loop(REQUESTS).finish(steps)
+
+
 async def _exchange(stream: anyio.abc.SocketStream, host: str, content: bytes) -> bytes:
+    """Send a request and return the body of its response: the transports have no client for HTTP."""
     http = h11.Connection(h11.CLIENT)
     headers = [
         ("Host", host),
@@ -159,120 +180,83 @@ async def _exchange(stream: anyio.abc.SocketStream, host: str, content: bytes) -
                 raise WireError("the connection was closed")
 
 
-class RpcServer:
-    """Listening socket for calls.
+class _RpcServer:
+    """Calls of one node or master, over the HTTP of the transports, on every path.
 
-    Args:
-        host: address to bind.
-        dispatch: answers the calls.
+    Small calls are answered at once. Larger ones are decoded in steps, as long responses are made.
     """
 
-    def __init__(self, sockets: Sockets, host: str, dispatch: Dispatch, port: int = 0) -> None:
-        self._sockets = sockets
-        self.dispatch = dispatch
-        self.responses = anyio.CapacityLimiter(_MOST_RESPONSES)
-        # In the order of their last calls.
-        self._connections: dict[_RpcConnection, None] = {}
-        self._listener = sockets.listen(host, self._accept, port)
-        self.port = self._listener.port
+    def __init__(self, network: Network, dispatch: Dispatch) -> None:
+        self._network = network
+        self._dispatch = dispatch
+        self._responses = anyio.CapacityLimiter(_MOST_RESPONSES)
+        self._numbers = count()
+        # Connections in the order of their last calls. A number stands for each in its routes, which would
+        # be a reference cycle otherwise.
+        self._connections: dict[int, HttpConnection] = {}
+        limits = Limits(
+            handshake_seconds=IDLE_SECONDS, idle_http_seconds=IDLE_SECONDS, http_body_bytes=xmlrpc.BODY_BYTES
+        )
+        self.state = ListenerState(_refuse, WebSocketWire, limits, None, "http", buffers=network.calls)
 
-    def _accept(self, accepted: socket.socket, _peer: str) -> None:
+    def attach(self, link: Link, address: str, port: int) -> None:
+        """Serve a new caller."""
+        is_open = self.state.connections
+        self._connections = {key: each for key, each in self._connections.items() if each in is_open}
         if len(self._connections) >= _MOST_CONNECTIONS:
             # Whoever keeps connections open without calls cannot keep others out.
-            next(iter(self._connections)).close("crowded out")
-        self._connections[_RpcConnection(self, self._sockets, accepted)] = None
+            self._connections.pop(next(iter(self._connections))).abort()
+        key = next(self._numbers)
+        routes = Routes()
+        routes.add("/*", partial(self._answer, key), "POST")
+        connection = self._connections[key] = HttpConnection(routes, self.state, link, address, port)
+        self.state.add(connection, link)
 
-    def answered(self, connection: _RpcConnection) -> None:
-        """Note that a connection is in use."""
-        if connection in self._connections:
-            self._connections[connection] = self._connections.pop(connection)
-
-    def left(self, connection: _RpcConnection) -> None:
-        """Remove a closed connection."""
-        self._connections.pop(connection, None)
-
-    def sweep(self) -> None:
-        """Close idle connections."""
-        before = time.monotonic() - IDLE_SECONDS
-        for each in tuple(self._connections):
-            if each.last_used < before:
-                each.close("idle")
-
-    def close(self) -> None:
-        """Accept no more calls."""
-        self._listener.close()
-        for each in tuple(self._connections):
-            each.close("closing")
-
-
-class _RpcConnection:
-    """Connection of one caller. A call is decoded as it arrives."""
-
-    def __init__(self, server: RpcServer, sockets: Sockets, accepted: socket.socket) -> None:
-        self._server = server
-        self._sockets = sockets
-        self._http = h11.Connection(h11.SERVER)
-        self._decoder: xmlrpc.Decoder | None = None
-        self._error = ""
-        # Set when a request is complete, so that a slow drip ends, too.
-        self.last_used = time.monotonic()
-        self._stream = Stream(sockets, accepted, self._on_data, self.close)
-
-    def _on_data(self, data: bytes) -> None:
-        self._http.receive_data(data)
-        while True:
-            try:
-                event = self._http.next_event()
-            except h11.RemoteProtocolError as error:
-                raise WireError(str(error)) from error
-            if event is h11.NEED_DATA or event is h11.PAUSED:
-                return
-            if isinstance(event, h11.Request):
-                if any(name == b"transfer-encoding" for name, _ in event.headers):
-                    raise WireError("calls in chunks are not supported")
-            elif isinstance(event, h11.Data):
-                self._decode(bytes(event.data))
-            elif isinstance(event, h11.EndOfMessage):
-                self._answer()
-            elif isinstance(event, h11.ConnectionClosed):
-                self.close("closed")
-                return
-
-    def _decode(self, data: bytes) -> None:
-        decoder = self._decoder = self._decoder or xmlrpc.Decoder()
-        self._sockets.calling += len(data)
-        if self._error:
-            decoder.size += len(data)
-            if decoder.size > xmlrpc.BODY_BYTES:
-                raise WireError(self._error)
-            return
+    def _answer(self, key: int, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        if key in self._connections:
+            self._connections[key] = self._connections.pop(key)
+        if len(request.body) > xmlrpc.PART_BYTES:
+            return self._answer_large(request.body)
         try:
-            if self._sockets.calling > _MOST_RECEIVED:
-                raise WireError("too many large calls are being received")
-            decoder.feed(data)
-        except WireError as error:
-            self._error = str(error)
-
-    def _answer(self) -> None:
-        decoder, error = self._decoder or xmlrpc.Decoder(), self._error
-        self._forget()
-        try:
-            if error:
-                raise WireError(error)
-            method, params = decoder.call()
-            if method == "system.multicall":
-                results = xmlrpc.encode_results(self._results(params))
-                self._respond_later(chain.from_iterable(map(_in_parts, results)), decoder.size)
-                return
-            parts = _in_parts(xmlrpc.encode_response(self._server.dispatch(method, params)))
+            decoder = xmlrpc.Decoder()
+            decoder.feed(request.body)
+            parts = self._response(decoder)
             first, second = next(parts), next(parts, None)
-        except WireError as failure:
-            self._respond(xmlrpc.encode_fault(str(failure)))
-            return
+        except WireError as error:
+            return _fault(error)
         if second is None:
-            self._respond(first.encode())
-        else:
-            self._respond_later(chain((first, second), parts), 0)
+            return _xml(first.encode())
+        return self._answer_long(chain((first, second), parts))
+
+    async def _answer_large(self, body: bytes) -> HttpResponse:
+        """Answer a call that takes some turns to decode."""
+        network = self._network
+        network.calling += len(body)
+        try:
+            if network.calling > _MOST_RECEIVED:
+                raise WireError("too many large calls are being received")
+            parts = self._response(await _in_turns(_decoded(body)))
+            async with self._responses:
+                return _xml(await _in_turns(_joined(parts)))
+        except WireError as error:
+            return _fault(error)
+        finally:
+            network.calling -= len(body)
+
+    async def _answer_long(self, parts: Iterator[str]) -> HttpResponse:
+        """Answer when all parts of the response are known."""
+        try:
+            async with self._responses:
+                return _xml(await _in_turns(_joined(parts)))
+        except WireError as error:
+            return _fault(error)
+
+    def _response(self, decoder: xmlrpc.Decoder) -> Iterator[str]:
+        """Carry out a call, and yield the parts of its response; raises WireError."""
+        method, params = decoder.call()
+        if method != "system.multicall":
+            return _in_parts(xmlrpc.encode_response(self._dispatch(method, params)))
+        return chain.from_iterable(map(_in_parts, xmlrpc.encode_results(self._results(params))))
 
     def _results(self, params: tuple[xmlrpc.Value, ...]) -> Iterator[xmlrpc.Value | WireError]:
         """Carry out the calls of a `system.multicall`, one at a time."""
@@ -282,7 +266,7 @@ class _RpcConnection:
                     match call:
                         case {"methodName": str(method), "params": list(given)}:
                             try:
-                                yield self._server.dispatch(method, tuple(given))
+                                yield self._dispatch(method, tuple(given))
                             except WireError as error:
                                 yield error
                         case _:
@@ -290,43 +274,25 @@ class _RpcConnection:
             case _:
                 raise WireError("the parameter of system.multicall is a list of calls")
 
-    def _respond_later(self, parts: Iterator[str], size: int) -> None:
-        """Respond when all parts are known; the call, of some bytes, counts as being received until then."""
 
-        async def respond() -> None:
-            try:
-                async with self._server.responses:
-                    content = await _joined(parts)
-            except WireError as error:
-                content = xmlrpc.encode_fault(str(error))
-            finally:
-                self._sockets.calling -= size
-            if not self._stream.closed:
-                self._respond(content, ("Connection", "close"))
+def _refuse(*_: object) -> Never:
+    raise Refused(404, "a node of ROS 1 has no WebSocket")
 
-        self._sockets.calling += size
-        self._sockets.spawn(respond, "a long response on ROS 1")
 
-    def _respond(self, content: bytes, *more: tuple[str, str]) -> None:
-        self.last_used = time.monotonic()
-        self._server.answered(self)
-        headers = [("Content-Type", "text/xml"), ("Content-Length", str(len(content))), *more]
-        head = self._http.send(h11.Response(status_code=200, headers=headers)) or b""
-        self._http.send(h11.Data(content))
-        self._http.send(h11.EndOfMessage())
-        self._stream.send(Frame((head, content)))
-        if self._http.our_state is h11.MUST_CLOSE:
-            self._server.left(self)
-            self._stream.finish()
-        else:
-            self._http.start_next_cycle()
+def _xml(content: bytes) -> HttpResponse:
+    return HttpResponse(content, content_type="text/xml")
 
-    def _forget(self) -> None:
-        if self._decoder is not None:
-            self._sockets.calling -= self._decoder.size
-        self._decoder, self._error = None, ""
 
-    def close(self, _reason: str) -> None:
-        self._forget()
-        self._server.left(self)
-        self._stream.close()
+def _fault(error: WireError) -> HttpResponse:
+    return _xml(xmlrpc.encode_fault(str(error)))
+
+
+def serve(network: Network, host: str, dispatch: Dispatch, port: int = 0) -> AbstractAsyncContextManager[int]:
+    """Answer the calls of other programs within the block, which gets the port.
+
+    Args:
+        host: address to bind; empty for all of this host.
+        dispatch: answers the calls.
+    """
+    server = _RpcServer(network, dispatch)
+    return listening(server.state, server.attach, host, port)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Mapping
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Final, cast
 
 from rwt_graph.errors import WireError
+from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_transports.api import WireEvents, drop_message
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.close_codes import POLICY, PROTOCOL_ERROR
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 #: Maximum bytes of a connection header, which contains the definition of a message.
 HEADER_BYTES: Final = 512 * 1024
@@ -20,20 +24,18 @@ _VALUE_BYTES: Final = 4096
 #: Maximum bytes of a message, request or response.
 MESSAGE_BYTES: Final = 128 * 1024 * 1024
 
-#: Minimum bytes of a frame that is yielded as a view of its receive buffer.
+#: Minimum bytes of a frame that is received in a buffer of the pool, and delivered as a view of it.
 LARGE_BYTES: Final = 64 * 1024
-
-#: Receive buffers of large frames: bytes at first, and added at once; maximum number, and bytes of each, that
-#: are kept.
-_FIRST_BYTES: Final = 256 * 1024
-_GROWTH_BYTES: Final = 1024 * 1024
-_MOST_BUFFERS: Final = 8
-_KEPT_BYTES: Final = 8 * 1024 * 1024
 
 
 def length_prefix(length: int) -> bytes:
     """Return the prefix of a frame of that many bytes."""
     return length.to_bytes(4, "little")
+
+
+def frame_of(parts: tuple[Buffer, ...], status: bytes = b"") -> Frame:
+    """Return a frame with its length, and the status of a response before that."""
+    return Frame(status + length_prefix(sum(map(len, parts))), *parts)
 
 
 def encode_header(fields: Mapping[str, str]) -> bytes:
@@ -63,146 +65,182 @@ def decode_header(body: bytes) -> dict[str, str]:
     return fields
 
 
-class ReceiveBuffers:
-    """Receive buffers of large frames, reused when no view of them is left.
+class TcprosWire:
+    """Frames of one connection: a 4-byte little-endian length, then that many bytes. The first is a header.
 
-    Each new megabyte costs page faults, which are more expensive than the copy from the kernel.
+    The transports' own stream wires copy a message out of their buffer; here, images of megabytes are most
+    of the traffic, so that large frames are received where they stay, and delivered as views.
+
+    Attributes by purpose:
+
+    * Wiring: ``_events``, ``_buffers``, ``_in_batch``, ``message``.
+    * Stream: ``_rest`` (bytes that were not read yet), ``_is_held`` (True while no frame is delivered),
+      ``_is_over`` (True once nothing more is read), ``_most`` (maximum bytes of the next frame).
+    * Status: ``_has_status`` (True if one byte before each length tells success, as in responses of
+      services), ``_is_success`` (that of the current frame).
+    * Incomplete frame: ``_size`` (its bytes; 0 between frames), ``_filled`` (those that have arrived), and
+      ``_buffer``.
+
+    Implements :class:`rwt_transports.api.Wire`, and its :class:`~rwt_transports.api.HoldableWire`.
+
+    Args:
+        in_batch: calls a function that delivers frames.
+        has_status: True for the connection of a service's client. The header has no status.
     """
 
-    def __init__(self) -> None:
-        self._kept: deque[bytearray] = deque(maxlen=_MOST_BUFFERS)
+    __slots__ = (
+        "_buffer", "_buffers", "_events", "_filled", "_has_status", "_in_batch", "_is_held", "_is_over",
+        "_is_success", "_most", "_rest", "_size", "message",
+    )  # fmt: skip
 
-    def take(self, size: int) -> bytearray:
-        """Return a buffer for a frame of `size` bytes. A new one for a large frame is smaller: it grows."""
-        if size < LARGE_BYTES:
-            return bytearray(size)
-        for index, buffer in enumerate(self._kept):
-            # Not much larger: who keeps a view of a frame keeps the whole buffer.
-            if min(size, _KEPT_BYTES) <= len(buffer) <= 4 * size and _is_free(buffer):
-                del self._kept[index]
-                return buffer
-        return bytearray(_FIRST_BYTES)
+    framing = Framing(lambda frame: frame.data, lambda frame: frame.parts)
 
-    def give(self, buffer: bytearray) -> None:
-        """Keep a buffer, of which views may exist."""
-        if LARGE_BYTES <= len(buffer) <= _KEPT_BYTES:
-            self._kept.append(buffer)
-
-
-def _is_free(buffer: bytearray) -> bool:
-    """Return True if no view of a buffer exists: only then, its size may change."""
-    try:
-        buffer.append(0)
-    except BufferError:
-        return False
-    buffer.pop()
-    return True
-
-
-class Frames:
-    """Splitter of a stream into frames: a 4-byte little-endian length, then that many bytes.
-
-    Bytes of large frames may be received directly into :meth:`space`.
-
-    Attributes:
-        most: maximum bytes of a frame.
-        has_status: True if one byte before the length tells success, as in responses of services.
-        is_success: status of the frame that was yielded last.
-        missing: bytes that the current frame lacks; 0 between frames.
-        held: bytes of the current frame.
-        memory: bytes of memory for it.
-    """
-
-    def __init__(self, most: int = HEADER_BYTES, buffers: ReceiveBuffers | None = None) -> None:
-        self.most = most
-        self.has_status = False
-        self.is_success = True
-        self.missing = 0
-        self.held = 0
-        self._buffers = buffers or ReceiveBuffers()
+    def __init__(
+        self,
+        in_batch: Callable[[Callable[[], None]], None],
+        has_status: bool,
+        events: WireEvents,
+        _limits: Limits,
+        buffers: ReceiveBufferPool,
+    ) -> None:
+        self._events = events
+        self._buffers = buffers
+        self._in_batch = in_batch
+        self.message: Callable[[bytes, bool], None] = drop_message
+        self._has_status = has_status
+        self._is_success = True
+        self._is_held = self._is_over = False
+        self._most = HEADER_BYTES
+        self._rest = b""
         self._buffer = bytearray()
-        self._head = b""
+        self._size = self._filled = 0
 
-    def feed(self, data: bytes) -> Iterator[bytes | memoryview]:
-        """Yield the frames that these bytes complete. Attributes may be set between two frames.
+    def feed(self, data: bytes) -> None:
+        self._rest += data
+        if not self._is_held and not self._is_over:
+            self._in_batch(self._read)
 
-        Large frames are views: their memory is reused when the last view is gone.
+    def hold(self) -> None:
+        """Deliver no more frames until :meth:`go_on`, even of the same read."""
+        self._is_held = True
 
-        Raises:
-            WireError: a frame is larger than `most`.
-        """
-        if self._head:
-            data, self._head = self._head + data, b""
+    def go_on(self) -> None:
+        self._is_held = False
+        self.feed(b"")
+
+    def get_buffer(self) -> memoryview | None:
+        """Return the rest of a large frame's buffer; None otherwise."""
+        if self._size < LARGE_BYTES or self._rest or self._is_held:
+            return None
+        self._grow()
+        return memoryview(self._buffer)[self._filled : self._size]
+
+    def buffer_updated(self, count: int) -> None:
+        self._filled += count
+        if self._filled == self._size:
+            self._in_batch(self._read_large)
+
+    def give_up(self, reason: str) -> None:
+        self._size, self._buffer = 0, bytearray()
+        self._end(POLICY, reason)
+
+    def close(self, _code: int, _reason: str) -> bytes:
+        """Deliver no more frames. Returns nothing to send: the protocol has no close."""
+        self._is_over = True
+        self.message = drop_message
+        return b""
+
+    def ping(self) -> bytes:
+        """Return nothing to send: the protocol has no ping."""
+        return b""
+
+    def _end(self, code: int, reason: str) -> None:
+        self._is_over = True
+        self._events.ended(code, reason, agreed=False)
+
+    def _read(self) -> None:
+        data, self._rest = self._rest, b""
+        try:
+            at = self._take_frames(data)
+        except WireError as error:
+            self._end(PROTOCOL_ERROR, str(error))
+        else:
+            self._rest = b"" if self._is_over else data[at:]
+
+    def _take_frames(self, data: bytes) -> int:
+        """Deliver the frames of some bytes; returns the position of what is left."""
         at, end = 0, len(data)
-        while at < end:
-            if not self.missing:
-                start = at + (5 if self.has_status else 4)
-                if start > end:
-                    self._head = data[at:]
-                    return
-                self.missing = int.from_bytes(data[start - 4 : start], "little")
-                if self.missing > self.most:
-                    raise WireError(
-                        f"a frame of {self.missing} bytes was announced, {self.most} is the limit"
-                    )
-                if self.has_status:
-                    self.is_success = data[at] == 1
-                at = start
-                if self.missing <= end - at:
-                    after = at + self.missing
-                    self.missing = 0
-                    yield data[at:after]
-                    at = after
-                    continue
-            if at < end:
-                at += self._keep(data[at:])
-                if not self.missing:
-                    yield self._complete()
+        while not self._is_held and not self._is_over:
+            if self._size:
+                at = self._fill(data, at)
+                if self._size:
+                    return at
+                continue
+            has_status = self._has_status and self._most == MESSAGE_BYTES
+            start = at + 4 + has_status
+            if start > end:
+                return at
+            size = int.from_bytes(data[start - 4 : start], "little")
+            if size > self._most:
+                raise WireError(f"a frame of {size} bytes was announced, {self._most} is the limit")
+            self._is_success = not has_status or data[at] == 1
+            at = start + size
+            if at <= end:
+                self._deliver(data[start:at])
+                continue
+            at = start
+            self._size, self._filled = size, 0
+            self._buffer = self._buffers.take(size) if size >= LARGE_BYTES else bytearray(size)
+            self._note_held()
+        return at
 
-    def _keep(self, data: bytes) -> int:
-        """Add bytes to the current frame; returns their number."""
-        count = min(len(data), self.missing)
-        left = memoryview(data)[:count]
-        while left:
-            space = self.space()
-            size = min(len(space), len(left))
-            space[:size] = left[:size]
-            space.release()
-            left = left[size:]
-            self._count(size)
-        return count
+    def _fill(self, data: bytes, at: int) -> int:
+        """Add bytes to the incomplete frame, and deliver it when it is complete; returns the position behind
+        them."""
+        with memoryview(data) as view:
+            while at < len(data) and self._filled < self._size:
+                count = min(len(data) - at, min(len(self._buffer), self._size) - self._filled)
+                self._buffer[self._filled : self._filled + count] = view[at : at + count]
+                at += count
+                self._filled += count
+                self._grow()
+        if self._filled == self._size:
+            self._complete()
+        return at
 
-    def space(self) -> memoryview:
-        """Return memory for the next bytes of the current frame, see :meth:`filled`; release it after use."""
-        size = self.held + self.missing
-        if not self._buffer:
-            self._buffer = self._buffers.take(size)
-        if self.held == len(self._buffer):
-            # So that memory stays in proportion to what was received.
-            self._buffer.extend(bytes(min(self.held, self.missing, _GROWTH_BYTES)))
-        return memoryview(self._buffer)[self.held : size]
+    def _read_large(self) -> None:
+        try:
+            self._complete()
+        except WireError as error:
+            self._end(PROTOCOL_ERROR, str(error))
 
-    def filled(self, count: int) -> bytes | memoryview | None:
-        """Count bytes in :meth:`space`; returns the frame that they complete."""
-        self._count(count)
-        return None if self.missing else self._complete()
+    def _grow(self) -> None:
+        """Enlarge a full buffer, in proportion to what has arrived and not to what was announced.
 
-    @property
-    def memory(self) -> int:
-        return len(self._buffer)
+        Called while the driver has no view of it. The steps are small, since many connections may need one in
+        the same turn of the event loop.
+        """
+        missing = self._size - self._filled
+        if missing and self._filled == len(self._buffer):
+            self._buffer.extend(bytes(min(missing, LARGE_BYTES)))
+            self._note_held()
 
-    def forget(self) -> None:
-        """Free the memory of the current frame, of which no more comes."""
-        self._buffer = bytearray()
+    def _note_held(self) -> None:
+        if self._size >= LARGE_BYTES:
+            self._buffers.hold(self, len(self._buffer))
 
-    def _count(self, count: int) -> None:
-        self.held += count
-        self.missing -= count
-
-    def _complete(self) -> bytes | memoryview:
-        buffer, size = self._buffer, self.held
-        self._buffer, self.held = bytearray(), 0
+    def _complete(self) -> None:
+        buffer, size = self._buffer, self._size
+        self._buffer, self._size = bytearray(), 0
         if size < LARGE_BYTES:
-            return bytes(buffer)
-        self._buffers.give(buffer)
-        return memoryview(buffer)[:size].toreadonly()
+            self._deliver(bytes(buffer))
+            return
+        self._buffers.release(self)
+        # The endpoints of this wire take views, others do not: see `Endpoint.receive`.
+        body = cast("bytes", self._buffers.lend(buffer, size))
+        self._most = MESSAGE_BYTES
+        self._buffers.hand_on(self.message, body, self._is_success)
+
+    def _deliver(self, body: bytes) -> None:
+        self._most = MESSAGE_BYTES
+        self.message(body, self._is_success)

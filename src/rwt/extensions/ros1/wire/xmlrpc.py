@@ -212,8 +212,3 @@ class Decoder:
         if tag in _SCALARS and self._parser.CurrentByteIndex - self._began > _SCALAR_BYTES:
             raise WireError(f"XML-RPC with a {tag} of more than {_SCALAR_BYTES} bytes is not supported")
         self._unmarshaller.end(tag)
-
-
-def parts_of(body: bytes) -> Iterator[bytes]:
-    """Yield a body in parts for a :class:`Decoder`."""
-    return (body[at : at + PART_BYTES] for at in range(0, len(body), PART_BYTES))
