@@ -30,7 +30,6 @@ class Ros1Node:
     Attributes:
         name: name on the ROS 1 graph; changes once if another node has it, or takes it.
         uri: address of the slave API; empty before `opened` is set.
-        service_uri: address of its services.
         opened: set once the node accepts connections.
         spawn: starts a task on the graph's event loop.
         is_named: True once it was checked that no other node has the name.
@@ -46,13 +45,18 @@ class Ros1Node:
         self.publications: dict[str, Publication] = {}
         self.subscriptions: dict[str, Subscription] = {}
         self.services: dict[str, ServiceOffer] = {}
-        self.uri = self.service_uri = ""
+        self.uri = ""
         self.opened = anyio.Event()
         self.spawn = session.network.spawn
         self._session = session
         self._port = 0
         self._links: set[Link] = set()
         self._closers: list[Callable[[], None]] = []
+
+    @property
+    def service_uri(self) -> str:
+        """Address of its services, once `opened` is set."""
+        return f"rosrpc://{self._session.address.host}:{self._port}"
 
     async def open(self) -> None:
         """Accept connections.
@@ -68,7 +72,6 @@ class Ros1Node:
         self._port, close = await network.open(accepting, f"connections of {self.name} on ROS 1")
         self._closers.append(close)
         self.uri = f"http://{address.host}:{port}/"
-        self.service_uri = f"rosrpc://{address.host}:{self._port}"
         self.opened.set()
 
     async def keep_opening(self) -> None:
