@@ -17,7 +17,7 @@ from husky_xarm.description import ARM_JOINTS, describe
 from husky_xarm.simulation import Simulation
 from rwt import GoalAborted, GoalCanceled, Node, ReceivedGoal
 from rwt.extensions.demo import messages
-from rwt.extensions.demo.arm.kinematics import Trajectory, Waypoint
+from rwt_graph.trajectories import Trajectory, Waypoint
 from rwt_tf2 import stamp_ns
 
 ACTION: Final = "/xarm6_traj_controller/follow_joint_trajectory"

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.extensions.demo.arm.kinematics import ARM, REST, Trajectory, Waypoint
+from rwt.extensions.demo.arm.kinematics import ARM, REST
+from rwt_graph.trajectories import Trajectory, Waypoint
 from rwt_participant.errors import GoalRejected
 from rwt_participant.goals import GoalStatus
 

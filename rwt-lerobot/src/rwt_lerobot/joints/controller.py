@@ -8,7 +8,7 @@ from typing import Final
 
 import anyio
 
-from rwt.extensions.demo.arm.kinematics import Angles, Trajectory, Waypoint
+from rwt_graph.trajectories import Angles, Trajectory, Waypoint
 from rwt_lerobot.joints.limits import JointLimit
 from rwt_participant.api import RobotApi
 from rwt_participant.errors import GoalAborted, GoalCanceled

@@ -9,8 +9,9 @@ from typing import Final
 import anyio
 
 from rwt.extensions.demo import messages
-from rwt.extensions.demo.arm.kinematics import ARM, Angles, Arm, Trajectory, Waypoint
+from rwt.extensions.demo.arm.kinematics import ARM, Arm
 from rwt_graph import Node
+from rwt_graph.trajectories import Angles, Trajectory, Waypoint
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message
