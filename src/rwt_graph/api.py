@@ -52,7 +52,7 @@ MOST_GOALS: Final = 1000
 
 
 class Limitation(Enum):
-    """What a backend cannot do, as a sentence; declared in :attr:`Graph.limitations`."""
+    """Limitation of a backend, as a sentence; declared in :attr:`Graph.limitations`."""
 
     SERVICE_ERRORS = "A caller in another process gets no answer from a service that fails."
     CALL_END = "A service is not informed that a caller in another process waits no longer."

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from ssl import SSLContext
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
 from rwt_protocol.extensions import ExtensionError, extension_names, imported_on_call, load_extension
@@ -20,6 +20,9 @@ from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.errors import BadUrl
 from rwt_transports.limits import DATAGRAM_BYTES
 from rwt_transports.websocket.wire import WebSocketWire
+
+if TYPE_CHECKING:
+    from rwt_transports.drivers.anyio_stream import AnyioDriver
 
 DEFAULT_PORT = 9090
 """The port of rosbridge (CFG-01)."""
@@ -37,15 +40,11 @@ _json_datagrams = imported_on_call("rwt_transports.wires.json_stream:JsonDatagra
 _bson_documents = imported_on_call("rwt_transports.wires.bson_stream:BsonStreamWire")
 
 
-class StreamDriver(Driver, Connector, Protocol):
-    """Driver of streams, for both directions."""
-
-
-def stream_driver() -> StreamDriver:
+def stream_driver() -> AsyncioDriver | AnyioDriver:
     """Return the fastest driver of TCP and Unix sockets on the running event loop."""
     if runs_asyncio():
         return AsyncioDriver()
-    driver: StreamDriver = _anyio_driver()
+    driver: AnyioDriver = _anyio_driver()
     return driver
 
 

@@ -105,6 +105,9 @@ def test_protocols_and_their_implementations(tmp_path: Path) -> None:
 LARGE = """
 class State(Enum): ...
 class Order(Enum): ...
+class Mode(Enum): ...
+FIRST: Final = State.FIRST
+MODES = {{Mode.ON: {{Mode.OFF}}, Mode.OFF: {{Mode.ON}}}}
 class Named:
     def run(self):
         self._state: State = first()
@@ -113,6 +116,14 @@ class Nameless:
     order = Order.FIRST
     def run(self):
         self._order = Order.FIRST
+        {fourteen}
+class Through:
+    def run(self):
+        self._state = FIRST
+        {fourteen}
+class Tabled:
+    def run(self):
+        self._mode = Mode.ON
         {fourteen}
 class Small:
     def __init__(self):
@@ -126,6 +137,8 @@ def test_classes_with_many_attributes_and_their_states(tmp_path: Path) -> None:
     assert [(each.name, each.attributes, each.state) for each in found] == [
         ("large.Named", 15, "State"),
         ("large.Nameless", 15, ""),
+        ("large.Tabled", 15, "Mode"),
+        ("large.Through", 15, "State"),
     ]
 
 

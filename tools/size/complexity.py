@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeGuard
@@ -76,7 +76,10 @@ def large_classes(modules: Iterable[Module]) -> list[LargeClass]:
     """Return the classes with many attributes, the largest first.
 
     The attributes of a class are what its methods assign to `self`. Its named state is an attribute that
-    holds a member of an enum of these modules, if the attribute or the enum is named like a state.
+    holds a member of an enum of these modules, also through a constant of its module, if
+
+    - the attribute or the enum is named like a state, or
+    - the module has a table of transitions: a dictionary whose keys are members of the enum.
     """
     defined = [
         (module, each)
@@ -88,19 +91,43 @@ def large_classes(modules: Iterable[Module]) -> list[LargeClass]:
     found = []
     for module, each in defined:
         stores = list(_stores(each))
+        constants, tabled = _members(module, enums)
         names = {attribute for attribute, _ in stores}
         if len(names) >= MANY_ATTRIBUTES:
             states = sorted(
                 enum
                 for attribute, used in stores
-                for enum in used & enums
-                if _STATE.search(attribute) or _STATE.search(enum)
+                for enum in {constants.get(name, name) for name in used} & enums
+                if _STATE.search(attribute) or _STATE.search(enum) or enum in tabled
             )
             state = states[0] if states else ""
             found.append(
                 LargeClass(f"{module.name}.{each.name}", module.path, each.lineno, len(names), state)
             )
     return sorted(found, key=lambda each: (-each.attributes, each.name))
+
+
+def _members(module: Module, enums: Container[str]) -> tuple[Mapping[str, str], set[str]]:
+    """Return the enum of each constant that is one of its members, and the enums with transition tables."""
+    constants: dict[str, str] = {}
+    tabled: set[str] = set()
+    for each in module.tree.body:
+        if isinstance(each, ast.Assign | ast.AnnAssign):
+            targets = each.targets if isinstance(each, ast.Assign) else [each.target]
+            enum = _enum_of(each.value)
+            if enum in enums:
+                constants.update((target.id, enum) for target in targets if isinstance(target, ast.Name))
+            elif isinstance(each.value, ast.Dict):
+                keys = set(map(_enum_of, each.value.keys))
+                tabled |= keys if len(keys) == 1 else set()
+    return constants, tabled
+
+
+def _enum_of(node: ast.expr | None) -> str:
+    """Return the name before the dot of a member, such as `State.OPEN`; empty for other expressions."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return node.value.id
+    return ""
 
 
 def _stores(node: ast.ClassDef) -> Iterator[tuple[str, set[str]]]:

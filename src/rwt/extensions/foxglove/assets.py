@@ -100,6 +100,7 @@ class Assets:
                     break
                 chunks.append(chunk)
         finally:
+            # An abandoned page is closed at once; garbage collection would release its file later.
             if isinstance(body, AsyncGenerator):
                 await body.aclose()
         return chunks

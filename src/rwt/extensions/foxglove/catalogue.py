@@ -51,6 +51,7 @@ class Catalogue:
         self._node = node
         self._channels: dict[str, TopicChannel] = {}
         self._services: dict[str, OfferedService] = {}
+        # Channels and services are counted together; no id is used twice.
         self._count = 0
 
     def channel(self, topic: TopicInfo) -> TopicChannel | None:
@@ -148,6 +149,7 @@ def _changed(
     now: Mapping[str, tuple[str, ...]], before: Mapping[str, tuple[str, ...]], kept: Iterable[str], ids: str
 ) -> list[dict[str, object]]:
     return [
+        # A topic may be missing on one side, for example without publishers; it then has an empty list.
         {"name": name, ids: now.get(name, ())}
         for name in sorted(kept)
         if now.get(name, ()) != before.get(name, ())
@@ -199,6 +201,7 @@ class RoleListing:
         new_services: Mapping[int, OfferedService],
     ) -> ListingChange:
         """Return the changes for a client that knows these channels and services."""
+        # Removals come first: a topic that changed its type is removed and announced again in one change.
         gone = channels.keys() - new_channels.keys()
         withdrawn = services.keys() - new_services.keys()
         frames = [
@@ -233,6 +236,7 @@ class RoleListing:
             publishers[topic.name] = self._nodes(each.node for each in topic.publishers)
             subscribers[topic.name] = self._nodes(each.node for each in topic.subscribers)
         providers = {info.name: self._nodes((info.node,)) for info in view.services()}
+        # Names without a visible node are left out, so `since` reports them as removed.
         return Connections(
             {name: nodes for name, nodes in publishers.items() if nodes},
             {name: nodes for name, nodes in subscribers.items() if nodes},

@@ -108,6 +108,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         client = self.join(
             role, info, lambda number, graph: FoxgloveClient(self, number, sink, info, graph, listing)
         )
+        # First, because it names the encodings and capabilities on which all other messages depend.
         sink.send(self._server_info(role))
         for frame in listing.welcome:
             sink.send(frame)
@@ -194,6 +195,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         """Send all clients the time and the playback state if they have changed."""
         self._time_timer = None
         now = self._clock.time_ns()
+        # Times before the epoch cannot be sent: the protocol's are unsigned.
         if now != self._sent_time and now >= 0:
             self._sent_time = now
             frame = time(now)
@@ -203,6 +205,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             state, told = state_of(self.playback), self._sent_playback
             if state != told:
                 self._sent_playback = state
+                # The first state is no seek: clients have received the position on connecting.
                 frame = state_frame(self.playback, did_seek=told is not None and state[2] != told[2])
                 for client in self._clients.values():
                     client.replies.send(frame)
@@ -225,6 +228,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
 
     def left(self, client: FoxgloveClient) -> None:
         """Remove a client whose connection has ended."""
+        # The client is removed first, so that parameters which only it watched leave the feed.
         super().left(client)
         self.watched()
 

@@ -49,6 +49,7 @@ class PlaybackControl:
     def request(self, asked: PlaybackControlRequest) -> None:
         """Execute a client's request, and send it the resulting state."""
         seeks = self._playback.seeks
+        # A generator: the player's state is read again after each call, which may have changed it.
         steps = self._calls(asked)
 
         def go_on() -> None:
@@ -67,11 +68,13 @@ class PlaybackControl:
 
     def _calls(self, asked: PlaybackControlRequest) -> Iterator[tuple[str, Mapping[str, object]]]:
         playback = self._playback
+        # A pause comes first and a resumption last: nothing is published at the old position or speed.
         if not asked.plays and not playback.paused:
             yield "pause", {}
         if asked.seek_ns is not None:
             within = min(max(asked.seek_ns, playback.start_ns), playback.end_ns)
             yield "seek", {"time": self._graph.distro.time(within)}
+        # NaN is not close to any speed, so it reaches the player like any other new value.
         if not abs(asked.speed - playback.rate) <= _SAME_SPEED * playback.rate:
             yield "set_rate", {"rate": asked.speed}
         if asked.plays and playback.paused:

@@ -127,6 +127,7 @@ class HttpGateway(Gateway):
         methods: dict[str, list[str]] = {}
         for method, path, _, _ in rows:
             methods.setdefault(path, []).extend((method, "HEAD") if method == "GET" else (method,))
+        # Each path has a row for all other methods, so that they are answered with a problem document, too.
         others = tuple(
             (
                 "*",
@@ -175,6 +176,7 @@ class HttpGateway(Gateway):
 
         Query(request)
         media = chosen(request, (JSON, OPENAPI_JSON.partition(";")[0]))
+        # By role and prefix: a document lists what the role sees, with URLs below the prefix.
         key = (reader.role.name, request.prefix)
         described = (reader.topics(), reader.services(), reader.actions())
         state = tuple((each.name, each.type) for kind in described for each in kind)
@@ -251,5 +253,6 @@ def _page() -> tuple[bytes, Mapping[str, str]]:
     text = files(__package__).joinpath("page.html").read_text("utf-8")
     script = text.partition("<script>")[2].partition("</script>")[0]
     policy = dict(page_policy(script))
+    # The page sends requests to the API, which the policy of other pages forbids.
     policy["Content-Security-Policy"] += "; connect-src 'self'"
     return text.replace("<!-- problems -->", problems).encode(), policy

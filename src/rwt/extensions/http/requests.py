@@ -133,6 +133,7 @@ class Query:
         try:
             value = kind(text[:40])
         except ValueError:
+            # NaN fails the comparison below, as does a NaN that was sent.
             value = math.nan
         if not least <= value <= most:
             expected = f"expected a number from {least:g} to {most:g}"
@@ -153,6 +154,7 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
     try:
         return await _from_json(type, body or b"{}", now)
     except InvalidMessage as error:
+        # Only now, because it reads the body again: messages that fit need no second look.
         raise malformed(body) or error from None
 
 
@@ -191,6 +193,7 @@ def value_of(request: HttpRequest) -> object:
 def media_of(request: HttpRequest) -> str:
     """Return the media type of the body, by default JSON. Raises HttpProblem for unknown types."""
     media = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    # `curl --data` and `fetch` send the types of text and forms by default, whatever the body is.
     if media in ("", JSON, "text/plain", "application/x-www-form-urlencoded") or media.endswith("+json"):
         return JSON
     if media == CBOR:
@@ -203,6 +206,7 @@ def media_of(request: HttpRequest) -> str:
 def _cbor_map(body: bytes) -> dict[str, object]:
     found = cbor_codec().split(body, _CBOR_LIMITS)[0]
     if isinstance(found, DecodeFailure):
+        # The limit is fixed here, so the setting that the codec names would not help.
         reason = found.reason.replace(" (limits.structure_bytes)", "")
         raise HttpProblem("invalid-request", f"the body cannot be read: {reason}")
     return {name: value.value if isinstance(value, Decoded) else value for name, value in found.items()}

@@ -86,18 +86,22 @@ class TopicPages:
                     max_bytes=STREAM_BYTES,
                     log=self._log,
                 )
+                # Ids are nanoseconds since the epoch; with an id in another form, everything is replayed.
                 stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
                 return stream.response(request)
             longest = MAX_WAIT_SECONDS
             seconds = query.seconds("wait", min(WAIT_SECONDS, longest), longest)
             if "wait" not in query or not seconds:
+                # Subscribing checks the right to read the topic, also if no message is retained.
                 fanout = client.graph.subscribe(name, query.text("type"))
                 kept = (*fanout.subscription.history(), *client.graph.startup_samples(fanout))
                 client.graph.unsubscribe(fanout)
                 if kept:
+                    # Several may be retained: one per publisher, or more with a longer history.
                     return _message(request, reader, max(kept, key=lambda sample: sample.stamp_ns))
         if not seconds:
             raise HttpProblem("no-message", f"no message of {name} is kept for late readers")
+        # A coroutine, which runs after this block has ended and holds the client itself.
         return self._next(request, reader, name, query.text("type"), seconds)
 
     async def _next(

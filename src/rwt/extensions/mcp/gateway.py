@@ -272,7 +272,7 @@ class McpGateway(Gateway):
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
         if session is not None:
             session.under_way += 1
-            # Bound to its owner: a session's id alone does not authorise its use.
+        # Bound to its owner: a session's id alone does not authorise its use.
         user = AuthenticatedUser(AccessToken(token="", client_id=caller.owner, scopes=[]))
         exchange = AgentExchange(
             self._manager.asgi_app,
@@ -309,6 +309,7 @@ class McpGateway(Gateway):
         if len(posted) >= settings.requests:
             text = f"{len(posted)} requests of agents are under way (mcp.requests)"
             raise Refused(503, text, {"Retry-After": "1"})
+        # All programs on this machine share one address, so limits per address do not apply to them.
         if is_local(request.address):
             return
         own = sum(network_of(each.info.address) == network for each in posted)
@@ -356,6 +357,7 @@ class McpGateway(Gateway):
         """Return the sender of a request, while it is served or, if it `lasts`, for its subscription."""
         caller = _caller_of(context)
         if lasts:
+            # A caller of its own, because a subscription outlasts the request that began it.
             caller = _Caller(caller.info, caller.role, is_stream=True)
         self._check_requests(caller, lasts=lasts)
         name = f"mcp:{_name_of(context)}"
@@ -419,6 +421,7 @@ class McpGateway(Gateway):
             if settings is None or glob_pattern(settings.roles).fullmatch(caller.role.name) is None:
                 return given
             try:
+                # The approval may expire or be answered elsewhere meanwhile, so it is looked up again.
                 await allow(caller.owner, f"{asked.act} {asked.name}: {asked.content} ({asked.rule.key})")
             except ToolError:
                 if _asked_by(gate, client) is asked:
@@ -435,6 +438,7 @@ class McpGateway(Gateway):
             began = time.thread_time()
             return work(), time.thread_time() - began
 
+        # Processor time is charged, not the wait for a free thread.
         answer, seconds = await anyio.to_thread.run_sync(timed, limiter=self._threads)
         client.work.add(seconds, "pictures")
         return answer
@@ -523,6 +527,7 @@ def _opens_session(request: HttpRequest) -> bool:
 
 def presses_stop(request: HttpRequest) -> bool:
     """Return True for a request that presses the emergency stop: a call of its service by a tool."""
+    # Most requests are excluded by cheap tests: the body is parsed only if it may name the gate's service.
     if request.method != "POST" or len(request.body) > MAX_STOP_BYTES or b"gate" not in request.body:
         return False
     try:

@@ -55,6 +55,7 @@ class GoalTable:
         mine = self.of(owner)
         if len(mine) < max(1, self._most // 4) and len(self._goals) < self._most:
             return
+        # An owner at its share makes room among its own goals, not at the expense of others.
         pool = mine if len(mine) >= max(1, self._most // 4) else self._goals
         for id, sent in pool.items():
             if sent.goal.done:
@@ -73,6 +74,7 @@ class GoalTable:
         """Return the owner's goal of that id. Raises ToolError if it is unknown."""
         sent = self._goals.get(id)
         if sent is None or sent.owner != owner:
+            # A goal of another owner is reported as unknown, so its existence is not revealed.
             known = ", ".join(self.of(owner)) or "none"
             hint = _OF_ANOTHER if self._several_processes else ""
             raise ToolError(f"you have no goal {id[:64]!r}; yours are: {known}{hint}")

@@ -72,6 +72,7 @@ class Questions:
         self, token: str, owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> frozenset[str] | None:
         """Return what an answer to a question with the same arguments allows; None if it is unknown."""
+        # Removed even if it does not match: each question can be answered once.
         pending = self._pending.pop(token, None)
         if pending is None or now > pending.until or pending.digest != _digest(owner, tool, arguments):
             return None
@@ -120,12 +121,14 @@ class Person:
     def _can_ask(self) -> bool:
         capabilities = self._context.session.client_capabilities
         asks = None if capabilities is None else capabilities.elicitation
+        # A client that names no mode of elicitation supports forms, the only mode of older versions.
         return asks is not None and (asks.form is not None or asks.url is None)
 
     def _require_answer(self, owner: str, text: str) -> None:
         if self._allowed is None:
             self._allowed = self._read_answer(owner)
         if text not in self._allowed:
+            # A call may need several permissions but carries one answer, which includes the earlier ones.
             wanted = self._allowed | {text}
             token = self._questions.ask(wanted, owner, self._params.name, self._arguments, self._now)
             raise AnswerNeeded(text, token)

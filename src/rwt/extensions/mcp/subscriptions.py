@@ -114,6 +114,7 @@ class ResourceSubscriptions:
                 async with self._host.agent(context, lasts=True) as agent:
                     topic = _topic_of(uri)
                     type = (await agent.robot.type_of(topic)).name
+                    # An event cannot be cleared, so the callback sets the current one of this list.
                     has_new = [anyio.Event()]
                     async with agent.robot.subscribe(topic, lambda _: has_new[0].set(), type):
                         is_started = True
@@ -121,6 +122,7 @@ class ResourceSubscriptions:
                         while True:
                             await has_new[0].wait()
                             has_new[0] = anyio.Event()
+                            # A message that arrives from here on causes a further notification.
                             await tell(uri)
                             await anyio.sleep(_INTERVAL_SECONDS)
         except (ToolError, RobotError, AccessError) as error:

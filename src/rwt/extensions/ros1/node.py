@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import anyio
 
@@ -14,6 +14,7 @@ from rwt_graph.errors import WireError
 from rwt_transports.errors import ListenError
 
 if TYPE_CHECKING:
+    from rwt.extensions.ros1.services import ServiceOffer
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.topics import Publication, Subscription
     from rwt.extensions.ros1.wire.links import Link
@@ -23,20 +24,12 @@ if TYPE_CHECKING:
 _RETRY_SECONDS: Final = 1.0
 
 
-class Offer(Protocol):
-    """Topic or service that accepts connections: a publication, or a service of this process."""
-
-    def accept(self, link: Link) -> None:
-        """Answer a connection whose header has arrived."""
-
-
 class Ros1Node:
     """Node of this process.
 
     Attributes:
         name: name on the ROS 1 graph; changes once if another node has it, or takes it.
         uri: address of the slave API; empty before `opened` is set.
-        service_uri: address of its services.
         opened: set once the node accepts connections.
         spawn: starts a task on the graph's event loop.
         is_named: True once it was checked that no other node has the name.
@@ -51,14 +44,19 @@ class Ros1Node:
         self.is_evicted = False
         self.publications: dict[str, Publication] = {}
         self.subscriptions: dict[str, Subscription] = {}
-        self.services: dict[str, Offer] = {}
-        self.uri = self.service_uri = ""
+        self.services: dict[str, ServiceOffer] = {}
+        self.uri = ""
         self.opened = anyio.Event()
         self.spawn = session.network.spawn
         self._session = session
         self._port = 0
         self._links: set[Link] = set()
         self._closers: list[Callable[[], None]] = []
+
+    @property
+    def service_uri(self) -> str:
+        """Address of its services, once `opened` is set."""
+        return f"rosrpc://{self._session.address.host}:{self._port}"
 
     async def open(self) -> None:
         """Accept connections.
@@ -74,7 +72,6 @@ class Ros1Node:
         self._port, close = await network.open(accepting, f"connections of {self.name} on ROS 1")
         self._closers.append(close)
         self.uri = f"http://{address.host}:{port}/"
-        self.service_uri = f"rosrpc://{address.host}:{self._port}"
         self.opened.set()
 
     async def keep_opening(self) -> None:
@@ -162,7 +159,7 @@ class Ros1Node:
         else:
             link.refuse("the header names no topic and no service")
 
-    def _pass_on(self, link: Link, kind: str, offer: Offer | None) -> None:
+    def _pass_on(self, link: Link, kind: str, offer: Publication | ServiceOffer | None) -> None:
         if offer is None:
             link.refuse(f"{self.name} does not offer the {kind} {link.header[kind][:200]}")
         else:

@@ -159,7 +159,7 @@ class Ros1Services:
         session = self._session
         node = None if session is None else session.nodes.get(provider.node)
         offer = None if node is None else node.services.pop(provider.name, None)
-        if session is not None and isinstance(offer, ServiceOffer):
+        if session is not None and offer is not None:
             session.registrar.remove(offer.registration)
             session.run_on_graph(offer.close)
 

@@ -195,12 +195,14 @@ def parse_text(data: bytes | memoryview) -> Text:
             " less at once"
         )
     try:
+        # Before decoding: many numbers with large exponents would hold the event loop for seconds.
         finished(require_quick_numbers(data))
     except InvalidMessage as error:
         raise InvalidFrame(str(error)) from None
     try:
         return _decode(data)
     except msgspec.ValidationError as error:
+        # Cut, because msgspec quotes an unknown `op` of any length.
         raise InvalidFrame(f"no message of the protocol: {error}"[:500]) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InvalidFrame(f"not JSON that can be read: {error}"[:500]) from None

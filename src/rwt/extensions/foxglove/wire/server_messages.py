@@ -52,6 +52,7 @@ def texts(op: str, member: str, items: Iterable[bytes]) -> list[Frame]:
     batch: list[bytes] = []
     size = 0
     for item in items:
+        # A frame has at least one item, even one that exceeds the limit alone.
         if batch and size + len(item) > _BATCH:
             frames.append(_listing(op, member, batch))
             batch, size = [], 0
@@ -63,6 +64,7 @@ def texts(op: str, member: str, items: Iterable[bytes]) -> list[Frame]:
 
 
 def _listing(op: str, member: str, items: Sequence[bytes]) -> Frame:
+    # Items are encoded once for all clients, so they are joined as bytes.
     return Frame(b'{"op":"%s","%s":[%s]}' % (op.encode(), member.encode(), b",".join(items)))
 
 

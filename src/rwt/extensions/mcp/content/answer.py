@@ -37,7 +37,7 @@ class Answer:
 
     @property
     def parts(self) -> Parts:
-        """What the model reads."""
+        """Parts that the model reads."""
         return self.shown or (as_text(self.data),)
 
 

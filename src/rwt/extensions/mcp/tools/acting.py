@@ -55,6 +55,7 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
     type = await _message_type(agent, asked)
     stop = asked.stop
     if stop is None and seconds and type in _STOPPED_BY_ZEROS:
+        # All fields of an empty message have their defaults: velocities of zero.
         stop = {}
     for_long = f" for {seconds:g} s" if seconds else ""
     await agent.confirm(
@@ -117,6 +118,7 @@ async def _publish_for(
             await robot.clock.sleep(min(1 / asked.rate, max(0.0, seconds - gone)))
     finally:
         if stop is not None:
+            # Publishing does not await anything, so it also works while the task is being cancelled.
             publisher.publish(stop)
     return count
 

@@ -93,6 +93,7 @@ async def _follow(agent: Agent, sent: AgentGoal, patience: float, *, cancel: boo
                     await agent.report_progress(robot.clock.monotonic() - began, None, _brief(sent.feedback))
     except anyio.get_cancelled_exc_class():
         if cancel:
+            # Only the call that sent the goal cancels it; a call that watches it leaves it running.
             robot.cancel_goal(goal.action, goal.id)
         raise
     except BaseException:

@@ -1,4 +1,4 @@
-"""What the connections of one graph share, and its listeners and connections over the transports' drivers."""
+"""Shared resources of the connections of one graph, which run over the transports' drivers."""
 
 from __future__ import annotations
 
