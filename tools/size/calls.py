@@ -73,10 +73,6 @@ SCENARIOS: Final[Mapping[str, Scenario]] = {
         "publish through a gate with a lease and a field rule, one client subscribes",
         settings={"gate": {"rules": {"drive": _RULE}}},
     ),
-    "rate limit on": Scenario(
-        "publish by a client whose rate of messages is limited, one client subscribes",
-        settings={"limits": {"messages_per_second": 10_000}},
-    ),
 }
 
 
