@@ -60,9 +60,9 @@ def test_only_the_version_of_the_project_changes() -> None:
         before, after = text.splitlines(), with_version(text, "9.8.7").splitlines()
         changed.append([line for line, other in zip(after, before, strict=True) if line != other])
     server, *others = changed
-    assert server == ['version = "9.8.7"']
+    assert server == ['version = "9.8.7"', 'webrtc = ["rwt-webrtc==9.8.7"]']
     for version, dependencies in others:
-        assert [version] == server
+        assert version == server[0]
         assert "==9.8.7" in dependencies
 
 

@@ -102,12 +102,17 @@ def become(system: str) -> None:
     sys.platform = system
 
 
+_ROS2 = "rwt.extensions.ros2"
+_WITHOUT_ROS = {f"{_ROS2}.part", f"{_ROS2}.command"}
+
+
 def modules(root: Path) -> Iterator[str]:
     """Every module of the packages in a folder, but for programs and what needs the rclpy of ROS 2."""
     for package in sorted(each.parent for each in root.glob("*/__init__.py")):
         yield package.name
         for found in pkgutil.walk_packages([str(package)], f"{package.name}."):
-            if not found.name.endswith(("__main__", "rwt.extensions.ros2")) and ".adapters" not in found.name:
+            needs_ros = found.name.startswith(f"{_ROS2}.") and found.name not in _WITHOUT_ROS
+            if not needs_ros and not found.name.endswith("__main__") and ".adapters" not in found.name:
                 yield found.name
 
 
