@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse page-mutants compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size size-ratchet clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
+client-grades size size-ratchet removal clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -326,6 +326,10 @@ size: $(STAMP)-dev
 	$(BIN)/python -m tools.size $(ARGS)
 
 # Fails if a figure of the source is larger than in tools/size/recorded.json, which ARGS=--record writes.
+# Each extension removed in a copy: a server starts, mypy and the other tests pass; `make removal ARGS=foxglove` for one.
+removal: $(STAMP)-dev
+	$(BIN)/python tools/without_extension.py $(ARGS)
+
 size-ratchet: $(STAMP)-dev
 	$(BIN)/python -m tools.size --ratchet $(ARGS)
 

@@ -85,8 +85,10 @@ def copy_without(names: tuple[str, ...], folder: Path) -> None:
 
 def remaining_tests(names: tuple[str, ...], folder: Path) -> Iterator[str]:
     """Yield the test files of the core and of other extensions that do not use the removed ones."""
-    words = "|".join([*(rf"rwt\.extensions\.{name}\b" for name in names if name != WEBRTC), "rwt_webrtc"])
-    uses = re.compile(words if WEBRTC in names else words.removesuffix("|rwt_webrtc"))
+    words = [
+        r"rwt_webrtc|tests\.webrtc" if name == WEBRTC else rf"rwt\.extensions\.{name}\b" for name in names
+    ]
+    uses = re.compile("|".join(words))
     tests = folder / "tests"
     for file in sorted([*(tests / "core").rglob("test_*.py"), *(tests / "extensions").rglob("test_*.py")]):
         if "live" not in file.parts and not uses.search(file.read_text(encoding="utf-8")):
