@@ -325,11 +325,11 @@ conformance: $(STAMP)-dev
 size: $(STAMP)-dev
 	$(BIN)/python -m tools.size $(ARGS)
 
-# Fails if a figure of the source is larger than in tools/size/recorded.json, which ARGS=--record writes.
 # Each extension removed in a copy: a server starts, mypy and the other tests pass; `make removal ARGS=foxglove` for one.
 removal: $(STAMP)-dev
 	$(BIN)/python tools/without_extension.py $(ARGS)
 
+# Fails if a figure of the source is larger than in tools/size/recorded.json, which ARGS=--record writes.
 size-ratchet: $(STAMP)-dev
 	$(BIN)/python -m tools.size --ratchet $(ARGS)
 
