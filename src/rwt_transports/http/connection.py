@@ -238,6 +238,8 @@ class HttpConnection(UnbufferedCallbacks):
         self._ahead = len(self._h11.trailing_data[0]) if self._is_answering else 0
 
     def _next_events(self) -> None:
+        scheduler = self._listener.requests
+        until = scheduler.monotonic() + scheduler.budget.share
         while self._state is _HttpState.READING:
             event = self._h11.next_event()
             if event is h11.NEED_DATA:
@@ -257,6 +259,10 @@ class HttpConnection(UnbufferedCallbacks):
                     self._fail(413)
                 elif len(self._body) >= STAGING_BYTES:
                     self._listener.buffers.hold(self, len(self._body))
+                # A body may come in chunks of one byte, of which each is an event: 140 ms for 64 KiB at once.
+                if scheduler.monotonic() >= until and self._state is _HttpState.READING:
+                    self._become(_HttpState.WAITING)
+                    scheduler.wait(self._take_waiting)
             elif isinstance(event, h11.EndOfMessage) and self._request is not None:
                 if len(self._body) >= STAGING_BYTES:
                     self._listener.buffers.release(self)

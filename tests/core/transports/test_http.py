@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from functools import partial
@@ -17,6 +18,7 @@ from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
+from rwt_transports.scheduler import Budget, Scheduler
 from rwt_transports.websocket.wire import WebSocketWire
 from tests.memory_pipe import MemoryPipe
 
@@ -45,8 +47,8 @@ class Browser:
         self.sent = b""
         self.tasks = KeptTasks()
         http = partial(HttpConnection, routes or pages())
-        state = ListenerState(nobody, WebSocketWire, limits or Limits(), http, "ws", tasks=self.tasks)
-        self.pipe = MemoryPipe(state.attach, "10.0.0.1", 4321)
+        self.state = ListenerState(nobody, WebSocketWire, limits or Limits(), http, "ws", tasks=self.tasks)
+        self.pipe = MemoryPipe(self.state.attach, "10.0.0.1", 4321)
 
     @property
     def hung_up(self) -> bool:
@@ -344,3 +346,24 @@ def test_requests_behind_a_large_answer_wait_until_it_is_taken() -> None:
     browser.pipe.stalled = False
     assert len(browser.pipe.receive()) > 5_000_000
     assert browser.hung_up
+
+
+def test_a_body_in_many_chunks_is_read_in_several_turns() -> None:
+    """Each chunk of one byte is an event of its own; 64 KiB of them would hold the loop for 140 ms."""
+    later: list[Callable[[], None]] = []
+    seconds = itertools.count()
+    browser = Browser()
+    scheduler = Scheduler(
+        Budget(turn=1000.0, share=100.0), later.append, lambda _, call: later.append(call), seconds.__next__
+    )
+    browser.state.requests = scheduler
+    body = b"1\r\nx\r\n" * 900
+    browser.send(request("POST /set", "Transfer-Encoding: chunked", body=body + b"0\r\n\r\n"))
+    turns = 0
+    while not browser.sent:
+        turns += 1
+        for call in [later.pop(0) for _ in range(len(later))]:
+            call()
+        browser.send(b"")
+    assert 7 <= turns <= 12
+    assert browser.sent.endswith(b"x" * 900)
