@@ -50,7 +50,7 @@ anyio.run(main)
 
 def extensions() -> list[str]:
     """Return the names of the extensions."""
-    return [*sorted(each.name for each in EXTENSIONS.iterdir() if (each / "part.py").is_file()), WEBRTC]
+    return [*sorted(each.name for each in EXTENSIONS.iterdir() if (each / "__init__.py").is_file()), WEBRTC]
 
 
 def without_rows(text: str, package: str) -> str:
