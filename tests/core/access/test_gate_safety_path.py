@@ -137,10 +137,11 @@ def test_a_new_topic_examines_a_fixed_number_of_others() -> None:
 
 def test_a_client_that_leaves_costs_as_much_as_it_has() -> None:
     counts = []
-    for robot in (_crowded(100), _crowded(3000)):
+    for robot in (_crowded(1), _crowded(100), _crowded(3000)):
         actor = robot.gate.join("", robot.access.admission.roles["operator"], "")
         counts.append(count_calls(partial(robot.gate.leave, actor)))
-    assert counts[0] == counts[1]
+    # The first one also calls what Python caches, such as the checks of abstract classes.
+    assert counts[1] == counts[2]
 
 
 def test_long_names_of_clients_are_not_kept() -> None:
