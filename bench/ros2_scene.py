@@ -312,9 +312,14 @@ async def run(seconds: float, interval: float) -> tuple[Scene, list[str]]:
         arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0", "--config", f"{folder}/robot.toml")
         environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
         log = stack.enter_context((folder / "log").open("w+", encoding="utf-8"))
-        server, url = stack.enter_context(
-            running(*arguments, environment=environment, real=True, stderr=log.fileno())
-        )
+        try:
+            server, url = stack.enter_context(
+                running(*arguments, environment=environment, real=True, stderr=log.fileno())
+            )
+        except AssertionError:
+            log.seek(0)
+            print(log.read())
+            raise
         http = url.replace("ws", "http", 1).rstrip("/") + "/"
         async with _browser_page(http) as page, anyio.create_task_group() as tasks:
             tasks.start_soon(_foxglove, url, scene, topics)

@@ -134,9 +134,8 @@ def running(
                 break
             lines.append(line)
         else:
-            raise AssertionError(
-                f"{' '.join(arguments)}: not {ready!r} but {lines} {process.communicate()[1]}"
-            )
+            errors = process.stderr.read() if process.stderr is not None else "(its errors are elsewhere)"
+            raise AssertionError(f"{' '.join(arguments)}: not {ready!r} but {lines} {errors}")
         if process.poll() is None:
             process.terminate()
             process.communicate(timeout=LONGEST)
