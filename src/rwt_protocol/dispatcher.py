@@ -20,6 +20,8 @@ _Handler = tuple[Callable[[object, Op], Steps | None], Callable[..., object] | N
 INTERNAL_ERROR: Final = "internal error"
 """Error text for peers of exceptions other than `Refused`."""
 
+_DONE: Final = object()
+
 
 class Dispatcher(Generic[C]):
     """Table of handlers.
@@ -72,10 +74,11 @@ class Dispatcher(Generic[C]):
         try:
             handler, part = self._handlers[type(op)]
             steps = handler(context if part is None else part(context), op)
+            # Most ops take one step, which needs no further calls.
+            if steps is None or next(steps, _DONE) is _DONE:
+                return None
         except Exception as error:
             return self.refused(context, op, error)
-        if steps is None:
-            return None
         return (self._later or self._at_once)(context, op, steps)
 
     def _at_once(self, context: C, op: Op, steps: Steps) -> Op | None:

@@ -236,8 +236,8 @@ class ClientGraph(GraphView):
 
     Life cycle::
 
-        active ──leave()──> left ──close_in_steps()──> closed
-           └──close()─────────────────────────────────────^
+        active ──leave()──> left ──its steps──> closed
+           └──close()───────────────────────────────^
 
     * **active**: from the constructor on. :meth:`take_role` replaces the role; what is open stays open until
       :meth:`withdraw_refused`, and cached publishers must be requested again.
@@ -794,22 +794,22 @@ class ClientGraph(GraphView):
 
     # Closing
 
-    def leave(self) -> None:
-        """Release the client's leases and requests, and charge what it still holds to its address."""
+    def leave(self) -> Steps[None]:
+        """Release the client's leases and requests, and charge what it still holds to its address.
+
+        Returns:
+            The release of services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
+        """
         if self._gate is not None:
             self._gate.close()
         self._quotas.leave()
+        return self._release_all()
 
     def close(self) -> None:
-        """Leave, and release everything."""
-        self.leave()
-        finished(self.close_in_steps())
+        """Leave, and release everything at once."""
+        finished(self.leave())
 
-    def close_in_steps(self) -> Steps[None]:
-        """Release services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
-
-        Call after :meth:`leave`.
-        """
+    def _release_all(self) -> Steps[None]:
         for service in tuple(self._services):
             self.withdraw_service(service)
             yield

@@ -592,9 +592,9 @@ class ConnectedClient(ABC, Generic[T, W]):
             self._flow_control = None  # Break the cycle: the connection refers to this client.
         self._become(_ClientState.RELEASING)
         self._waiting.clear()
-        self.graph.leave()
+        steps = self.graph.leave()
         self._gateway.left(self)
-        self._release_in_turns(chain(self._releases(), self.graph.close_in_steps()))
+        self._release_in_turns(chain(self._releases(), steps))
         if left_out := self.replies.log_rate.left_out:
             reason += f" ({left_out} lines about it were left out)"
         self._gateway.access.audit.write(

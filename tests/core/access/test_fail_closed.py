@@ -133,7 +133,6 @@ OWN = {
     "late_sends",
     "leave",
     "close",
-    "close_in_steps",
     "tell_notices",
     "notices",
     "approval_of",

@@ -36,9 +36,9 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
-from rwt_protocol.payloads import Encodable, RawJson
 
 #: Paths of the payloads in their ops, for errors.
+_GOAL: Final = "send_action_goal.args"
 _FEEDBACK: Final = "action_feedback.values"
 _RESULT: Final = "action_result.values"
 
@@ -69,7 +69,7 @@ class PeerGoal:
             client.graph.registry.action(op.action_type)
             if args is not None and args.type is type.goal:
                 return args
-            return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
+            return arguments_of(type.goal, op.args, _GOAL, client.now)
 
         self.goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
 
@@ -169,25 +169,16 @@ class PeerActions:
         """Goals of this client that wait for their result."""
         return len(self._sent)
 
-    def send_goal(self, op: SendActionGoal) -> Steps | None:
+    def send_goal(self, op: SendActionGoal) -> Steps:
         """Send a goal to an action of the graph (ACT-01 … ACT-05); a large one is checked in steps.
 
         Its type must exist (ACT-04) but may differ from the server's, because packages share actions under
         several names. The fields decide if the goal fits.
         """
-        if op.args.size >= IN_STEPS:
-            return self._send_in_steps(op)
-        self._send_goal(op)
-        return None
-
-    def _send_in_steps(self, op: SendActionGoal) -> Steps:
-        action = self.graph.action(split_suffix(op.action)[0])
-        goal: Payload | None = None
+        action = self.graph.action(split_suffix(op.action)[0]) if op.args.size >= IN_STEPS else None
+        args: Payload | None = None
         if action is not None:
-            goal = yield from arguments_in_steps(action.type.goal, op.args, "send_action_goal.args", self.now)
-        self._send_goal(op, goal)
-
-    def _send_goal(self, op: SendActionGoal, args: Payload | None = None) -> None:
+            args = yield from arguments_in_steps(action.type.goal, op.args, _GOAL, self.now)
         try:
             goal = PeerGoal(self, op, args)
         except ProviderNotFound as missing:
@@ -229,41 +220,30 @@ class PeerActions:
             raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
         self._provided.discard(resolve(op.action))
 
-    def feedback(self, op: ActionFeedback) -> Steps | None:
+    def feedback(self, op: ActionFeedback) -> Steps:
         """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
         type, goal = self._goal(op.op, op.action, op.id)
         values = object_or_empty(op.values)
-        if isinstance(values, RawJson) and values.size >= IN_STEPS:
-            return self._feedback_in_steps(op, type, values)
-        goal.feedback(payload_of(type.feedback, values, _FEEDBACK, self.now))
-        return None
-
-    def _feedback_in_steps(self, op: ActionFeedback, type: ActionType, values: RawJson) -> Steps:
-        feedback = yield from payload_in_steps(type.feedback, values, _FEEDBACK, self.now)
-        _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
+        if values.size < IN_STEPS:
+            feedback = payload_of(type.feedback, values, _FEEDBACK, self.now)
+        else:
+            feedback = yield from payload_in_steps(type.feedback, values, _FEEDBACK, self.now)
+            _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
         goal.feedback(feedback)
 
-    def result(self, op: ActionResult) -> Steps | None:
+    def result(self, op: ActionResult) -> Steps:
         """End a goal with the result of the client that offers the action (ACT-15, ACT-16); a large one is
         checked in steps."""
         type, goal = self._goal(op.op, op.action, op.id)
         if not op.result:
             abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
-            return None
+            return
         values = object_or_empty(op.values)
-        steps = self._end_in_steps(op, type, values)
-        if isinstance(values, RawJson) and values.size >= IN_STEPS:
-            return steps
-        for _ in steps:
-            pass
-        return None
-
-    def _end_in_steps(self, op: ActionResult, type: ActionType, values: Encodable) -> Steps:
         try:
-            if isinstance(values, RawJson) and values.size >= IN_STEPS:
-                result = yield from payload_in_steps(type.result, values, _RESULT, self.now)
-            else:
+            if values.size < IN_STEPS:
                 result = payload_of(type.result, values, _RESULT, self.now)
+            else:
+                result = yield from payload_in_steps(type.result, values, _RESULT, self.now)
         except Refused as refused:
             _, goal = self._goal(op.op, op.action, op.id)
             abort(type, goal, f"the provider's result does not fit {type.name}: {refused.reason}")

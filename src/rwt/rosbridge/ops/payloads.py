@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from typing import Final
 
 import msgspec
@@ -10,7 +10,7 @@ import msgspec
 from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
 from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import MAX_LENIENT_VALUES, has_many_values
-from rwt_interfaces.steps import finished
+from rwt_interfaces.steps import Steps, finished
 from rwt_interfaces.structs import MessageType
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
@@ -33,61 +33,48 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
     try:
         if isinstance(raw, Decoded):
             return _of_object(type, raw, where, now)
-        if not isinstance(raw, RawJson):
-            return Payload.from_json(type, raw.json(), now)
-        if raw.dense:
+        if isinstance(raw, RawJson) and raw.dense:
             return finished(Payload.from_json_in_steps(type, raw.data, now, is_dense=True))
-        return Payload.from_json(type, raw.data, now)
-    except NotExact:
-        raise _too_dense(type, raw, where) from None
-    except TooManyValues as error:
-        raise refusal(where, error) from None
+        return Payload.from_json(type, raw.data if isinstance(raw, RawJson) else raw.json(), now)
     except InvalidMessage as error:
-        if isinstance(raw, RawJson) and not raw.is_validated:
-            # A large payload was cut out of its frame unparsed; only a full parse finds the fault.
-            validated = raw.validated()
-            if validated.data != bytes(raw.data):
-                return payload_of(type, validated, where, now)
-        raise refusal(where, error) from None
+        validated = _validated(type, raw, where, error)
+    return payload_of(type, validated, where, now)
 
 
-def payload_in_steps(
-    type: MessageType, raw: RawJson | Decoded, where: str, now: Callable[[], int]
-) -> Generator[None, None, Payload]:
+def payload_in_steps(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Steps[Payload]:
     """Check a payload like :func:`payload_of`, in steps of about a millisecond."""
     try:
-        if isinstance(raw, Decoded):
-            yield
-            if isinstance(raw.value, dict):
-                return (yield from Payload.from_value_in_steps(type, raw.value, now))
-            return _of_object(type, raw, where, now)
-        return (yield from Payload.from_json_in_steps(type, raw.data, now, is_dense=bool(raw.dense)))
-    except NotExact:
-        raise _too_dense(type, raw, where) from None
-    except TooManyValues as error:
-        raise refusal(where, error) from None
+        if isinstance(raw, RawJson):
+            return (yield from Payload.from_json_in_steps(type, raw.data, now, is_dense=bool(raw.dense)))
+        yield
+        if isinstance(raw, Decoded) and isinstance(raw.value, dict):
+            return (yield from Payload.from_value_in_steps(type, raw.value, now))
+        return payload_of(type, raw, where, now)
     except InvalidMessage as error:
-        if (
-            isinstance(raw, RawJson)
-            and not raw.is_validated
-            and (validated := raw.validated()).data != bytes(raw.data)
-        ):
-            return (yield from payload_in_steps(type, validated, where, now))
-        raise refusal(where, error) from None
+        validated = _validated(type, raw, where, error)
+    return (yield from payload_in_steps(type, validated, where, now))
+
+
+def _validated(type: MessageType, raw: Encodable, where: str, error: InvalidMessage) -> RawJson:
+    """Return a rejected payload as a full parse reads it, to be checked again; raises Refused otherwise."""
+    if isinstance(error, NotExact):
+        reason = raw.dense if isinstance(raw, RawJson) else ""
+        raise Refused(
+            f"{where}: {reason}: so many are taken only in a message that has every field of {type.name},"
+            " each as ROS writes it"
+        ) from None
+    if isinstance(raw, RawJson) and not raw.is_validated and not isinstance(error, TooManyValues):
+        # A large payload was cut out of its frame unparsed; only a full parse finds the fault.
+        validated = raw.validated()
+        if validated.data != bytes(raw.data):
+            return validated
+    raise refusal(where, error) from None
 
 
 def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:
     if raw.kind != "object":
         raise Refused(f"{where}: expected an object, got {describe_kind(raw)}")
     return Payload.from_value(type, raw.value, now)
-
-
-def _too_dense(type: MessageType, raw: Encodable, where: str) -> Refused:
-    reason = raw.dense if isinstance(raw, RawJson) else ""
-    return Refused(
-        f"{where}: {reason}: so many are taken only in a message that has every field of {type.name},"
-        " each as ROS writes it"
-    )
 
 
 def arguments_of(
@@ -116,7 +103,7 @@ def arguments_of(
 
 def arguments_in_steps(
     type: MessageType, raw: Encodable, where: str, now: Callable[[], int]
-) -> Generator[None, None, Payload]:
+) -> Steps[Payload]:
     """Check arguments like :func:`arguments_of`, in steps if they are a JSON object."""
     if isinstance(raw, RawJson) and raw.kind == "object":
         return (yield from payload_in_steps(type, raw, where, now))

@@ -32,7 +32,7 @@ from rwt_protocol.ops import (
     ServiceResponse,
     UnadvertiseService,
 )
-from rwt_protocol.payloads import Encodable, RawJson
+from rwt_protocol.payloads import RawJson
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
@@ -79,19 +79,17 @@ class PeerServices:
         # The services themselves are withdrawn by the client's graph (DIS-04).
         self.provided = PeerOffers(graph, address, offers)
 
-    def call(self, op: CallService, checked: Payload | None = None) -> Steps | None:
+    def call(self, op: CallService) -> Steps:
         """Call a service of the graph and answer with the caller's id (SRV-01 … SRV-14); large arguments are
-        checked in steps.
-
-        Args:
-            checked: the request, if the arguments have been checked in steps.
-        """
+        checked in steps."""
         args = op.args
-        size = len(args.data) if isinstance(args, RawJson) else args.size
-        if size >= IN_STEPS and checked is None:
-            return self._call_in_steps(op)
         name, replies, fragment_size = op.service, self._replies, op.fragment_size
         service, suffix = split_suffix(name) if "#" in name else (name, None)
+        checked: Payload | None = None
+        if (len(args.data) if isinstance(args, RawJson) else args.size) >= IN_STEPS:
+            found = self._graph.service(service)
+            if found is not None:
+                checked = yield from arguments_in_steps(found.type.request, args, _ARGUMENTS, self._now)
         mark = suffix if op.id is None else op.id
         seconds = self._timeout if op.timeout is None else op.timeout
 
@@ -111,14 +109,6 @@ class PeerServices:
             self._graph.call_service(service, request_of, on_reply, seconds if seconds > 0 else None)
         except ProviderNotFound as missing:
             raise Refused(str(missing)) from None
-        return None
-
-    def _call_in_steps(self, op: CallService) -> Steps:
-        service = self._graph.service(split_suffix(op.service)[0])
-        request: Payload | None = None
-        if service is not None:
-            request = yield from arguments_in_steps(service.type.request, op.args, _ARGUMENTS, self._now)
-        self.call(op, request)
 
     def advertise(self, op: AdvertiseService) -> None:
         """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
@@ -134,38 +124,26 @@ class PeerServices:
             )
         self.provided.discard(resolve(op.service))
 
-    def answer(self, op: ServiceResponse) -> Steps | None:
+    def answer(self, op: ServiceResponse) -> Steps:
         """Pass a provider's response to the caller (SVP-03 … SVP-08); a large one is checked in steps.
 
         Only the provider may respond, also over another connection.
         """
-        if op.result and isinstance(op.values, RawJson) and op.values.size >= IN_STEPS:
-            return self._answer_in_steps(op, op.values)
         type, call = self._asked(op.service, op.id)
         if not op.result:
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
-            return None
-        self._reply(type, call, object_or_empty(op.values))
-        return None
-
-    def _reply(self, type: ServiceType, call: ServiceCall, values: Encodable) -> None:
+            return
+        values = object_or_empty(op.values)
         try:
-            response = payload_of(type.response, values, _ANSWER, self._now)
+            if values.size < IN_STEPS:
+                response = payload_of(type.response, values, _ANSWER, self._now)
+            else:
+                # The call stays pending meanwhile, so that it ends with its provider or its timeout.
+                response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)
+                self._asked(op.service, op.id)
         except Refused as refused:
             call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
             raise
-        call.reply(response)
-
-    def _answer_in_steps(self, op: ServiceResponse, values: RawJson) -> Steps:
-        # The call stays pending meanwhile, so that it ends with its provider or its timeout.
-        type, _ = self._pending(op.service, op.id)[str(op.id)]
-        try:
-            response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)
-        except Refused as refused:
-            _, call = self._asked(op.service, op.id)
-            call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
-            raise
-        _, call = self._asked(op.service, op.id)
         call.reply(response)
 
     def answer_malformed(self, service: str, id: str | int | None, reason: str) -> None:
@@ -174,10 +152,8 @@ class PeerServices:
         call.fail(f"the provider's answer is malformed: {reason}")
 
     def _asked(self, service: str, id: str | int | None) -> Asked:
-        return self._pending(service, id).pop(str(id))
-
-    def _pending(self, service: str, id: str | int | None) -> dict[str, Asked]:
-        return self.provided.pending("service_response", service, id, f"no call of {service} waits")
+        # The call removes itself when it ends.
+        return self.provided.pending("service_response", service, id, f"no call of {service} waits")[str(id)]
 
 
 HANDLERS: Final[Mapping[type[Op], Callable[[PeerServices, Never], Steps | None]]] = {

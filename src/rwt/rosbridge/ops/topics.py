@@ -23,7 +23,7 @@ from rwt_protocol.codecs import Encoding
 from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
-from rwt_protocol.payloads import Decoded, Encodable, RawJson
+from rwt_protocol.payloads import Encodable, RawJson
 
 #: Maximum number of spellings under which one client subscribes to one topic, such as `/a`, `a` and `//a`.
 _MAX_SPELLINGS: Final = 4
@@ -94,12 +94,7 @@ class PeerTopics:
         return None
 
     def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
-        if isinstance(raw, RawJson | Decoded):
-            payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
-        else:
-            yield  # Reading it was a step.
-            payload = payload_of(type, raw, "publish.msg", self._now)
-            yield
+        payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
         # The client's role or the topic may have changed meanwhile.
         self.publish(op, payload)
         yield from self._graph.late_sends(resolve(op.topic))
