@@ -150,26 +150,23 @@ def _int(name: str, code: str, bits: int, signed: bool) -> Int:
 
 
 _INTS = {
-    field_type.name: field_type
-    for field_type in (
-        _int("int8", "b", 8, True),
-        _int("uint8", "B", 8, False),
-        _int("int16", "h", 16, True),
-        _int("uint16", "H", 16, False),
-        _int("int32", "i", 32, True),
-        _int("uint32", "I", 32, False),
-        _int("int64", "q", 64, True),
-        _int("uint64", "Q", 64, False),
-    )
+    each.name: each
+    for code, bits in zip("bhiq", (8, 16, 32, 64), strict=True)
+    for each in (_int(f"int{bits}", code, bits, True), _int(f"uint{bits}", code.upper(), bits, False))
 }
 #: The element of :class:`Octets`.
 UINT8 = _INTS["uint8"]
-_CHAR = _int("char", "B", 8, False)
 #: ROS 1's byte is an old name of int8; ROS 2's is an octet.
 _BYTE = {True: _int("byte", "b", 8, True), False: _int("byte", "B", 8, False)}
-_FLOATS = {"float32": Float("float32", "f"), "float64": Float("float64", "d")}
 #: The element of most arrays of numbers.
-FLOAT32 = _FLOATS["float32"]
+FLOAT32 = Float("float32", "f")
+_SCALARS: dict[str, Scalar] = {
+    **_INTS,
+    "bool": Bool(),
+    "char": _int("char", "B", 8, False),
+    "float32": FLOAT32,
+    "float64": Float("float64", "d"),
+}
 _BUILTIN_TIMES = {"builtin_interfaces/Time": False, "builtin_interfaces/Duration": True}
 
 
@@ -201,16 +198,10 @@ def field_type_of(field: WrittenType, types: Registry) -> FieldType:
 
 def _scalar(field: WrittenType, types: Registry) -> Scalar:
     name = field.name
-    if name == "bool":
-        return Bool()
-    if name in _INTS:
-        return _INTS[name]
-    if name in _FLOATS:
-        return _FLOATS[name]
+    if name in _SCALARS:
+        return _SCALARS[name]
     if name in ("string", "wstring"):
         return String(field.string_bound, name == "wstring")
-    if name == "char":
-        return _CHAR
     if name == "byte":
         return _BYTE[types.distro.byte_is_signed]
     return time_type(name, types.distro) or Message(types.message(name))

@@ -212,9 +212,7 @@ class Payload(msgspec.Struct, eq=False):
     def received_json(self) -> RawText | None:
         """JSON text that is passed on untouched; None if the message has none."""
         match self.source:
-            case bytes() | memoryview() as text:
-                return text
-            case CutText(raw=text):
+            case ((bytes() | memoryview()) as text) | CutText(raw=text):
                 return text
             case _:
                 return None
@@ -252,9 +250,7 @@ class Payload(msgspec.Struct, eq=False):
         made = self._json
         if made is None:
             match source:
-                case memoryview():
-                    made = (source,)
-                case CutText(raw=text):
+                case (memoryview() as text) | CutText(raw=text):
                     made = (text,)
                 case SplitText(parts=made):
                     pass
@@ -444,20 +440,13 @@ class Payload(msgspec.Struct, eq=False):
     @property
     def kept_size(self) -> int:
         """Approximate bytes of the message without the forms that :meth:`forget_forms` drops."""
-        source = self.source
-        if isinstance(source, bytes):
-            return len(source)
-        match source:
-            case memoryview():
-                return len(source)
-            case CutText(raw=text):
-                return len(text)
+        match self.source:
+            case ((bytes() | memoryview()) as data) | CutText(raw=data) | Relayed(data=data):
+                return len(data)
             case SplitText(parts=parts):
                 return sum(map(len, parts))
             case SplicedMessage() as spliced:
                 return spliced.kept_size
-            case Relayed(data=data):
-                return len(data)
             case message:
                 return self.type.sizes([message])
 

@@ -96,12 +96,15 @@ def _held(default: object, field_type: FieldType) -> object:
 
 def struct_field(slot: Slot) -> StructField:
     """Return one field for :func:`msgspec.defstruct`."""
-    make = slot_default(slot)
+    return slot.attribute, annotation(slot.type), struct_default(slot_default(slot))
+
+
+def struct_default(make: Callable[[], object]) -> object:
+    """Return the default of a Struct's field, given the function that makes it."""
     value = make()
     # msgspec shares a plain default between instances, which only immutable ones allow.
     immutable = isinstance(value, (bool, int, float, str, bytes))
-    default = value if immutable else msgspec.field(default_factory=make)
-    return slot.attribute, annotation(slot.type), default
+    return value if immutable else msgspec.field(default_factory=make)
 
 
 _OBJECT: Final = 56

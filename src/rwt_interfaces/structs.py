@@ -17,6 +17,7 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
 from rwt_interfaces.field_types import Slot
+from rwt_interfaces.serialise.wire_rules import CDR, ROS1, RULES
 from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struct
 
 if TYPE_CHECKING:
@@ -157,6 +158,11 @@ class MessageType:
         return tuple(field for field in self.long_fields if field.is_text)
 
     @cached_property
+    def long_octets_fields(self) -> tuple[LongField, ...]:
+        """Long fields that hold octets."""
+        return tuple(field for field in self.long_fields if not field.is_text)
+
+    @cached_property
     def serialise(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type as its distribution does: in CDR, or in ROS 1's own form."""
         return self.to_cdr if self.registry.distro.serialisation == "cdr" else self.to_ros1
@@ -167,41 +173,29 @@ class MessageType:
         return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
 
     @cached_property
-    def long_octets_fields(self) -> tuple[LongField, ...]:
-        """Long fields that hold octets."""
-        return tuple(field for field in self.long_fields if not field.is_text)
-
-    @cached_property
     def deserialise_views(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Same as :attr:`deserialise`, with long octets outside of arrays as views of the data."""
-        from rwt_interfaces.serialise import unpack, wire_rules
+        from rwt_interfaces.serialise import unpack
 
-        is_cdr = self.registry.distro.serialisation == "cdr"
-        return unpack.compile_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1, views=True)
+        return unpack.compile_decoder(self, RULES[self.registry.distro.serialisation], views=True)
 
     @cached_property
     def step_decoder(self) -> Callable[[bytes | memoryview], Steps[msgspec.Struct]]:
         """Decoder of messages with long lists in steps; otherwise the same as :attr:`deserialise_views`."""
-        from rwt_interfaces.serialise import unpack, wire_rules
+        from rwt_interfaces.serialise import unpack
 
-        is_cdr = self.registry.distro.serialisation == "cdr"
-        return unpack.compile_step_decoder(self, wire_rules.CDR if is_cdr else wire_rules.ROS1)
+        return unpack.compile_step_decoder(self, RULES[self.registry.distro.serialisation])
 
     def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
         """Return the encoder of one form, and its head of strings and octets."""
         encoder = self._binary_encoders.get(form)
         if encoder is None:
-            from rwt_interfaces.serialise import wire_rules
+            if form == "cbor":
+                from rwt_interfaces.serialise.cbor import length_head  # Not every client reads CBOR.
 
-            match form:
-                case "cbor":
-                    from rwt_interfaces.serialise.cbor import length_head  # Not every client reads CBOR.
-
-                    encoder = self.to_cbor, length_head
-                case "cdr":
-                    encoder = self.to_cdr, wire_rules.CDR.length_head
-                case "ros1":
-                    encoder = self.to_ros1, wire_rules.ROS1.length_head
+                encoder = self.to_cbor, length_head
+            else:
+                encoder = self.to_cdr if form == "cdr" else self.to_ros1, RULES[form].length_head
             self._binary_encoders[form] = encoder
         return encoder
 
@@ -209,15 +203,11 @@ class MessageType:
         """Return the encoder of one form in steps, for messages with long lists."""
         encoder = self._step_encoders.get(form)
         if encoder is None:
-            from rwt_interfaces.serialise import cbor, pack, wire_rules
+            from rwt_interfaces.serialise import cbor, pack
 
-            match form:
-                case "cbor":
-                    encoder = cbor.compile_steps(self)
-                case "cdr":
-                    encoder = pack.compile_step_encoder(self, wire_rules.CDR)
-                case "ros1":
-                    encoder = pack.compile_step_encoder(self, wire_rules.ROS1)
+            encoder = (
+                cbor.compile_steps(self) if form == "cbor" else pack.compile_step_encoder(self, RULES[form])
+            )
             self._step_encoders[form] = encoder
         return encoder
 
@@ -243,30 +233,30 @@ class MessageType:
     @cached_property
     def to_cdr(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in CDR."""
-        from rwt_interfaces.serialise import pack, wire_rules
+        from rwt_interfaces.serialise import pack
 
-        return pack.compile_encoder(self, wire_rules.CDR)
+        return pack.compile_encoder(self, CDR)
 
     @cached_property
     def from_cdr(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from CDR; raises InvalidMessage."""
-        from rwt_interfaces.serialise import unpack, wire_rules
+        from rwt_interfaces.serialise import unpack
 
-        return unpack.compile_decoder(self, wire_rules.CDR)
+        return unpack.compile_decoder(self, CDR)
 
     @cached_property
     def to_ros1(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in ROS 1's own form."""
-        from rwt_interfaces.serialise import pack, wire_rules
+        from rwt_interfaces.serialise import pack
 
-        return pack.compile_encoder(self, wire_rules.ROS1)
+        return pack.compile_encoder(self, ROS1)
 
     @cached_property
     def from_ros1(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from ROS 1's own form; raises InvalidMessage."""
-        from rwt_interfaces.serialise import unpack, wire_rules
+        from rwt_interfaces.serialise import unpack
 
-        return unpack.compile_decoder(self, wire_rules.ROS1)
+        return unpack.compile_decoder(self, ROS1)
 
 
 class ServiceType:

@@ -65,12 +65,15 @@ COMPAT: Final = Profile("compat", _ALL, StatusRule.AFTER_SET_LEVEL)
 _EITHER_WAY: Final = frozenset({"png"})
 """Ops that the older texts allow in both directions; no released server accepts them (PNG-09)."""
 
+_WITHOUT_OF_OLD_TEXTS: Final = _without(
+    advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"
+)
 # `latch` and `queue_size` are in neither text, but in both servers and all clients of the time (ADV-06, X10).
 ROS1: Final = Profile(
     "ros1",
     _ALL - _ACTION_OPS,
     StatusRule.FROM_THE_START,
-    _without(advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"),
+    _WITHOUT_OF_OLD_TEXTS,
     _EITHER_WAY,
 )
 """Protocol text of the branch ros1."""
@@ -79,7 +82,7 @@ ROS2_2024: Final = Profile(
     "ros2-2024",
     _ALL - {"auth"},
     StatusRule.FROM_THE_START,
-    _without(advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"),
+    _WITHOUT_OF_OLD_TEXTS,
     _EITHER_WAY,
 )
 """Protocol text of the branch ros2 in 2024."""

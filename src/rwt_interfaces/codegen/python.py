@@ -13,7 +13,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.codegen.type_selection import ClassNames, TypeSelection, time_name
 from rwt_interfaces.definitions.model import Constant
 from rwt_interfaces.field_types import FieldType, Slot
-from rwt_interfaces.struct_fields import slot_default
+from rwt_interfaces.struct_fields import default_maker, slot_default
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _HEAD: Final = '''\
@@ -182,19 +182,7 @@ class _PythonStubs:
             return f"default_factory=list[{self._type(slot.type.element)}]"
         if isinstance(slot.type.element, field_types.Message | field_types.Time):
             return f"default_factory=lambda: [{self._type(slot.type.element)}() for _ in range({length})]"
-        return f"default_factory=lambda: [{_zero(slot.type.element)}] * {length}"
-
-
-def _zero(field_type: FieldType) -> str:
-    match field_type:
-        case field_types.Bool():
-            return "False"
-        case field_types.Float():
-            return "0.0"
-        case field_types.String():
-            return '""'
-        case _:
-            return "0"
+        return f"default_factory=lambda: [{_literal(default_maker(slot.type.element)())}] * {length}"
 
 
 def _literal(value: object) -> str:

@@ -54,6 +54,9 @@ FOLLOWED_CDR: Final = replace(CDR, followed=True)
 ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
 """The body of a TCPROS message, without its length prefix."""
 
+RULES: Final = {"cdr": CDR, "ros1": ROS1}
+"""Rules by name of the form."""
+
 
 def letters(field_type: FieldType | None) -> str:
     """Return the letters of a leaf of fixed size in :mod:`struct`; empty for any other."""

@@ -17,7 +17,7 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.serialise.strict import flaw_in, inexact, sized, strict_annotation, strict_struct
-from rwt_interfaces.struct_fields import slot_default, time_struct
+from rwt_interfaces.struct_fields import slot_default, struct_default, time_struct
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_interfaces.validation.numbers import LIST, float32, float32_list
@@ -112,10 +112,7 @@ def _default(slot: Slot, in_header: bool) -> Any:
     if isinstance(slot.type, field_types.Message) and slot.default is None:
         # Made of nothing, so that headers in it are stamped, too.
         return msgspec.field(default_factory=slot.type.type.complete_quickly.struct)
-    make_default = slot_default(slot)
-    value = make_default()
-    immutable = isinstance(value, (bool, int, float, str, bytes))
-    return value if immutable else msgspec.field(default_factory=make_default)
+    return struct_default(slot_default(slot))
 
 
 def _integer_flaw(type: FieldType) -> Callable[[Any], bool] | None:

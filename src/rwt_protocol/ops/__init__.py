@@ -27,9 +27,6 @@ _SPECS: Final = (*control.SPECS, *topics.SPECS, *services.SPECS, *actions.SPECS)
 OPS: Final[Mapping[str, OpSpec]] = MappingProxyType({spec.name: spec for spec in _SPECS})
 """All ops by their name on the wire."""
 
-SPEC_OF: Final[Mapping[type[Op], OpSpec]] = MappingProxyType({spec.model: spec for spec in _SPECS})
-"""All ops by model."""
-
 
 if TYPE_CHECKING:
     AnyOp = Op
@@ -67,7 +64,6 @@ def inbound(direction: Direction) -> frozenset[type[Op]]:
 __all__ = [
     "ALIASES",
     "OPS",
-    "SPEC_OF",
     "ActionFeedback",
     "ActionResult",
     "ReplyTo",

@@ -184,6 +184,6 @@ def test_every_public_name_is_there() -> None:
     for name in rwt_protocol.__all__:
         assert getattr(rwt_protocol, name) is not None
     assert len(set(rwt_protocol.__all__)) == len(rwt_protocol.__all__)
-    assert set(ops.__all__) - set(rwt_protocol.__all__) == {"ALIASES", "SPEC_OF", "OpSpec"}
+    assert set(ops.__all__) - set(rwt_protocol.__all__) == {"ALIASES", "OpSpec"}
     with pytest.raises(AttributeError, match="'rwt_protocol' has no attribute 'Parse'"):
         _ = rwt_protocol.Parse
