@@ -5,7 +5,7 @@ that cost other clients of a gate much; both need nothing.
 Each target runs in a process of its own for its share of the time, starts from its kept inputs and is stopped
 by the first exception, by more than 10 s for one input, or by more memory than its bound. What it finds worth
 keeping goes to a scratch folder; `--keep` adds to the kept inputs what of it reaches a line that none of them
-reaches. Prints one line for each target.
+reaches. A new target needs a folder with a first input. Prints one line for each target.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from pathlib import Path
 
 from tests.fuzz import gate_costs
 from tests.fuzz.costs import MOST_MEMORY, worst
-from tests.fuzz.keeping import keep, write
-from tests.fuzz.seeds import seeds
+from tests.fuzz.keeping import keep
 from tests.fuzz.targets import CORPUS, TARGETS
 
 MEMORY_MB = 400
@@ -75,14 +74,8 @@ def main() -> int:
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"some of {', '.join(TARGETS)}")
     parser.add_argument("--seconds", type=int, default=120, help="time for all targets together")
     parser.add_argument("--keep", action="store_true", help="add what was found to the kept inputs")
-    parser.add_argument("--seed", action="store_true", help="write the first inputs of each target, no more")
     parser.add_argument("--random", type=int, default=1, metavar="N", help="seed of the values of `costs`")
     arguments = parser.parse_args()
-    if arguments.seed:
-        for name in TARGETS:
-            for seed in seeds(name):
-                write(name, seed)
-        return 0
     if arguments.targets == ["costs"]:
         return _costs(arguments.random, arguments.seconds)
     if arguments.targets == ["gate-costs"]:

@@ -69,15 +69,3 @@ def _check(request: HttpRequest, peer: str) -> None:
 
 def _nobody(*_: object) -> Any:
     raise AssertionError("no WebSocket was asked for")
-
-
-def requests() -> list[bytes]:
-    """First inputs: mounted in every way, and behind proxies of every kind."""
-    return [
-        b"/robot/api/topics\n/robot\n\nhost: robot\n\n{}",
-        b"/api\n/robot\n\n",
-        b"/robot/api%2Fx\n\napi%2Fx\nhost: robot\n\n",
-        b"\0/api\n\n\nhost: robot\nx-forwarded-for: 127.0.0.1\nx-forwarded-proto: https\n\n",
-        b"/api\n\n\nx-forwarded-for: 203.0.113.7, 10.0.0.2\nx-forwarded-prefix: /r/\nx-forwarded-host: a\n\n",
-        b'/api\n\n\nforwarded: for="[2001:db8::7]:4711";proto=https;host=a.example, for=10.0.0.9\n\n',
-    ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 
 from rwt.access.access import Access
@@ -39,36 +38,3 @@ def foxglove(data: bytes) -> None:
         viewer.leave()
     assert gateway.clients == ()
     gateway.close()
-
-
-def conversations() -> list[bytes]:
-    """First inputs: every message once."""
-    ids = range(1, 40)
-    texts: tuple[dict[str, object], ...] = (
-        {"op": "subscribe", "subscriptions": [{"id": id, "channelId": id} for id in ids]},
-        {"op": "unsubscribe", "subscriptionIds": [1, 2, 3]},
-        {"op": "advertise", "channels": [
-            {"id": 1, "topic": "/t", "encoding": "cdr", "schemaName": "std_msgs/msg/String"},
-            {"id": 2, "topic": "/u", "encoding": "json", "schemaName": "geometry_msgs/Twist"},
-        ]},
-        {"op": "unadvertise", "channelIds": [1]},
-        {"op": "getParameters", "parameterNames": ["/robot.p"], "id": "a"},
-        {"op": "setParameters", "parameters": [{"name": "/robot.p", "value": 2, "type": "float64"}]},
-        {"op": "subscribeParameterUpdates", "parameterNames": []},
-        {"op": "unsubscribeParameterUpdates", "parameterNames": ["/robot.p"]},
-        {"op": "subscribeConnectionGraph"},
-        {"op": "unsubscribeConnectionGraph"},
-        {"op": "fetchAsset", "uri": "package://a/b.stl", "requestId": 1},
-    )  # fmt: skip
-    said = [json.dumps(each).encode() for each in texts]
-    hello = b"\x01\1\0\0\0" + bytes.fromhex("0001000006000000") + b"hello\0"
-    twist = b"\x01\2\0\0\0" + b'{"linear":{"x":1}}'
-    calls = [b"\x02" + bytes((id, 0, 0, 0, 1, 0, 0, 0, 4, 0, 0, 0)) + b'json{"a":1}' for id in (3, 9, 12)]
-    control = b"\x03\0\0\0\x80\x3f\0" + bytes(8) + b"\1\0\0\0r"
-    return [
-        *said,
-        control,
-        b"\x1e".join((said[0], said[2], hello, twist, said[3], hello)),
-        b"\x1f".join((said[6], said[5], said[8], said[2], hello)),
-        b"\x1e".join(calls),
-    ]

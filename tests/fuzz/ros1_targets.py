@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 
 from rwt.extensions.ros1.wire import xmlrpc
-from rwt.extensions.ros1.wire.tcpros import TcprosWire, decode_header, encode_header, length_prefix
+from rwt.extensions.ros1.wire.tcpros import TcprosWire, decode_header
 from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import WireError
 from rwt_interfaces.distro import NOETIC
@@ -89,19 +89,3 @@ def xml_rpc(data: bytes) -> None:
             assert repr(again).replace("\\r", "\\n") == repr(call).replace("\\r", "\\n")
     with suppress(WireError):
         response_of(data)
-
-
-def connections() -> Iterator[bytes]:
-    """First inputs of `tcpros`."""
-    text = Registry(NOETIC).message("std_msgs/Header")
-    fields = {"callerid": "/a", "topic": "/b", "type": text.name, "md5sum": text.md5}
-    yield encode_header({**fields, "message_definition": text.registry.full_text(text)})
-    yield encode_header({**fields, "md5sum": "*"}) + length_prefix(2) + b"hi" + length_prefix(0)
-
-
-def calls() -> Iterator[bytes]:
-    """First inputs of `xml_rpc`."""
-    yield xml(xmlrpc.encode_call("publisherUpdate", ("/master", "/chatter", ["http://a:1/", "http://b:2/"])))
-    yield xml(xmlrpc.encode_call("setParam", ("/a", "/b", {"c": [1, 2.5, True, "text", b"raw"]})))
-    yield xml(xmlrpc.encode_response([1, "", [["/a", ["/b"]]]]))
-    yield xmlrpc.encode_fault("no such method")

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.seeds import seeds
 from tests.fuzz.targets import CORPUS, TARGETS, corpus_of
 
 SEEDS = {name: corpus_of(name) for name in TARGETS}
@@ -29,14 +28,6 @@ def loggers() -> Iterator[None]:
 def test_every_target_has_inputs_and_no_other_has() -> None:
     assert {path.name for path in CORPUS.iterdir()} == TARGETS.keys()
     assert all(SEEDS.values())
-
-
-@pytest.mark.parametrize("name", TARGETS)
-def test_the_first_inputs(name: str) -> None:
-    first = list(seeds(name))
-    assert first
-    for data in first:
-        TARGETS[name](data)
 
 
 @pytest.mark.parametrize("name", TARGETS)

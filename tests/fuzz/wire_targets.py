@@ -22,6 +22,7 @@ from rwt_transports.wires.whole_messages import MessageWire
 from rwt_webrtc.packets.reassembly import Reassembly
 from rwt_webrtc.transport.sdp import BadDescription, read_description, read_fragment
 from tests.core.transports.rfc6455.frames import BINARY, frame
+from tests.fuzz.protocol_targets import no_internal_errors
 from tests.memory_pipe import MemoryPipe
 from tests.webrtc.chunks import Chunk
 
@@ -172,26 +173,12 @@ def _page(request: HttpRequest) -> HttpResponse:
     return HttpResponse(request.body)
 
 
-class _NoErrors(logging.Handler):
-    """Fails on what the server logs as its own fault."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        assert record.levelno < logging.ERROR, record.getMessage()
-
-
-_watch = _NoErrors(logging.ERROR)
-
-
 def http(data: bytes) -> None:
     """A whole connection, from its first byte: HTTP, the handshake, then WebSocket; the first byte is the
     cut."""
     if not data:
         return
-    logger = logging.getLogger("rwt_transports")
-    if _watch not in logger.handlers:
-        logger.addHandler(_watch)
-        logger.propagate = False
-        logger.setLevel(logging.ERROR)
+    no_internal_errors(logging.getLogger("rwt_transports"))
     routes = Routes()
     routes.get("/", _page)
     routes.add("/", _page, "POST")
