@@ -45,29 +45,16 @@ _RIGHTS: Final = {act: ["*"] for act in ("publish", "subscribe", "call", "goals"
 _ROLES: Final = {"viewer": {"read_only": True}, "driver": _RIGHTS, "agent": _RIGHTS}
 _APPROVAL: Final = {"roles": ["admin"], "seconds": 3600}
 _RULES: Final[Mapping[str, object]] = {
-    "drive": {
-        "topics": ["/cmd_vel", "/x/*"],
-        "lease": {"seconds": 60},
-        "emergency": True,
-        "stop": {},
-        "fields": {"linear.x": {"max": 1.0, "rate": 2.0, "beyond": "clamp"}},
-    },
-    "arm": {
-        "topics": ["/arm/*"],
-        "type": NUMBERS,
-        "fields": {"data[]": {"min": -1, "max": 1, "beyond": "clamp"}},
-    },
-    "asked": {
-        "topics": ["/asked/*"],
-        "type": "std_msgs/String",
-        "services": ["/ask/*"],
-        "actions": ["/act/*"],
-        "approval": _APPROVAL,
-    },
+    "drive": {"topics": ["/cmd_vel", "/x/*"], "lease": {"seconds": 60}, "emergency": True, "stop": {},
+              "fields": {"linear.x": {"max": 1.0, "rate": 2.0, "beyond": "clamp"}}},
+    "arm": {"topics": ["/arm/*"], "type": NUMBERS,
+            "fields": {"data[]": {"min": -1, "max": 1, "beyond": "clamp"}}},
+    "asked": {"topics": ["/asked/*"], "type": "std_msgs/String", "services": ["/ask/*"],
+              "actions": ["/act/*"], "approval": _APPROVAL},
     "numbers": {"topics": ["/numbers/*"], "type": NUMBERS, "roles": ["agent"], "approval": _APPROVAL},
     "limits": {"topics": ["/numbers/*"], "roles": ["driver"], "fields": {"data[]": {"max": 1}}},
     "tuned": {"parameters": ["/*limit*", "/*/x*"], "actions": ["/count"], "emergency": True},
-}
+}  # fmt: skip
 
 Ops = list[dict[str, object]]
 
@@ -214,15 +201,8 @@ def _accept(goal: ServerGoal) -> None:
 # -- inputs ------------------------------------------------------------------------------------------------
 
 _NAMES: Final = (
-    "/x/7",
-    "/x/" + "a" * 200,
-    "/x" + "/b" * 60,
-    "/cmd_vel",
-    "/x/*",
-    "/" + "y/" * 3000 + "z",
-    "~",
-    "",
-)
+    "/x/7", "/x/" + "a" * 200, "/x" + "/b" * 60, "/cmd_vel", "/x/*", "/" + "y/" * 3000 + "z", "~", "",
+)  # fmt: skip
 _LONG: Final = "\x1b[31m\n" * 20_000
 
 
@@ -317,20 +297,13 @@ def _connections(chosen: random.Random) -> Ops:
 
 SHAPES: Final[Mapping[str, Callable[[random.Random], Ops]]] = MappingProxyType(
     {
-        "lists": _lists,
-        "commands": _commands,
-        "topics": _topics,
-        "messages that require approval": _asked_messages,
-        "calls that require approval": _asked_calls,
-        "goals that require approval": _asked_goals,
-        "parameters": _parameters,
-        "leases": _leases,
-        "answers": _answers,
-        "topics of the gate": _state_topics,
-        "stops": _stops,
+        "lists": _lists, "commands": _commands, "topics": _topics,
+        "messages that require approval": _asked_messages, "calls that require approval": _asked_calls,
+        "goals that require approval": _asked_goals, "parameters": _parameters, "leases": _leases,
+        "answers": _answers, "topics of the gate": _state_topics, "stops": _stops,
         "connections": _connections,
     }
-)
+)  # fmt: skip
 """Kinds of inputs."""
 
 

@@ -243,20 +243,10 @@ PACKED_VECTORS = [
     (2, "cdr", "std_msgs/String", {"data": "hi"}, "00010000 03000000686900"),
     (2, "cdr", "std_msgs/Empty", {}, "00010000 00"),
     (1, "ros1", "std_msgs/Empty", {}, ""),
-    (
-        2,
-        "cdr",
-        "std_msgs/Float64MultiArray",
-        {"data": [1.0]},
-        "00010000 00000000 00000000 01000000 00000000 000000000000f03f",
-    ),
-    (
-        2,
-        "cdr",
-        "t_msgs/Holder",
-        {"a": 1, "ns": [{}, {}], "d": 1.0},
-        "00010000 00 01 0000 02000000 00 00 000000000000 000000000000f03f 00",
-    ),
+    (2, "cdr", "std_msgs/Float64MultiArray", {"data": [1.0]},
+     "00010000 00000000 00000000 01000000 00000000 000000000000f03f"),
+    (2, "cdr", "t_msgs/Holder", {"a": 1, "ns": [{}, {}], "d": 1.0},
+     "00010000 00 01 0000 02000000 00 00 000000000000 000000000000f03f 00"),
     (
         2,
         "cdr",
@@ -284,15 +274,10 @@ PACKED_VECTORS = [
             "01000000 01000000 62000000 01000000 06000000 610000003dd8000000de0000620000000000000063000000"
         ),
     ),
-    (
-        1,
-        "ros1",
-        "t_msgs/Old",
-        {"t": [{"secs": 1, "nsecs": 2}], "d": {"secs": -1}, "b": [-1], "f": [1, 2]},
-        "01000000 01000000 02000000 ffffffff 00000000 01000000 ff 00000000 00000000 0000803f 00000040",
-    ),
+    (1, "ros1", "t_msgs/Old", {"t": [{"secs": 1, "nsecs": 2}], "d": {"secs": -1}, "b": [-1], "f": [1, 2]},
+     "01000000 01000000 02000000 ffffffff 00000000 01000000 ff 00000000 00000000 0000803f 00000040"),
     (1, "ros1", "t_msgs/Holder", {"ns": [{}, {}]}, "02000000"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("version", "form", "name", "value", "expected"), PACKED_VECTORS)
@@ -356,24 +341,16 @@ def test_an_empty_string_may_come_without_its_zero() -> None:
         ("cdr", "std_msgs/String", "00010000 ffffffff00", "data: data cut short"),
         ("cdr", "std_msgs/Empty", "00010000", "data cut short"),
         ("cdr", "t_msgs/Odd", "00010000 03000000", "s: expected at most 2 elements, got 3"),
-        (
-            "cdr",
-            "t_msgs/Odd",
-            "00010000 01000000 0700000061616161616100",
-            "s[0]: expected at most 5 characters",
-        ),
+        ("cdr", "t_msgs/Odd", "00010000 01000000 0700000061616161616100",
+         "s[0]: expected at most 5 characters"),
         ("cdr", "t_msgs/Wide", "00010000 01000000 00f60100", "a: a wstring with a unit of more than 16 bits"),
         ("cdr", "t_msgs/Wide", "00010000 01000000 3dd80000", "a: text that is not valid UTF-16"),
         ("ros1", "geometry_msgs/PoseArray", "00" * 16 + "ffffffff", "poses: data cut short"),
-        (
-            "ros1",
-            "geometry_msgs/PoseArray",
-            "00" * 16 + "02000000" + "00" * 60,
-            "poses[1].position.x: data cut",
-        ),
+        ("ros1", "geometry_msgs/PoseArray", "00" * 16 + "02000000" + "00" * 60,
+         "poses[1].position.x: data cut"),
         ("ros1", "t_msgs/Holder", "00" + "ffffffff", "ns: expected at most 16 elements"),
     ],
-)
+)  # fmt: skip
 def test_malformed_data_is_refused(form: str, name: str, data: str, text: str) -> None:
     kind = REGISTRIES[1 if form == "ros1" else 2].message(name)
     with pytest.raises(InvalidMessage) as refused:

@@ -72,17 +72,11 @@ COMPLETED = [
     # PUB-05, PUB-06: stamps.
     ("std_msgs/Header", b"{}", '{"stamp":{"sec":5,"nanosec":7},"frame_id":""}'),
     ("std_msgs/Header", b'{"stamp":{"sec":12}}', '{"stamp":{"sec":12,"nanosec":7},"frame_id":""}'),
-    (
-        "geometry_msgs/PointStamped",
-        b'{"point":{}}',
-        '{"header":{"stamp":{"sec":5,"nanosec":7},"frame_id":""}',
-    ),
+    ("geometry_msgs/PointStamped", b'{"point":{}}',
+     '{"header":{"stamp":{"sec":5,"nanosec":7},"frame_id":""}'),
     ("geometry_msgs/PointStamped", b'{"header":{"frame_id":"a"}}', '{"sec":5,"nanosec":7},"frame_id":"a"}'),
-    (
-        "geometry_msgs/PointStamped",
-        b'{"header":{"stamp":{"sec":0,"nanosec":0}}}',
-        '{"header":{"stamp":{"sec":0,"nanosec":0}',
-    ),
+    ("geometry_msgs/PointStamped", b'{"header":{"stamp":{"sec":0,"nanosec":0}}}',
+     '{"header":{"stamp":{"sec":0,"nanosec":0}'),
     ("nav_msgs/Path", b'{"poses":[{}]}', '"poses":[{"header":{"stamp":{"sec":5,"nanosec":7}'),
     # JSN-27: both spellings, sec wins, strangers in a time are ignored; JSN-28: "now".
     ("builtin_interfaces/Time", b'{"secs":1,"nsecs":2}', '{"sec":1,"nanosec":2}'),
@@ -91,7 +85,7 @@ COMPLETED = [
     ("builtin_interfaces/Duration", b'{"sec":-1}', '{"sec":-1,"nanosec":0}'),
     # roslibpy's Header, whatever it talks to.
     ("std_msgs/Header", b'{"seq":null,"stamp":{"secs":1,"nsecs":2},"frame_id":"a"}', '{"stamp":{"sec":1,'),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "raw", "expected"), COMPLETED)
@@ -113,20 +107,12 @@ def test_ros_1_spells_time_its_own_way() -> None:
 REFUSED = [
     ("geometry_msgs/Twist", b'{"linear":{"x":"fast"}}', "linear.x", 'expected float64, got "fast"'),
     ("geometry_msgs/Twist", b'{"linear":{"x":true}}', "linear.x", "expected float64, got true"),
-    (
-        "geometry_msgs/Twist",
-        b'{"linear":{"bogus":1}}',
-        "linear",
-        'geometry_msgs/Vector3 has no field "bogus"; it has x, y, z',
-    ),
+    ("geometry_msgs/Twist", b'{"linear":{"bogus":1}}', "linear",
+     'geometry_msgs/Vector3 has no field "bogus"; it has x, y, z'),
     ("std_msgs/Empty", b'{"x":1}', "", 'std_msgs/Empty has no field "x"; it has no fields'),
     ("geometry_msgs/Twist", b"[]", "", "expected a geometry_msgs/Twist object, got a list"),
-    (
-        "geometry_msgs/Twist",
-        b'{"linear":null}',
-        "linear",
-        "expected a geometry_msgs/Vector3 object, got null",
-    ),
+    ("geometry_msgs/Twist", b'{"linear":null}', "linear",
+     "expected a geometry_msgs/Vector3 object, got null"),
     ("geometry_msgs/PoseArray", b'{"poses":[{},{},{},{"position":1}]}', "poses[3].position", None),
     ("std_msgs/Int8", b'{"data":1.0}', "data", "expected int8, got 1.0"),
     ("std_msgs/Int8", b'{"data":128}', "data", "expected int8, got 128, which is out of range"),
@@ -171,7 +157,7 @@ REFUSED = [
     ("std_msgs/String", b"[" * 100_000, "", "nested too deeply"),
     ("std_msgs/String", b'{"a":' * 100_000, "", "nested too deeply"),
     ("std_msgs/String", '{"data":"a"}'.encode("utf-16"), "", "not valid UTF-8"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "raw", "path", "reason"), REFUSED)
@@ -197,44 +183,16 @@ def test_a_misfit_is_told_in_few_words_and_encodable() -> None:
 # Anything at all
 
 _NAMES = [
-    "geometry_msgs/Twist",
-    "std_msgs/String",
-    "t_msgs/Long",
-    "t_msgs/Odd",
-    "nav_msgs/Path",
+    "geometry_msgs/Twist", "std_msgs/String", "t_msgs/Long", "t_msgs/Odd", "nav_msgs/Path",
     "std_msgs/UInt64",
-]
+]  # fmt: skip
 _TOKENS = st.sampled_from(
     [
-        b'"',
-        b"\\",
-        b"{",
-        b"}",
-        b"[",
-        b"]",
-        b":",
-        b",",
-        b"null",
-        b"1",
-        b"-",
-        b"1e999",
-        b"NaN",
-        b'"data":',
-        b'"AAAA"',
-        b"\xff",
-        b'"linear":',
-        b'"header":',
-        b'"stamp":',
-        b'"x":',
-        b'"now"',
-        b"\\u",
-        b"d800",
-        b" ",
-        b"\x00",
-        b"9" * 30,
-        b'"s":',
+        b'"', b"\\", b"{", b"}", b"[", b"]", b":", b",", b"null", b"1", b"-", b"1e999", b"NaN", b'"data":',
+        b'"AAAA"', b"\xff", b'"linear":', b'"header":', b'"stamp":', b'"x":', b'"now"', b"\\u", b"d800",
+        b" ", b"\x00", b"9" * 30, b'"s":',
     ]
-)
+)  # fmt: skip
 
 
 @given(
@@ -371,26 +329,13 @@ def test_a_large_misfit_is_refused(name: str, raw: bytes) -> None:
 _PIECES = st.lists(
     st.sampled_from(
         [
-            "A",
-            "/",
-            "=",
-            '"',
-            "\\",
-            "\\u0041",
-            '","s":"',
-            '":"',
-            "é",
-            "\\\\",
-            "\\ud83d",
-            "\\ude00",
-            "\x01",
-            " ",
-            "}",
+            "A", "/", "=", '"', "\\", "\\u0041", '","s":"', '":"', "é", "\\\\", "\\ud83d", "\\ude00",
+            "\x01", " ", "}",
         ]
     )
     | st.integers(1, 30).map(lambda count: "AAAA" * count),
     max_size=12,
-).map("".join)
+).map("".join)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["t_msgs/Long", "std_msgs/String"])
@@ -436,14 +381,11 @@ def test_infinity_in_a_large_float32_array_is_taken() -> None:
         ("std_msgs/Float32", b'{"data":1}', b'{"data":1}'),
         ("std_msgs/Float32", b'{"data":null}', b'{"data":null}'),
         ("std_msgs/Float64", b'{"data":0.1}', b'{"data":0.1}'),
-        (
-            "std_msgs/ColorRGBA",
-            b'{"r":0.5,"g":0.2,"b":0,"a":1}',
-            b'{"r":0.5,"g":0.20000000298023224,"b":0.0,"a":1.0}',
-        ),
+        ("std_msgs/ColorRGBA", b'{"r":0.5,"g":0.2,"b":0,"a":1}',
+         b'{"r":0.5,"g":0.20000000298023224,"b":0.0,"a":1.0}'),
         ("geometry_msgs/Point32", b'{"x":0.25,"y":2,"z":-8.5}', b'{"x":0.25,"y":2,"z":-8.5}'),
     ],
-)
+)  # fmt: skip
 def test_a_float32_is_sent_as_the_number_that_it_holds(name: str, raw: bytes, sent: bytes) -> None:
     assert take(name, raw).json() == sent
 

@@ -13,12 +13,9 @@ from rwt_interfaces.registry import Registry
 
 HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
 STATUS = {
-    "level": 1,
-    "name": "n",
-    "message": "é",
-    "hardware_id": "",
+    "level": 1, "name": "n", "message": "é", "hardware_id": "",
     "values": [{"key": f"k{n}", "value": "v" * (n % 9)} for n in range(500)],
-}
+}  # fmt: skip
 MESSAGES: dict[str, dict[str, Any]] = {
     "diagnostic_msgs/DiagnosticArray": {"header": HEADER, "status": [STATUS, {**STATUS, "values": []}] * 2},
     "sensor_msgs/JointState": {"header": HEADER, "name": [f"joint{n}" for n in range(300)]},

@@ -22,12 +22,9 @@ REGISTRY = Registry()
 REGISTRY.add_text("builtin_interfaces/Time[] times", "t_msgs/Times")
 TIME = {"sec": 3, "nanosec": 4}
 POINT = {
-    "positions": [0.5] * 9_000,
-    "velocities": [],
-    "accelerations": [],
-    "effort": [],
+    "positions": [0.5] * 9_000, "velocities": [], "accelerations": [], "effort": [],
     "time_from_start": TIME,
-}
+}  # fmt: skip
 PAIR = {"key": "[k]", "value": "},{"}
 ODD = {"key": "k]", "value": "]"}
 STATUS = {"level": 1, "name": "[n", "message": "]", "hardware_id": "", "values": [PAIR] * 5_000}
@@ -42,14 +39,10 @@ MESSAGES: dict[str, tuple[str, Any]] = {
     "times": ("t_msgs/Times", {"times": [TIME] * 3_000}),
     "nulls": ("std_msgs/Float64MultiArray", {"data": [None, 0.5] * 5_000}),
     "lists in one item": ("diagnostic_msgs/DiagnosticArray", {"header": HEADER, "status": [STATUS]}),
-    "lists in items": (
-        "diagnostic_msgs/DiagnosticArray",
-        {"header": HEADER, "status": [STATUS, {**STATUS, "values": []}] * 3},
-    ),
-    "texts with brackets": (
-        "diagnostic_msgs/DiagnosticArray",
-        {"status": [{**STATUS, "values": [ODD] * 2_000}]},
-    ),
+    "lists in items": ("diagnostic_msgs/DiagnosticArray",
+                       {"header": HEADER, "status": [STATUS, {**STATUS, "values": []}] * 3}),
+    "texts with brackets": ("diagnostic_msgs/DiagnosticArray",
+                            {"status": [{**STATUS, "values": [ODD] * 2_000}]}),
     "numbers in one item": ("trajectory_msgs/JointTrajectory", {"joint_names": ["a"], "points": [POINT]}),
     "numbers in items": ("trajectory_msgs/JointTrajectory", {"points": [POINT] * 3}),
     "an item that lacks much": ("visualization_msgs/MarkerArray", {"markers": [MARKER, {"id": 1}, MARKER]}),
@@ -132,12 +125,8 @@ def test_very_many_values_elsewhere_are_refused_before_they_are_decoded(kind: st
     [
         ("texts", "name", 1, "name[17999]"),
         ("words", "bool_array_value", 0, "bool_array_value[9999]"),
-        (
-            "lists in one item",
-            "status",
-            {**STATUS, "values": [PAIR] * 5_000 + [{"key": 1}]},
-            "status[0].values[5000].key",
-        ),
+        ("lists in one item", "status", {**STATUS, "values": [PAIR] * 5_000 + [{"key": 1}]},
+         "status[0].values[5000].key"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_found_where_it_is(name: str, place: str, wrong: object, path: str) -> None:

@@ -147,33 +147,18 @@ def test_numpy_arrays_are_kept_as_such_and_sent_as_lists() -> None:
         ("geometry_msgs/Twist", None, "expected a geometry_msgs/Twist object, got null"),
         ("std_msgs/Int32", {"data": np.float64(1.0)}, "data: expected int32, got 1.0"),
         ("std_msgs/String", {"data": b"x"}, "data: expected string, got bytes"),
-        (
-            "std_msgs/UInt8MultiArray",
-            {"data": [1, -1]},
-            "data[1]: expected uint8, got -1, which is out of range",
-        ),
-        (
-            "std_msgs/UInt8MultiArray",
-            {"data": np.array([300])},
-            "data: expected uint8 elements, got a numpy array with values out of range",
-        ),
-        (
-            "std_msgs/Int32MultiArray",
-            {"data": np.array([0.5])},
-            "data: expected int32 elements, got a numpy array of float64",
-        ),
-        (
-            "std_msgs/Float32MultiArray",
-            {"data": np.array([1e39])},
-            "data: expected float32 elements, got a numpy array with values out of range",
-        ),
-        (
-            "geometry_msgs/PoseWithCovariance",
-            {"covariance": np.zeros(35)},
-            "covariance: expected 36 elements, got 35",
-        ),
+        ("std_msgs/UInt8MultiArray", {"data": [1, -1]},
+         "data[1]: expected uint8, got -1, which is out of range"),
+        ("std_msgs/UInt8MultiArray", {"data": np.array([300])},
+         "data: expected uint8 elements, got a numpy array with values out of range"),
+        ("std_msgs/Int32MultiArray", {"data": np.array([0.5])},
+         "data: expected int32 elements, got a numpy array of float64"),
+        ("std_msgs/Float32MultiArray", {"data": np.array([1e39])},
+         "data: expected float32 elements, got a numpy array with values out of range"),
+        ("geometry_msgs/PoseWithCovariance", {"covariance": np.zeros(35)},
+         "covariance: expected 36 elements, got 35"),
     ],
-)
+)  # fmt: skip
 def test_a_misfit_is_refused_and_named(name: str, value: object, text: str) -> None:
     with pytest.raises(InvalidMessage) as refused:
         make(name, value)
@@ -343,15 +328,12 @@ def test_a_mapping_in_steps_is_what_it_is_at_once(name: str, value: dict[str, ob
 @pytest.mark.parametrize(
     ("name", "value", "where"),
     [
-        (
-            "geometry_msgs/PoseArray",
-            {"poses": [{}] * 200 + [{"position": {"x": "1"}}]},
-            "poses[200].position.x",
-        ),
+        ("geometry_msgs/PoseArray", {"poses": [{}] * 200 + [{"position": {"x": "1"}}]},
+         "poses[200].position.x"),
         ("sensor_msgs/LaserScan", {"ranges": [0.1] * 9000 + ["far"]}, "ranges[9000]"),
         ("sensor_msgs/LaserScan", {"ranges": [0.1] * 9000, "angle": 1.0}, "angle"),
     ],
-)
+)  # fmt: skip
 def test_a_fault_in_a_mapping_in_steps_is_named(name: str, value: dict[str, object], where: str) -> None:
     with pytest.raises(InvalidMessage) as raised:
         list(Payload.from_value_in_steps(REGISTRY.message(name), value))

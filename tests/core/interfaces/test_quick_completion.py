@@ -34,17 +34,10 @@ for _registry in REGISTRIES.values():
     )
 
 TYPES = (
-    "t_msgs/All",
-    "visualization_msgs/MarkerArray",
-    "nav_msgs/Path",
-    "sensor_msgs/LaserScan",
-    "sensor_msgs/JointState",
-    "tf2_msgs/TFMessage",
-    "diagnostic_msgs/DiagnosticArray",
-    "geometry_msgs/PoseWithCovarianceStamped",
-    "std_msgs/Header",
-    "std_msgs/Empty",
-)
+    "t_msgs/All", "visualization_msgs/MarkerArray", "nav_msgs/Path", "sensor_msgs/LaserScan",
+    "sensor_msgs/JointState", "tf2_msgs/TFMessage", "diagnostic_msgs/DiagnosticArray",
+    "geometry_msgs/PoseWithCovarianceStamped", "std_msgs/Header", "std_msgs/Empty",
+)  # fmt: skip
 
 
 def now() -> int:

@@ -164,11 +164,8 @@ def test_names_are_sorted_and_two_part() -> None:
     [
         ("message", "std_msgs/Strin", 'no message "std_msgs/Strin" is known; did you mean std_msgs/String?'),
         ("message", "std_msgs/msg/string", "did you mean std_msgs/String or example_interfaces/String?"),
-        (
-            "message",
-            "String",
-            "expected package/Name, for example std_msgs/String; did you mean std_msgs/Str",
-        ),
+        ("message", "String",
+         "expected package/Name, for example std_msgs/String; did you mean std_msgs/Str"),
         ("message", "geometry/Twist", "did you mean geometry_msgs/Twist?"),
         ("message", "foo/Bar", 'no message "foo/Bar" is known'),
         ("message", "std_srvs/SetBool", "it is a service"),
@@ -181,7 +178,7 @@ def test_names_are_sorted_and_two_part() -> None:
         ("message", "x/" + "y" * 400, "is known"),
         ("message", "x" * 100_000, "type name of 100000 characters"),
     ],
-)
+)  # fmt: skip
 def test_unknown_types_name_what_may_have_been_meant(ask: str, name: str, text: str) -> None:
     registry = Registry()
     with pytest.raises(UnknownType) as caught:

@@ -25,16 +25,12 @@ REGISTRY = Registry()
         ("rcl_interfaces/GetParameters", "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc"),
         ("rcl_interfaces/SetParameters", "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0"),
         ("action_msgs/CancelGoal", "573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"),
-        (
-            "example_interfaces/Fibonacci_SendGoal",
-            "d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557",
-        ),
-        (
-            "example_interfaces/Fibonacci_GetResult",
-            "1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57",
-        ),
+        ("example_interfaces/Fibonacci_SendGoal",
+         "d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557"),
+        ("example_interfaces/Fibonacci_GetResult",
+         "1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57"),
     ],
-)
+)  # fmt: skip
 def test_known_hashes_of_services(name: str, rihs01: str) -> None:
     assert REGISTRY.service(name).rihs01 == f"RIHS01_{rihs01}"
 

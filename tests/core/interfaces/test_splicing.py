@@ -37,24 +37,12 @@ for _registry in REGISTRIES.values():
     ) if _registry is REGISTRIES[2] else _registry.add_text("string[] s\nMixed one\ntime d", "t_msgs/Deep")
     _registry.add_text("string s\nnav_msgs/OccupancyGrid map\nfloat64[] v\nMixed[] m", "t_msgs/Holder")
 NAMES = (
-    "sensor_msgs/Image",
-    "sensor_msgs/PointCloud2",
-    "sensor_msgs/CompressedImage",
-    "std_msgs/String",
-    "std_msgs/UInt8MultiArray",
-    "t_msgs/Mixed",
-    "t_msgs/Deep",
-    "sensor_msgs/LaserScan",
-    "sensor_msgs/JointState",
-    "std_msgs/UInt64MultiArray",
-    "nav_msgs/OccupancyGrid",
-    "geometry_msgs/PoseWithCovariance",
-    "nav_msgs/Path",
-    "sensor_msgs/PointCloud",
-    "visualization_msgs/MarkerArray",
-    "trajectory_msgs/JointTrajectory",
-    "t_msgs/Holder",
-)
+    "sensor_msgs/Image", "sensor_msgs/PointCloud2", "sensor_msgs/CompressedImage", "std_msgs/String",
+    "std_msgs/UInt8MultiArray", "t_msgs/Mixed", "t_msgs/Deep", "sensor_msgs/LaserScan",
+    "sensor_msgs/JointState", "std_msgs/UInt64MultiArray", "nav_msgs/OccupancyGrid",
+    "geometry_msgs/PoseWithCovariance", "nav_msgs/Path", "sensor_msgs/PointCloud",
+    "visualization_msgs/MarkerArray", "trajectory_msgs/JointTrajectory", "t_msgs/Holder",
+)  # fmt: skip
 TEXTS = st.lists(
     st.sampled_from(["word ", "é", "\U0001f600", "\n", '"', "\\", "/", ",", " ", "}", ":"])
     | st.integers(1, 40).map(lambda count: "AbC4" * count),

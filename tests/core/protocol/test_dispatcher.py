@@ -83,17 +83,13 @@ def test_a_client_has_its_own_table() -> None:
     ("op", "answer"),
     [
         (Publish(topic="/a", id="i"), Status(level="warning", msg="not here", id="i")),
-        (
-            CallService(service="/s", id=3),
-            ServiceResponse(service="/s", values="not here", result=False, id=3),
-        ),
+        (CallService(service="/s", id=3),
+         ServiceResponse(service="/s", values="not here", result=False, id=3)),
         (CallService(service="/s"), ServiceResponse(service="/s", values="not here", result=False)),
-        (
-            SendActionGoal(action="/f", action_type="x/F", id="g"),
-            ActionResult(action="/f", values="not here", result=False, status=0, id="g"),
-        ),
+        (SendActionGoal(action="/f", action_type="x/F", id="g"),
+         ActionResult(action="/f", values="not here", result=False, status=0, id="g")),
     ],
-)
+)  # fmt: skip
 def test_a_refusal_is_answered_as_its_op_is_refused(op: Op, answer: Op) -> None:
     dispatcher: Dispatcher[list[Op]] = Dispatcher(table(refuse), unexpected)
     assert dispatcher.dispatch([], op) == answer

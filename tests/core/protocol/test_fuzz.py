@@ -27,20 +27,9 @@ _SESSIONS = st.builds(
 )
 _FRAMES = [json.dumps(example.message).encode() for example in EXAMPLES.examples]
 _MEMBERS = [
-    "op",
-    "id",
-    "topic",
-    "service",
-    "action",
-    "msg",
-    "args",
-    "values",
-    "level",
-    "qos",
-    "type",
-    "receiver",
+    "op", "id", "topic", "service", "action", "msg", "args", "values", "level", "qos", "type", "receiver",
     "x",
-]
+]  # fmt: skip
 _VALUES = st.recursive(
     st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
     lambda inner: st.one_of(

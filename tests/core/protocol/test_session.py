@@ -57,29 +57,20 @@ def refusals(data: bytes, session: Session | None = None, *, binary: bool = Fals
         (b'{"a":' + A[:-1], "not JSON: cut short after 35 bytes"),
         (b'{"op":"subscribe","topic":"\xff"}', "not UTF-8, at byte 27"),
         (b'{"op":"publish","topic":"/a","msg":{"x":"\xed\xa0\x80"}}', "not UTF-8, at byte 41"),
-        (
-            b'{"op":"subscribe","topic":"\\ud800"}',
-            "not JSON: malformed, or text that is not Unicode",
-        ),
+        (b'{"op":"subscribe","topic":"\\ud800"}', "not JSON: malformed, or text that is not Unicode"),
         (b'{"op":7}', "op: expected a string, got 7"),
         (b'{"op":{"a":1}}', "op: expected a string, got an object"),
         (b'{"op":["publish"]}', "op: expected a string, got an array"),
-        (
-            b'{"receiver":"/a","msg":{}}',
-            'a message of rosbridge v1 ("receiver"): in v2 every message has an "op"',
-        ),
+        (b'{"receiver":"/a","msg":{}}',
+         'a message of rosbridge v1 ("receiver"): in v2 every message has an "op"'),
         (b'{"op":"status","level":"info","msg":""}', 'operation "status" only goes server to client'),
-        (
-            b'{"op":"subscribe","topic":"/a","queue_length":1e999}',
-            "subscribe.queue_length: holds a number too large, or text that is not Unicode",
-        ),
-        (
-            b'{"op":"subscribe","topic":"/a","id":' + b"9" * 5000 + b"}",
-            "subscribe.id: holds a number too large, or text that is not Unicode",
-        ),
+        (b'{"op":"subscribe","topic":"/a","queue_length":1e999}',
+         "subscribe.queue_length: holds a number too large, or text that is not Unicode"),
+        (b'{"op":"subscribe","topic":"/a","id":' + b"9" * 5000 + b"}",
+         "subscribe.id: holds a number too large, or text that is not Unicode"),
         (b'{"op":"subscribe","topic":"/a","id":' + b"9" * 100 + b"}", None),
     ],
-)
+)  # fmt: skip
 def test_what_is_not_a_message_is_refused(data: bytes, reason: str | None) -> None:
     for _ in range(2):
         (found,) = refusals(data)
