@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterator
-from typing import Final
+from typing import Final, TypeVar
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
+from rwt_interfaces.steps import Steps
 from tests.processes import running
+
+T = TypeVar("T")
 
 # On a busy machine, slow examples of property tests say nothing about the code.
 settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -26,6 +29,18 @@ START_NS: Final = 1_767_225_600_000_000_000
 
 #: Compiled once for all tests: what these know does not change.
 REGISTRIES: Final = {name: Registry(distro) for name, distro in DISTROS.items()}
+
+
+def counted(steps: Steps[T]) -> tuple[T, int]:
+    """Run all steps; their result, and the number of pauses between them."""
+    pauses = 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result, pauses
+        pauses += 1
 
 
 @pytest.fixture(scope="module")

@@ -71,13 +71,18 @@ def test_the_deepest_type_works_throughout() -> None:
     assert registry.full_text(type).count("MSG: ") == MOST_LEVELS - 1
 
 
-@pytest.mark.parametrize("text", ["pkg/A x", "pkg/B x", "pkg/A[] x", "pkg/A[<=3] x"])
-def test_a_type_within_itself_is_refused(text: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "way"),
+    [("pkg/A x", "A"), ("pkg/B x", "B > pkg/A"), ("pkg/A[] x", "A"), ("pkg/A[<=3] x", "A")],
+)
+def test_a_type_within_itself_is_refused(text: str, way: str) -> None:
     registry = Registry()
     registry.add_text(text, "pkg/A")
     registry.add_text("A[] x", "pkg/B")
-    with pytest.raises(DefinitionError, match="pkg/A contains itself"):
+    with pytest.raises(DefinitionError, match=f"pkg/A contains itself: pkg/A > pkg/{way}$"):
         registry.message("pkg/A")
+    with pytest.raises(DefinitionError, match="contains itself"):
+        registry.verify()
 
 
 def test_a_text_that_is_too_long_is_refused_before_it_is_read(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from tests.conftest import counted
 
 HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
 STATUS = {
@@ -33,17 +34,9 @@ def test_steps_make_what_is_made_at_once(name: str, form: Any) -> None:
     type = Registry().message(name)
     payload = Payload.from_value(type, MESSAGES[name])
     assert payload.is_long
-    steps = type.step_encoder(form)(payload.value(), {})
-    taken = 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            made = b"".join(end.value)
-            break
-        taken += 1
+    parts, taken = counted(type.step_encoder(form)(payload.value(), {}))
     encode, _ = type.binary_encoder(form)
-    assert made == encode(payload.value())
+    assert b"".join(parts) == encode(payload.value())
     assert taken > 4
 
 

@@ -14,8 +14,9 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.serialise import json_reader, large_json
 from rwt_interfaces.serialise.json import MAX_VALUES
-from rwt_interfaces.steps import Steps, finished
+from rwt_interfaces.steps import finished
 from rwt_interfaces.validation import lenient_decoder
+from tests.conftest import counted
 
 HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
 REGISTRY = Registry()
@@ -46,6 +47,9 @@ MESSAGES: dict[str, tuple[str, Any]] = {
     "numbers in one item": ("trajectory_msgs/JointTrajectory", {"joint_names": ["a"], "points": [POINT]}),
     "numbers in items": ("trajectory_msgs/JointTrajectory", {"points": [POINT] * 3}),
     "an item that lacks much": ("visualization_msgs/MarkerArray", {"markers": [MARKER, {"id": 1}, MARKER]}),
+    "poses": ("geometry_msgs/PoseArray", {"header": HEADER, "poses": [{"orientation": {"w": 1}}] * 500}),
+    "float32s": ("sensor_msgs/LaserScan", {"ranges": [0.1] * 9_000, "intensities": [1] * 300}),
+    "integers": ("nav_msgs/OccupancyGrid", {"data": [-1] * 9_000}),
     "items of items": (
         "rcl_interfaces/ParameterEvent",
         {"new_parameters": [{"name": "p", "value": {"string_array_value": ["a,b", ""] * 3_000}}]},
@@ -55,16 +59,6 @@ MESSAGES: dict[str, tuple[str, Any]] = {
 
 def _now() -> int:
     return 5_000_000_007
-
-
-def _taken(steps: Steps[Any]) -> tuple[int, Any]:
-    taken = 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return taken, end.value
-        taken += 1
 
 
 @pytest.mark.parametrize("indent", [None, 1])
@@ -78,10 +72,10 @@ def test_steps_come_to_what_is_made_at_once(
     raw = json.dumps(message, indent=indent).encode()
     monkeypatch.setattr(json_reader, "WHOLE_BYTES", 1 << 14)
     monkeypatch.setattr(large_json, "CHUNK_BYTES", 1 << 14)
-    steps, payload = _taken(Payload.from_json_in_steps(type, raw, _now))
+    payload, steps = counted(Payload.from_json_in_steps(type, raw, _now))
     assert steps >= len(raw) // 64_000
     for form, make in (("json", Payload.json), ("cbor", Payload.cbor), ("serialised", Payload.serialised)):
-        steps, _ = _taken(payload.prepare({form}))
+        _, steps = counted(payload.prepare({form}))
         if form == "json":
             assert json.loads(bytes(make(payload))) == json.loads(bytes(make(whole)))
         else:
@@ -131,10 +125,14 @@ def test_very_many_values_elsewhere_are_refused_before_they_are_decoded(kind: st
 )  # fmt: skip
 def test_what_does_not_fit_is_found_where_it_is(name: str, place: str, wrong: object, path: str) -> None:
     kind, message = MESSAGES[name]
-    raw = json.dumps({**message, place: [*message[place][:-1], wrong]}).encode()
-    with pytest.raises(InvalidMessage) as caught:
-        Payload.from_json(REGISTRY.message(kind), raw)
-    assert caught.value.path == path
+    type, given = REGISTRY.message(kind), {**message, place: [*message[place][:-1], wrong]}
+    for read in (
+        lambda: Payload.from_json(type, json.dumps(given).encode()),
+        lambda: finished(Payload.from_value_in_steps(type, given)),
+    ):
+        with pytest.raises(InvalidMessage) as caught:
+            read()
+        assert caught.value.path == path
 
 
 def test_a_text_of_very_many_commas_is_one_value() -> None:
@@ -161,7 +159,7 @@ def test_items_that_lack_much_are_completed_a_few_at_a_time(monkeypatch: pytest.
     monkeypatch.setattr(json_reader, "SLOW_BYTES", 0)
     monkeypatch.setattr(json_reader, "WHOLE_BYTES", 0)
     raw = b'{"poses":[' + b",".join([b"{}"] * 1_500) + b'],"header":{}}' + b" " * 4096
-    steps, payload = _taken(Payload.from_json_in_steps(REGISTRY.message("nav_msgs/Path"), raw, _now))
+    payload, steps = counted(Payload.from_json_in_steps(REGISTRY.message("nav_msgs/Path"), raw, _now))
     assert len(payload.value().poses) == 1_500
     assert steps > 1_500 // 64
 
@@ -171,13 +169,15 @@ def test_a_program_s_message_becomes_the_same_in_steps_from_whatever_it_is_made(
     type_name, message = MESSAGES[name]
     type = REGISTRY.message(type_name)
     whole = Payload.from_value(type, message, _now)
-    own = whole.value()
-    for given in (message, own):
-        payload = Payload.from_value(type, given, _now)
-        steps, plain = _taken(payload.plain_in_steps())
+    for payload in (
+        Payload.from_value(type, message, _now),
+        Payload.from_value(type, whole.value(), _now),
+        finished(Payload.from_value_in_steps(type, message, _now)),
+    ):
+        plain, steps = counted(payload.plain_in_steps())
         assert repr(plain) == repr(whole.plain())  # NaN is not equal to itself.
         assert steps > 0 or not payload.is_long
-        _taken(payload.prepare(("json", "cbor", "serialised")))
+        finished(payload.prepare(("json", "cbor", "serialised")))
         assert (payload.json(), payload.cbor(), payload.serialised()) == (
             whole.json(),
             whole.cbor(),
@@ -192,8 +192,8 @@ def test_a_program_s_message_is_not_made_twice(monkeypatch: pytest.MonkeyPatch) 
     payload = Payload.from_value(type, {"header": HEADER, "poses": [POSE] * 300}, _now)
     with monkeypatch.context() as patched:
         patched.setattr(Payload, "value", None)
-        steps, _ = _taken(payload.prepare(("json", "cbor", "serialised")))
-        _, plain = _taken(payload.plain_in_steps())
+        _, steps = counted(payload.prepare(("json", "cbor", "serialised")))
+        plain, _ = counted(payload.plain_in_steps())
     assert steps >= 15
     assert plain == {"header": HEADER, "poses": [POSE] * 300}
 
@@ -222,7 +222,7 @@ def test_an_incomplete_message_has_no_more_items_than_are_freed_soon(monkeypatch
         return b'{"channels":[{"values":[%b0]}]}' % (b"0.1," * (count - 1))
 
     payload = finished(Payload.from_json_in_steps(type, raw(300_000), _now))
-    steps, _ = _taken(payload.prepare({"json"}))
+    _, steps = counted(payload.prepare({"json"}))
     assert steps > 30
     assert json.loads(bytes(payload.json()))["channels"][0]["values"][-2:] == [0.10000000149011612, 0]
     with pytest.raises(InvalidMessage, match=r"^channels\[0\].values: more than 300000 list items"):

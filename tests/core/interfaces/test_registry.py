@@ -331,16 +331,6 @@ def test_a_type_without_a_package_may_be_a_primitive_or_a_message_of_any(
         assert str(caught.value) == text
 
 
-def test_a_message_that_contains_itself_is_refused() -> None:
-    registry = Registry()
-    registry.add_text("B[] b\n", "p/A")
-    registry.add_text("A a\n", "p/B")
-    with pytest.raises(DefinitionError, match="p/A contains itself: p/A > p/B > p/A"):
-        registry.message("p/A")
-    with pytest.raises(DefinitionError, match="contains itself"):
-        registry.verify()
-
-
 def test_threads_that_ask_at_once_get_the_same_type() -> None:
     registry = Registry()
     start = threading.Barrier(8)

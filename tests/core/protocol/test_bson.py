@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Generator
-from typing import TypeVar
 
 import bson
 import pytest
@@ -22,7 +20,8 @@ from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish
 from rwt_protocol.payloads import Decoded
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import EXAMPLES, Example
+from tests.conftest import counted
+from tests.core.protocol.wire_examples import EXAMPLES, Example, only
 
 CODEC = BsonCodec()
 
@@ -111,12 +110,9 @@ def test_any_damaged_document_is_an_op_or_a_refusal(damage: bytes, place: int) -
 ))  # fmt: skip
 def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) -> None:
     frame = CODEC.encode(Publish(topic=topic, id="i", msg=Decoded(members)))
-    (found,) = Session(direction=Direction.TO_CLIENT, codec=CODEC).decode(frame.data, True, 0.0)
-    assert isinstance(found, Publish)
+    found = only(Session(direction=Direction.TO_CLIENT, codec=CODEC).decode(frame.data, True, 0.0), Publish)
     assert (found.topic, found.msg) == (topic, Decoded(members))
 
-
-T = TypeVar("T")
 
 NAMES = st.text(st.characters(exclude_characters="\0$", codec="utf-8"), max_size=6)
 SCALARS = (
@@ -129,18 +125,6 @@ VALUES = st.recursive(
     max_leaves=8,
 )
 DOCUMENTS = st.dictionaries(NAMES, VALUES, max_size=4)
-
-
-def run(steps: Generator[None, None, T]) -> tuple[T, int]:
-    """Return the result of steps, and the number of pauses between them."""
-    pauses = 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            value: T = end.value
-            return value, pauses
-        pauses += 1
 
 
 @given(DOCUMENTS)
@@ -167,21 +151,21 @@ def test_a_damaged_document_is_refused_or_read_as_the_library_reads_it(
 
 @pytest.mark.parametrize("levels", [1, 5, 6, 40, 15_000])
 def test_depth_is_counted_before_a_document_is_decoded(levels: int) -> None:
-    assert run(check_structure(nested(levels), WireLimits(max_depth=5)))[0] == (levels > 5)
+    assert counted(check_structure(nested(levels), WireLimits(max_depth=5)))[0] == (levels > 5)
 
 
 def test_a_large_document_is_checked_in_steps() -> None:
     pose = {"position": {"x": 0.5, "y": 1.5}, "frame": "map"}
     message = {"data": [0.5] * 90_000, "poses": [pose] * 900, "text": "é" * 400_000, "octets": bytes(900_000)}
     data = bson.encode({"op": "publish", "topic": "/a", "msg": message})
-    (found,), pauses = run(CODEC.split_in_steps(data, WireLimits()))
+    (found,), pauses = counted(CODEC.split_in_steps(data, WireLimits()))
     assert found == {"op": "publish", "topic": "/a", "msg": Decoded(message)}
     assert pauses >= 900 * 5 // 256
 
 
 @given(DOCUMENTS)
 def test_a_message_that_is_encoded_in_steps_is_the_same_to_the_byte(message: dict[str, object]) -> None:
-    parts, _ = run(encode_in_steps(bson.decode(bson.encode(message))))
+    parts, _ = counted(encode_in_steps(bson.decode(bson.encode(message))))
     assert b"".join(parts) == bson.encode(message)
 
 
@@ -204,18 +188,18 @@ def test_a_large_message_is_encoded_piece_by_piece(monkeypatch: pytest.MonkeyPat
 
     with monkeypatch.context() as patched:
         patched.setattr("rwt_protocol.codecs.bson._encode", encode)
-        parts, pauses = run(encode_in_steps({"op": "publish", "msg": whole}))
+        parts, pauses = counted(encode_in_steps({"op": "publish", "msg": whole}))
     assert b"".join(parts) == expected
     assert sorted(sizes)[-2] < 200_000 < 1_000_000 < sizes[sizes.index(max(sizes))]
     assert pauses >= len(sizes) - 3
 
 
 def test_a_short_message_takes_no_steps() -> None:
-    parts, pauses = run(encode_in_steps({"ranges": [0.5] * 640, "name": "x" * 1000}))
+    parts, pauses = counted(encode_in_steps({"ranges": [0.5] * 640, "name": "x" * 1000}))
     assert (len(parts), pauses) == (1, 0)
 
 
 def test_a_name_with_a_nul_is_refused_in_a_large_message_too() -> None:
     for value in ([0.5] * 20_000, 1):
         with pytest.raises(MalformedPayload, match=r"NUL|null"):
-            run(encode_in_steps({"a": {"b\0c": value}, "d": [0.5] * 20_000}))
+            counted(encode_in_steps({"a": {"b\0c": value}, "d": [0.5] * 20_000}))

@@ -20,7 +20,8 @@ from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
 from rwt_protocol.payloads import FEW_BYTES, Decoded, RawJson
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import EXAMPLES, CborFrame
+from tests.conftest import counted
+from tests.core.protocol.wire_examples import EXAMPLES, CborFrame, only
 
 
 def one(data: bytes) -> object:
@@ -29,8 +30,7 @@ def one(data: bytes) -> object:
 
 
 def reason(data: bytes) -> str:
-    found = one(data)
-    assert isinstance(found, Refusal)
+    found = only(Session().decode(data, True, 0.0), Refusal)
     return found.reason
 
 
@@ -83,8 +83,7 @@ def test_topics_of_any_length(size: int) -> None:
 def test_typed_arrays_of_both_byte_orders(tag: int, code: str) -> None:
     data = struct.pack(f"{code[0]}3{code[1]}", 1, 2, 3)
     message = {"op": "publish", "topic": "/a", "msg": {"v": cbor2.CBORTag(tag, data)}}
-    op = one(cbor2.dumps(message))
-    assert isinstance(op, Publish)
+    op = only(Session().decode(cbor2.dumps(message), True, 0.0), Publish)
     assert op.msg == Decoded({"v": [1, 2, 3]})
     if struct.calcsize(code) > 1:
         message["msg"] = {"v": cbor2.CBORTag(tag, data[1:])}
@@ -116,20 +115,15 @@ def test_small_items_are_bounded_in_bytes_and_long_strings_are_not(item: bytes) 
     count = 95_000 // len(item)
     data = b"\xa3\x62op\x67publish\x65topic\x62/a\x63msg\x9a" + count.to_bytes(4, "big") + item * count
     most = WireLimits(structure_bytes=90_000)
-    (found,) = Session(limits=most).decode(data, True, 0.0)
-    assert isinstance(found, Refusal)
-    assert found.reason == (
+    assert only(Session(limits=most).decode(data, True, 0.0), Refusal).reason == (
         "more than 90000 bytes beside long strings and typed arrays, or more than 15000 arrays and maps"
         " (limits.structure_bytes)"
     )
     more = WireLimits(structure_bytes=600_000)
-    (found,) = Session(limits=more).decode(data, True, 0.0)
-    assert isinstance(found, Publish)
+    only(Session(limits=more).decode(data, True, 0.0), Publish)
     octets = {"a": bytes(200_000), "b": cbor2.CBORTag(70, bytes(200_000))}
-    (found,) = Session(limits=most).decode(
-        cbor2.dumps({"op": "publish", "topic": "/a", "msg": octets}), True, 0.0
-    )
-    assert isinstance(found, Publish)
+    message = cbor2.dumps({"op": "publish", "topic": "/a", "msg": octets})
+    only(Session(limits=most).decode(message, True, 0.0), Publish)
 
 
 _HEAD = b"\xa3\x62op\x67publish\x65topic\x62/a\x63msg\x9a"
@@ -207,8 +201,7 @@ def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) ->
     op = Publish(topic=topic, id="i", msg=RawJson(json.dumps(members, separators=(",", ":")).encode()))
     frame = CborCodec().encode(op)
     assert frame.binary
-    (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, True, 0.0)
-    assert isinstance(found, Publish)
+    found = only(Session(direction=Direction.TO_CLIENT).decode(frame.data, True, 0.0), Publish)
     assert (found.topic, found.msg) == (topic, Decoded(members))
 
 
@@ -252,17 +245,10 @@ def test_a_large_frame_in_steps_is_what_it_is_at_once(kind: str, write: Callable
     message = {"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES[kind], "b": 1}}
     data = write(message)
     assert len(data) > FEW_BYTES
-    steps = CborCodec().split_in_steps(data, WireLimits(structure_bytes=1 << 24))
-    count = 0
-    with pytest.raises(StopIteration) as end:
-        while True:
-            next(steps)
-            count += 1
-    (members,) = end.value.value
-    assert count > 1
-    assert members["msg"].value == message["msg"]
-    (damaged,) = CborCodec().split(data[:-3], WireLimits(structure_bytes=1 << 24))
-    assert isinstance(damaged, DecodeFailure)
+    (members,), count = counted(CborCodec().split_in_steps(data, WireLimits(structure_bytes=1 << 24)))
+    assert count > 1 and isinstance(members, dict)
+    assert members["msg"] == Decoded(message["msg"])
+    only(CborCodec().split(data[:-3], WireLimits(structure_bytes=1 << 24)), DecodeFailure)
     (doubled,) = CborCodec().split(data + b"\x01", WireLimits(structure_bytes=1 << 24))
     assert isinstance(doubled, DecodeFailure) and "more than one value" in doubled.reason
 
@@ -274,5 +260,4 @@ def test_no_step_reads_much() -> None:
 
 def test_what_is_too_deep_is_refused_in_steps_too() -> None:
     data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["deep"]}})
-    (found,) = CborCodec().split(data, WireLimits(max_depth=40))
-    assert isinstance(found, DecodeFailure)
+    only(CborCodec().split(data, WireLimits(max_depth=40)), DecodeFailure)

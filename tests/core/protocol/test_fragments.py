@@ -14,6 +14,7 @@ from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish, Status, Subscribe
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.session import Refusal, Session
+from tests.core.protocol.wire_examples import only
 
 TEXT = '{"op":"subscribe","topic":"/a"}'
 OP = Subscribe(topic="/a")
@@ -102,8 +103,7 @@ def test_what_is_kept_is_bounded(data: str, total: int) -> None:
 
 def test_a_message_inside_pieces_is_refused_as_if_it_had_come_whole() -> None:
     session = Session()
-    (refusal,) = send(session, '{"op":"subscribe","id":"inner"}', 0, 1)
-    assert isinstance(refusal, Refusal)
+    refusal = only(send(session, '{"op":"subscribe","id":"inner"}', 0, 1), Refusal)
     assert (refusal.op, refusal.id) == ("subscribe", "inner")
     assert isinstance(refusal.answer, Status)
 

@@ -18,7 +18,7 @@ from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.ops import OPS, Direction
 from rwt_protocol.profiles import PROFILES, Profile
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import EXAMPLES
+from tests.core.protocol.wire_examples import EXAMPLES, only
 
 _SESSIONS = st.builds(
     Session,
@@ -151,8 +151,7 @@ def test_a_number_out_of_range_is_refused_by_its_name(
     changed = message | {outer: {inner: number} if inner else number}
     op, answers = message["op"], []
     for data in (json.dumps(changed).encode(), cbor2.dumps(changed)):
-        (refusal,) = Session().decode(data, data[:1] != b"{", 0.0)
-        assert isinstance(refusal, Refusal)
+        refusal = only(Session().decode(data, data[:1] != b"{", 0.0), Refusal)
         answers.append(refusal.reason)
     assert answers[1].startswith(f"{op}.{where}: expected ")
     assert answers[0].startswith((f"{op}.{where}: expected ", f"{op}.{outer}: holds a number too large"))

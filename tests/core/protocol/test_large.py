@@ -15,7 +15,7 @@ from rwt_protocol.limits import WireLimits, has_more_brackets
 from rwt_protocol.ops import OPS, Publish
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import text_of
+from tests.core.protocol.wire_examples import only, text_of
 
 FILL = "x" * (LARGE + 1)
 
@@ -124,8 +124,7 @@ def test_two_messages_in_a_large_frame_both_run() -> None:
     ],
 )
 def test_a_cut_at_the_wrong_place_is_mended_by_the_proof(text: str, msg: object) -> None:
-    (op,) = Session().decode(text.replace("FILL", FILL).encode(), False, 0.0)
-    assert isinstance(op, Publish)
+    op = only(Session().decode(text.replace("FILL", FILL).encode(), False, 0.0), Publish)
     assert json.loads(bytes(text_of(op.msg).json())) == msg
 
 
@@ -143,8 +142,7 @@ def test_a_cut_at_the_wrong_place_is_mended_by_the_proof(text: str, msg: object)
     ],
 )  # fmt: skip
 def test_what_the_proof_refuses(text: str, reason: str) -> None:
-    (op,) = Session().decode(text.replace("FILL", FILL).encode(), False, 0.0)
-    assert isinstance(op, Publish)
+    op = only(Session().decode(text.replace("FILL", FILL).encode(), False, 0.0), Publish)
     with pytest.raises(MalformedPayload) as caught:
         text_of(op.msg).validated()
     assert caught.value.reason == reason
@@ -152,12 +150,10 @@ def test_what_the_proof_refuses(text: str, reason: str) -> None:
 
 def test_utf8_is_checked_at_the_ends_at_once_and_in_the_payload_by_the_proof() -> None:
     data = b'{"op":"publish","topic":"/\xff","msg":{"data":"' + FILL.encode() + b'"}}'
-    (refusal,) = Session().decode(data, False, 0.0)
-    assert isinstance(refusal, Refusal)
+    refusal = only(Session().decode(data, False, 0.0), Refusal)
     assert refusal.reason == "not UTF-8, at byte 26"
     data = b'{"op":"publish","topic":"/a","msg":{"data":"\xff' + FILL.encode() + b'"}}'
-    (op,) = Session().decode(data, False, 0.0)
-    assert isinstance(op, Publish)
+    op = only(Session().decode(data, False, 0.0), Publish)
     with pytest.raises(MalformedPayload, match="not UTF-8, at byte 44"):
         text_of(op.msg).validated()
 
@@ -165,8 +161,7 @@ def test_utf8_is_checked_at_the_ends_at_once_and_in_the_payload_by_the_proof() -
 def test_only_large_frames_are_left_unproven() -> None:
     data = b'{"op":"publish","topic":"/a","msg":{"data":"%s"}}'
     for size, is_validated in ((LARGE - 60, True), (LARGE + 60, False)):
-        (op,) = Session().decode(data % (b"x" * size), False, 0.0)
-        assert isinstance(op, Publish)
+        op = only(Session().decode(data % (b"x" * size), False, 0.0), Publish)
         assert text_of(op.msg).is_validated is is_validated
         assert isinstance(text_of(op.msg).data, bytes) is is_validated
 
@@ -244,8 +239,7 @@ def test_any_damaged_message_is_never_taken_for_another(
 @pytest.mark.parametrize("payload", ["", ',"msg":{"data":"FILL"}'], ids=["alone", "with a payload"])
 def test_a_large_member_beside_the_payload_is_refused_by_name(value: str, payload: str) -> None:
     text = f'{{"op":"publish","id":"i","topic":{value}{payload.replace("FILL", FILL)}}}'
-    (found,) = Session().decode(text.encode(), False, 0.0)
-    assert isinstance(found, Refusal)
+    found = only(Session().decode(text.encode(), False, 0.0), Refusal)
     assert (found.op, found.id) == ("publish", "i")
     assert found.reason == f"publish.topic: {len(value)} bytes; a member beside the payload may have 65536"
 
@@ -256,15 +250,14 @@ def test_the_brackets_of_a_frame_are_bounded() -> None:
     for count, allowed in ((49_997, True), (50_001, False)):
         arrays = "[]," * (count - 3) + "[]"
         text = f'{{"op":"publish","topic":"/a","msg":{{"data":[{arrays}]}}}}'
-        (found,) = Session(limits=limits).decode(text.encode(), False, 0.0)
-        assert isinstance(found, Publish)
+        found = only(Session(limits=limits).decode(text.encode(), False, 0.0), Publish)
         assert text_of(found.msg).dense == ("" if allowed else reason)
         if not allowed:
             for look in (text_of(found.msg).validated, found.msg.json, found.msg.plain):
                 with pytest.raises(MalformedPayload, match="structure_bytes"):
                     look()
-    (found,) = Session(limits=limits).decode(text.replace("msg", "no").encode(), False, 0.0)
-    assert isinstance(found, Refusal) and found.reason == reason
+    refusal = only(Session(limits=limits).decode(text.replace("msg", "no").encode(), False, 0.0), Refusal)
+    assert refusal.reason == reason
 
 
 def test_a_piece_of_a_message_may_be_large() -> None:

@@ -27,7 +27,7 @@ from rwt_protocol.ops import (
 )
 from rwt_protocol.payloads import EMPTY, RawJson
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import EXAMPLES, Example, text_of
+from tests.core.protocol.wire_examples import EXAMPLES, Example, only, text_of
 
 #: Refused by the type of the payload, or by the protocol text alone.
 _NOT_OURS = {"publish-unknown-field", "publish-wrong-type", "result-without-status-from-roslibjs-2024"}
@@ -65,16 +65,14 @@ def test_examples_are_taken_or_refused_as_they_say(example: Example) -> None:
 
 @pytest.mark.parametrize("given", ["s", "", 0, -1, 2**64 - 1, -(2**63), "é\u0000"])
 def test_id_is_kept_unchanged(given: str | int) -> None:
-    op = one({"op": "subscribe", "topic": "/a", "id": given})
-    assert isinstance(op, Subscribe)
+    op = only(decode({"op": "subscribe", "topic": "/a", "id": given}), Subscribe)
     assert op.id == given
     assert type(op.id) is type(given)
 
 
 @pytest.mark.parametrize("given", [1.0, True, [], {}, 2**64, -(2**63) - 1, "x" * 4097])
 def test_id_of_another_kind_is_refused(given: object) -> None:
-    refusal = one({"op": "subscribe", "topic": "/a", "id": given})
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode({"op": "subscribe", "topic": "/a", "id": given}), Refusal)
     expected = "a string of at most 4096 characters or a 64-bit integer"
     assert refusal.reason.startswith(f"subscribe.id: expected {expected}, got ")
     assert refusal.id is None
@@ -83,8 +81,7 @@ def test_id_of_another_kind_is_refused(given: object) -> None:
 def test_null_stands_for_an_absent_optional_member() -> None:
     nulls = {name: None for name in Subscribe.model_fields if name not in ("op", "topic")}
     assert one({"op": "subscribe", "topic": "/a"} | nulls) == Subscribe(topic="/a")
-    refusal = one({"op": "subscribe", "topic": None})
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode({"op": "subscribe", "topic": None}), Refusal)
     assert refusal.reason == "subscribe.topic: expected a string, got null"
 
 
@@ -105,22 +102,16 @@ def test_integral_floats_are_integers() -> None:
         ("fragment_size", [1], "expected a whole number, zero or more, got an array"),
         ("compression", 5, "expected a string, got 5"),
         ("type", {"a": 1}, "expected a string, got an object"),
-        ("topic", "x" * 3, None),
+        ("throttle_rate", -5, None),
     ],
 )
 def test_subscribe_members(member: str, value: object, text: str | None) -> None:
     found = one({"op": "subscribe", "topic": "/a", member: value})
     if text is None:
-        assert isinstance(found, Subscribe)
+        assert found == Subscribe.model_validate({"topic": "/a", member: value})
     else:
         assert isinstance(found, Refusal)
         assert found.reason == f"subscribe.{member}: {text}"
-
-
-def test_a_negative_throttle_rate_is_taken() -> None:
-    assert one({"op": "subscribe", "topic": "/a", "throttle_rate": -5}) == Subscribe(
-        topic="/a", throttle_rate=-5
-    )
 
 
 @pytest.mark.parametrize("name", ["gzip", "", "PNG", "cbor_raw"])
@@ -141,8 +132,7 @@ def test_quality_of_service() -> None:
         "lifespan": "INFINITE",
         "unknown": 1,
     }
-    op = one({"op": "advertise", "topic": "/a", "type": "x/Y", "qos": qos})
-    assert isinstance(op, Advertise)
+    op = only(decode({"op": "advertise", "topic": "/a", "type": "x/Y", "qos": qos}), Advertise)
     assert op.qos is not None
     assert op.qos.model_dump() == {
         "history": "keep_last",
@@ -169,8 +159,7 @@ def test_quality_of_service() -> None:
     ],
 )
 def test_a_wrong_policy_is_named(policy: str, value: object) -> None:
-    refusal = one({"op": "subscribe", "topic": "/a", "qos": {policy: value}})
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode({"op": "subscribe", "topic": "/a", "qos": {policy: value}}), Refusal)
     assert refusal.reason.startswith(f"subscribe.qos.{policy}")
 
 
@@ -178,8 +167,7 @@ def test_payloads_are_not_decoded_and_default_to_an_empty_object() -> None:
     data = b'{"op":"publish","topic":"/a","msg":{ "x" : 1.0 }}'
     assert list(Session().decode(data, False, 0.0)) == [Publish(topic="/a", msg=RawJson(b'{ "x" : 1.0 }'))]
     assert one({"op": "publish", "topic": "/a"}) == Publish(topic="/a", msg=EMPTY)
-    null = one({"op": "publish", "topic": "/a", "msg": None})
-    assert isinstance(null, Publish)
+    null = only(decode({"op": "publish", "topic": "/a", "msg": None}), Publish)
     assert text_of(null.msg).kind == "null"
     for args in ({}, {"args": None}):
         assert one({"op": "call_service", "service": "/s"} | args) == CallService(service="/s", args=EMPTY)
@@ -205,8 +193,7 @@ def test_the_text_of_a_failure_is_decoded() -> None:
     ],
 )
 def test_a_result_without_status_has_the_usual_one(members: dict[str, Any], status: int) -> None:
-    op = one({"op": "action_result", "action": "/a", "id": "g"} | members)
-    assert isinstance(op, ActionResult)
+    op = only(decode({"op": "action_result", "action": "/a", "id": "g"} | members), ActionResult)
     assert op.status == status
     assert type(op.status) is int
 

@@ -25,7 +25,7 @@ from rwt_protocol.ops import Direction, Publish
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import ROS1, ROS2_2024, Profile
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import EXAMPLES, Picture, text_of
+from tests.core.protocol.wire_examples import EXAMPLES, Picture, only, text_of
 
 LIMIT = 10_000_000
 
@@ -123,16 +123,13 @@ def test_a_damaged_picture_is_text_or_a_refusal(damage: bytes, place: int) -> No
 def test_a_client_reads_the_message_inside_and_a_server_takes_no_pictures() -> None:
     op = Publish(topic="/é", msg=RawJson(b'{"data":"\xc3\xa9"}'))
     frame = png.encode(Session().encode(op))
-    (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, False, 0.0)
-    assert isinstance(found, Publish)
+    found = only(Session(direction=Direction.TO_CLIENT).decode(frame.data, False, 0.0), Publish)
     assert found.topic == "/é"
     assert text_of(found.msg).data == b'{"data":"\\u00e9"}'
-    (refusal,) = Session().decode(frame.data, False, 0.0)
-    assert isinstance(refusal, Refusal)
+    refusal = only(Session().decode(frame.data, False, 0.0), Refusal)
     assert refusal.reason == 'operation "png" only goes server to client'
-    (refusal,) = Session(direction=Direction.TO_CLIENT).decode(b'{"op":"png","data":"AAAA"}', False, 0.0)
-    assert isinstance(refusal, Refusal)
-    assert refusal.op == "png"
+    there = Session(direction=Direction.TO_CLIENT)
+    assert only(there.decode(b'{"op":"png","data":"AAAA"}', False, 0.0), Refusal).op == "png"
 
 
 _TEXTS = {

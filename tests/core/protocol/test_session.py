@@ -22,7 +22,7 @@ from rwt_protocol.ops import (
 )
 from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, ROS2_2024, V2_0_0, Profile
 from rwt_protocol.session import Refusal, Session
-from tests.core.protocol.wire_examples import EXAMPLES, Malformed, text_of
+from tests.core.protocol.wire_examples import EXAMPLES, Malformed, only, text_of
 
 A = b'{"op":"subscribe","topic":"/a"}'
 B = b'{"op":"subscribe","topic":"/b"}'
@@ -142,8 +142,7 @@ def test_of_equal_keys_the_last_counts() -> None:
 
 def test_the_constants_that_python_writes_are_null() -> None:
     data = b'{"op":"publish","topic":"NaN","msg":{"x":NaN,"y":[-Infinity,Infinity],"z":"NaN, \\"Infinity"}}'
-    (op,) = decode(data)
-    assert isinstance(op, Publish)
+    op = only(decode(data), Publish)
     assert op.topic == "NaN"
     assert text_of(op.msg).data == b'{"x":null,"y":[null,null],"z":"NaN, \\"Infinity"}'
     assert text_of(op.msg).is_validated
@@ -154,8 +153,7 @@ def test_sizes_and_depths_are_limited() -> None:
     assert refusals(b"x" * 101, session) == ["101 bytes: the limit is 100 (max_message_size)"]
     deep = b'{"op":"publish","topic":"/a","id":"i","msg":%s}'
     assert isinstance(decode(deep % b'{"a":[[[]]]}', session)[0], Publish)
-    (refusal,) = decode(deep % b'{"a":[[[[]]]]}', session)
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(deep % b'{"a":[[[[]]]]}', session), Refusal)
     assert refusal.reason == "nested more than 5 levels deep (limits.max_depth)"
     assert (refusal.op, refusal.id) == ("publish", "i")
 
@@ -186,28 +184,24 @@ def test_binary_frames_hold_json_text() -> None:
 
 
 def test_a_call_that_cannot_be_read_is_still_answered() -> None:
-    (refusal,) = decode(b'{"op":"call_service","id":"x","args":{}}')
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(b'{"op":"call_service","id":"x","args":{}}'), Refusal)
     text = "call_service.service: expected a string, and it is missing"
     assert refusal.reason == text
     assert refusal.answer == ServiceResponse(service="", values=text, result=False, id="x")
-    (refusal,) = decode(b'{"op":"call_service","id":7,"service":"/s","timeout":"5"}')
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(b'{"op":"call_service","id":7,"service":"/s","timeout":"5"}'), Refusal)
     assert (refusal.op, refusal.id, refusal.name) == ("call_service", 7, "/s")
     text = 'call_service.timeout: expected a number of seconds, got "5"'
     assert refusal.answer == ServiceResponse(service="/s", values=text, result=False, id=7)
 
 
 def test_a_goal_that_cannot_be_read_is_still_answered() -> None:
-    (refusal,) = decode(b'{"op":"send_action_goal","id":"g","action":"/f"}')
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(b'{"op":"send_action_goal","id":"g","action":"/f"}'), Refusal)
     text = "send_action_goal.action_type: expected a string, and it is missing"
     assert refusal.answer == ActionResult(action="/f", values=text, result=False, status=0, id="g")
 
 
 def test_out_of_range_numbers_do_not_hide_who_asked() -> None:
-    (refusal,) = decode(b'{"op":"call_service","id":7,"service":"/s","timeout":1e999}')
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(b'{"op":"call_service","id":7,"service":"/s","timeout":1e999}'), Refusal)
     assert isinstance(refusal.answer, ServiceResponse)
     assert refusal.answer.id == 7
     assert refusal.answer.service == "/s"
@@ -271,8 +265,7 @@ def test_ops_and_members_of_other_profiles_do_not_exist() -> None:
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))
 def test_what_every_client_sends_is_in_every_profile(profile: Profile) -> None:
     advertise = b'{"op":"advertise","id":"a","type":"x/Y","topic":"/t","latch":false,"queue_size":100}'
-    (op,) = decode(advertise, Session(profile))
-    assert isinstance(op, Advertise)
+    op = only(decode(advertise, Session(profile)), Advertise)
     assert op.queue_size == 100
 
 
@@ -281,13 +274,10 @@ def test_the_same_models_serve_a_client() -> None:
     assert decode(b'{"op":"status","level":"error","msg":"no","id":"a"}', session) == [
         Status(level="error", msg="no", id="a")
     ]
-    (refusal,) = decode(A, session)
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(A, session), Refusal)
     assert refusal.reason == 'operation "subscribe" only goes client to server'
     assert refusal.answer is None
-    (refusal,) = decode(b'{"op":"status","level":"error","msg":{"x":1}}', session)
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(b'{"op":"status","level":"error","msg":{"x":1}}', session), Refusal)
     assert refusal.reason == "status.msg: expected a string, got an object"
-    (refusal,) = decode(b'{"op":"call_service","id":"r","service":5}', session)
-    assert isinstance(refusal, Refusal)
+    refusal = only(decode(b'{"op":"call_service","id":"r","service":5}', session), Refusal)
     assert isinstance(refusal.answer, ServiceResponse)

@@ -41,7 +41,7 @@ from rwt_protocol import (
 from rwt_protocol.stateless import EncodingName
 from tests.core.protocol.op_strategies import members_of
 from tests.core.protocol.test_library import INVALID, VALID
-from tests.core.protocol.wire_examples import EXAMPLES, Example, Malformed
+from tests.core.protocol.wire_examples import EXAMPLES, Example, Malformed, only
 
 ENCODINGS: tuple[EncodingName, ...] = get_args(EncodingName)
 
@@ -81,8 +81,7 @@ def test_every_op_survives_every_encoding_in_every_version(
 @pytest.mark.parametrize("example", INVALID, ids=lambda each: str(each.name))
 def test_what_is_raised_is_what_the_wire_says(example: Example) -> None:
     text = json.dumps(example.message)
-    (refusal,) = Session(direction=example.directions[0]).decode(text.encode(), False, 0.0)
-    assert isinstance(refusal, Refusal)
+    refusal = only(Session(direction=example.directions[0]).decode(text.encode(), False, 0.0), Refusal)
     with pytest.raises(MalformedMessage) as caught:
         parse(text, direction=example.directions[0])
     error = caught.value

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from rwt_protocol.ops import Direction
 from rwt_protocol.payloads import Encodable, RawJson
+
+T = TypeVar("T")
 
 
 class Example(msgspec.Struct, frozen=True):
@@ -52,6 +55,13 @@ class Examples(msgspec.Struct, frozen=True):
 
 
 EXAMPLES = msgspec.json.decode((Path(__file__).parent / "examples.json").read_bytes(), type=Examples)
+
+
+def only(found: Sequence[object], kind: type[T]) -> T:
+    """The only item of what a frame became."""
+    (item,) = found
+    assert isinstance(item, kind), item
+    return item
 
 
 def text_of(payload: Encodable) -> RawJson:
