@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -52,12 +53,11 @@ class StreamMetrics:
         Args:
             running: topic, type and number of viewers of each running encoder.
         """
-        viewers: dict[tuple[str, str], int] = {}
-        encoders: dict[tuple[str, str], int] = {}
+        viewers: Counter[tuple[str, str]] = Counter()
+        encoders: Counter[tuple[str, str]] = Counter()
         for topic, type_, count in running:
-            key = (topic, type_)
-            viewers[key] = viewers.get(key, 0) + count
-            encoders[key] = encoders.get(key, 0) + 1
+            viewers[topic, type_] += count
+            encoders[topic, type_] += 1
         for name, help_, now in (
             ("viewers", "Viewers of a topic's pictures now.", viewers),
             ("encoders", "Encoders of a topic's pictures now.", encoders),

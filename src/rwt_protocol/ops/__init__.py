@@ -9,18 +9,31 @@ from typing import TYPE_CHECKING, Annotated, Final, Union
 from pydantic import Field
 
 from rwt_protocol.ops import actions, control, services, topics
-from rwt_protocol.ops.actions import (
-    ActionFeedback,
-    ActionResult,
-    AdvertiseAction,
-    CancelActionGoal,
-    SendActionGoal,
-    UnadvertiseAction,
-)
-from rwt_protocol.ops.base import Direction, Op, OpSpec, ReplyTo
-from rwt_protocol.ops.control import Auth, Fragment, Png, SetLevel, Status
-from rwt_protocol.ops.services import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
-from rwt_protocol.ops.topics import Advertise, Publish, Qos, Subscribe, Unadvertise, Unsubscribe
+from rwt_protocol.ops.actions import ActionFeedback as ActionFeedback
+from rwt_protocol.ops.actions import ActionResult as ActionResult
+from rwt_protocol.ops.actions import AdvertiseAction as AdvertiseAction
+from rwt_protocol.ops.actions import CancelActionGoal as CancelActionGoal
+from rwt_protocol.ops.actions import SendActionGoal as SendActionGoal
+from rwt_protocol.ops.actions import UnadvertiseAction as UnadvertiseAction
+from rwt_protocol.ops.base import Direction as Direction
+from rwt_protocol.ops.base import Op as Op
+from rwt_protocol.ops.base import OpSpec as OpSpec
+from rwt_protocol.ops.base import ReplyTo as ReplyTo
+from rwt_protocol.ops.control import Auth as Auth
+from rwt_protocol.ops.control import Fragment as Fragment
+from rwt_protocol.ops.control import Png as Png
+from rwt_protocol.ops.control import SetLevel as SetLevel
+from rwt_protocol.ops.control import Status as Status
+from rwt_protocol.ops.services import AdvertiseService as AdvertiseService
+from rwt_protocol.ops.services import CallService as CallService
+from rwt_protocol.ops.services import ServiceResponse as ServiceResponse
+from rwt_protocol.ops.services import UnadvertiseService as UnadvertiseService
+from rwt_protocol.ops.topics import Advertise as Advertise
+from rwt_protocol.ops.topics import Publish as Publish
+from rwt_protocol.ops.topics import Qos as Qos
+from rwt_protocol.ops.topics import Subscribe as Subscribe
+from rwt_protocol.ops.topics import Unadvertise as Unadvertise
+from rwt_protocol.ops.topics import Unsubscribe as Unsubscribe
 
 _SPECS: Final = (*control.SPECS, *topics.SPECS, *services.SPECS, *actions.SPECS)
 
@@ -59,38 +72,3 @@ def inbound(direction: Direction) -> frozenset[type[Op]]:
     return frozenset(
         spec.model for spec in _SPECS if spec.direction in (direction, Direction.BOTH) and not spec.in_session
     )
-
-
-__all__ = [
-    "ALIASES",
-    "OPS",
-    "ActionFeedback",
-    "ActionResult",
-    "ReplyTo",
-    "Advertise",
-    "AdvertiseAction",
-    "AdvertiseService",
-    "AnyOp",
-    "Auth",
-    "CallService",
-    "CancelActionGoal",
-    "Direction",
-    "Fragment",
-    "Op",
-    "OpSpec",
-    "OpToClient",
-    "OpToServer",
-    "Png",
-    "Publish",
-    "Qos",
-    "SendActionGoal",
-    "ServiceResponse",
-    "SetLevel",
-    "Status",
-    "Subscribe",
-    "Unadvertise",
-    "UnadvertiseAction",
-    "UnadvertiseService",
-    "Unsubscribe",
-    "inbound",
-]
