@@ -31,8 +31,6 @@ _GUARDED = Settings.model_validate(
 def admission(data: bytes) -> None:
     """A connection's request: the first byte chooses the server, then come the path and headers, a line
     each."""
-    if not data:
-        return
     logging.getLogger("rwt.bridge").setLevel(logging.CRITICAL)
     door = Admission(_GUARDED if data[0] & 1 else _OPEN, lambda: NOW, lambda: NOW, Audit())
     path, *lines = data[1:].decode("latin-1").split("\n")

@@ -19,8 +19,6 @@ _NAMES = tuple(TOOLS)
 def agent(data: bytes) -> None:
     """The first byte chooses a tool, the rest are its arguments in JSON; or, where it is 255, the path of a
     field; where it is 254, the arguments of a prompt."""
-    if not data:
-        return
     chosen, rest = data[0], data[1:]
     if chosen == 255:
         _path(rest.decode("utf-8", "replace"))

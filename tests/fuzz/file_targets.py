@@ -37,8 +37,6 @@ def recordings(data: bytes) -> None:
     The first byte chooses: 0 the whole file; else the compression, and, from 128, content that is given
     compressed, after its size.
     """
-    if not data:
-        return
     path = _folder() / "run.mcap"
     path.write_bytes(data[1:] if data[0] == 0 else _file(data[0], data[1:]))
     try:

@@ -44,8 +44,6 @@ def _now() -> int:
 
 
 def _decode(data: bytes, read: Callable[[MessageType, bytes], Payload]) -> None:
-    if not data:
-        return
     message_type = TYPES[data[0] % len(TYPES)]
     try:
         payload = read(message_type, data[1:])
@@ -87,8 +85,6 @@ def payload_ros1(data: bytes) -> None:
 
 def definition(data: bytes) -> None:
     """The text of a definition; the first byte chooses the kind and the distribution."""
-    if not data:
-        return
     registry = Registry(NOETIC if data[0] & 4 else JAZZY)
     kind = _KINDS[data[0] % 3]
     try:

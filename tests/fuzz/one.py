@@ -17,7 +17,7 @@ with atheris.instrument_imports(include=INSTRUMENTED):
 def main() -> None:
     """Never returns: the fuzzer ends the process."""
     program, name, *options = sys.argv
-    atheris.Setup([program, *options], TARGETS[name])
+    atheris.Setup([program, *options], lambda data: TARGETS[name](data or b"\0"))
     atheris.Fuzz()
 
 

@@ -44,8 +44,6 @@ PORT, TAG = 5000, 0x01020304
 
 def sctp(data: bytes) -> None:
     """Chunks after a valid header; the first byte chooses an INIT's header."""
-    if not data:
-        return
     header = struct.pack("!HHL", PORT, PORT, 0 if data[0] & 1 else TAG)
     packet = header + struct.pack("<L", crc32c(header + bytes(4) + data[1:])) + data[1:]
     try:
@@ -229,8 +227,6 @@ _DECODERS = {"video/VP8": "vp8", "video/H264": "h264"}
 
 def decoded_images(data: bytes) -> None:
     """Frames of VP8 or H.264, by the first byte, for their decoder; two bytes before each are its length."""
-    if not data:
-        return
     kind = list(_DECODERS)[data[0] % 2]
     decoder = av.CodecContext.create(_DECODERS[kind], "r")
     assert isinstance(decoder, av.VideoCodecContext)

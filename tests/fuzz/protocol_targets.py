@@ -49,8 +49,6 @@ PICTURE_BYTES = 50_000
 def session(data: bytes) -> None:
     """Frames into one session: the first byte chooses the profile and the direction, bit 7 of each frame's
     first byte says binary, and 0x1e ends a frame."""
-    if not data:
-        return
     profile, direction = _PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7]
     _frames(Session(profile, direction, LIMITS), Session(profile, direction, LIMITS, light=True), data)
 
@@ -58,8 +56,6 @@ def session(data: bytes) -> None:
 def bson(data: bytes) -> None:
     """The same for a peer that speaks nothing but BSON; the length that begins a document is put right, so
     that what follows it is looked at."""
-    if not data:
-        return
     documents = [(len(each) + 5).to_bytes(4, "little") + each + b"\0" for each in data[1:].split(b"\x1e")]
     raw = data[0] & 0x40
     chosen = Session(_PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7], LIMITS, BsonCodec())

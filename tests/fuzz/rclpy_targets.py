@@ -22,8 +22,6 @@ _MESSAGE = _Message()
 
 def ros_arguments(data: bytes) -> None:
     """A command line, its arguments parted by zero bytes; the first byte says how it begins."""
-    if not data:
-        return
     # Files are read elsewhere: which there are is not for inputs to say.
     arguments = [
         each for each in data[1:].decode("utf-8", "replace").split("\0") if "params-file" not in each

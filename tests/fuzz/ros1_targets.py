@@ -11,43 +11,22 @@ from rwt.extensions.ros1.wire.types import WireTypes
 from rwt_graph.errors import WireError
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
+from rwt_transports.api import Wire, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from tests.fuzz.wire_targets import feed, pieces
 
 
-class _Frames:
-    """Frames that a wire finds, and True until one breaks the rules."""
-
-    def __init__(self, chunks: Iterable[bytes]) -> None:
-        self.found: list[bytes] = []
-        self.is_intact = True
-        wire = TcprosWire(lambda call: call(), False, self, Limits(), ReceiveBufferPool())
-        wire.message = lambda body, _: self.found.append(bytes(body))
-        for chunk in chunks:
-            wire.feed(chunk)
-
-    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
-        self.is_intact = False
-
-    def oversized(self, size: int) -> bool:
-        raise AssertionError
-
-    def oversized_head(self, size: int, head: bytes) -> None:
-        raise AssertionError
-
-    def answer(self, data: bytes) -> None:
-        raise AssertionError
-
-    def pong(self, data: bytes) -> None:
-        raise AssertionError
+def _wire(events: WireEvents) -> Wire:
+    return TcprosWire(lambda call: call(), False, events, Limits(), ReceiveBufferPool())
 
 
 def tcpros(data: bytes) -> None:
     """A stream of frames, the first of which is a connection header with a definition."""
-    whole = _Frames([data])
-    pieces = _Frames(data[at : at + 1] for at in range(len(data)))
-    assert (whole.found, whole.is_intact) == (pieces.found, pieces.is_intact)
-    for frame in whole.found[:1]:
+    whole, cut_up = feed(_wire, False, iter((data,))), feed(_wire, False, pieces(data, 1))
+    assert (whole.messages, bool(whole.ends)) == (cut_up.messages, bool(cut_up.ends))
+    assert not (whole.oversizes or whole.answers)
+    for frame, _ in whole.messages[:1]:
         with suppress(WireError):
             fields = decode_header(frame)
             found = WireTypes(Registry(NOETIC)).find(

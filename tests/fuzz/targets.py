@@ -25,6 +25,7 @@ from tests.fuzz import (
 )
 
 Target = Callable[[bytes], None]
+"""Function of one input, which is not empty."""
 
 TARGETS: Mapping[str, Target] = {
     target.__name__: target

@@ -30,7 +30,7 @@ LARGEST = 2_000
 """Largest message, so that small inputs reach what happens beyond it."""
 
 
-class _Heard:
+class Heard:
     """Events reported by a wire."""
 
     def __init__(self, skip: bool) -> None:
@@ -61,12 +61,12 @@ class _Heard:
 MakeWire = Callable[[WireEvents], Wire]
 
 
-def _feed(make: MakeWire, skip: bool, pieces: Iterator[bytes]) -> _Heard:
+def feed(make: MakeWire, skip: bool, chunks: Iterator[bytes]) -> Heard:
     """Feed a wire as a driver does, into its own space where it offers some."""
-    heard = _Heard(skip)
+    heard = Heard(skip)
     wire = make(heard)
-    wire.message = lambda data, binary: heard.messages.append((data, binary))
-    for piece in pieces:
+    wire.message = lambda data, binary: heard.messages.append((bytes(data), binary))
+    for piece in chunks:
         view = memoryview(piece)
         while view:
             space = wire.get_buffer()
@@ -81,14 +81,14 @@ def _feed(make: MakeWire, skip: bool, pieces: Iterator[bytes]) -> _Heard:
     return heard
 
 
-def _pieces(data: bytes, size: int) -> Iterator[bytes]:
+def pieces(data: bytes, size: int) -> Iterator[bytes]:
     return (data[at : at + size] for at in range(0, len(data), size))
 
 
-def _compare(make: MakeWire, skip: bool, data: bytes, cut: int) -> _Heard:
+def _compare(make: MakeWire, skip: bool, data: bytes, cut: int) -> Heard:
     """Check that the received messages do not depend on how the network splits them."""
-    whole = _feed(make, skip, iter((data,)))
-    cut_up = _feed(make, skip, _pieces(data, cut))
+    whole = feed(make, skip, iter((data,)))
+    cut_up = feed(make, skip, pieces(data, cut))
     assert cut_up.messages == whole.messages
     assert len(whole.ends) <= 1 and len(cut_up.ends) <= 1
     assert all(len(message) <= LARGEST for message, _ in whole.messages)
@@ -151,7 +151,7 @@ def json_stream(data: bytes) -> None:
     if len(rest) <= LARGEST and rest[:1] == b"{" and rest.count(b"}{") == rest.count(b"}") - 1:
         heard = _compare(make, bool(options & 1), rest, cut)
     else:
-        heard = _feed(make, bool(options & 1), _pieces(rest, cut))
+        heard = feed(make, bool(options & 1), pieces(rest, cut))
     assert sum(len(message) for message, _ in heard.messages) <= len(rest)
 
 
@@ -176,8 +176,6 @@ def _page(request: HttpRequest) -> HttpResponse:
 def http(data: bytes) -> None:
     """A whole connection, from its first byte: HTTP, the handshake, then WebSocket; the first byte is the
     cut."""
-    if not data:
-        return
     no_internal_errors(logging.getLogger("rwt_transports"))
     routes = Routes()
     routes.get("/", _page)
@@ -186,7 +184,7 @@ def http(data: bytes) -> None:
     state = ListenerState(_accept, WebSocketWire, limits, partial(HttpConnection, routes), "ws")
     pipe = MemoryPipe(state.attach, "memory", 0)
     received = 0
-    for piece in _pieces(data[1:], data[0] or 256):
+    for piece in pieces(data[1:], data[0] or 256):
         pipe.send(piece)
         received += len(pipe.receive())
     assert received <= 40 * len(data) + 2_000, "more answers than questions"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 
@@ -11,17 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.codecs.bson import BsonCodec, encode_in_steps
 from rwt_protocol.codecs.bson_decoder import check_structure
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.limits import WireLimits
-from rwt_protocol.ops import Direction, Op, Publish
+from rwt_protocol.ops import Op, Publish
 from rwt_protocol.payloads import Decoded
 from rwt_protocol.session import Refusal, Session
 from tests.conftest import counted
-from tests.core.protocol.wire_examples import EXAMPLES, Example, only
 
 CODEC = BsonCodec()
 
@@ -52,28 +49,6 @@ def test_a_document_to_the_byte() -> None:
     assert reason(whole + whole).startswith("not BSON")
 
 
-@pytest.mark.parametrize(
-    "example", [each for each in EXAMPLES.examples if each.valid], ids=lambda example: str(example.name)
-)
-def test_every_op_is_read_as_its_json_is(example: Example) -> None:
-    direction = example.directions[0]
-    text = json.dumps(example.message).encode()
-    (expected,) = Session(direction=direction).decode(text, False, 0.0) or (None,)
-    data = bson.encode(example.message)
-    (found,) = Session(direction=direction, codec=CODEC).decode(data, True, 0.0) or (None,)
-    assert type(found) is type(expected)
-    if expected is not None and not isinstance(expected, Refusal):
-        frame = Session(codec=CODEC).encode(expected)
-        (again,) = Session(direction=direction, codec=CODEC).decode(frame.data, True, 0.0)
-        assert as_json(again) == as_json(found)
-
-
-def as_json(found: object) -> object:
-    """An op's members, whatever they came in."""
-    assert isinstance(found, Op)
-    return json.loads(JSON.encode(found).data)
-
-
 def nested(levels: int) -> bytes:
     heads = (struct.pack("<i", 5 + 8 * inner) for inner in range(levels - 1, -1, -1))
     return b"\x03a\0".join(heads) + b"\0" * levels
@@ -102,16 +77,6 @@ def test_any_damaged_document_is_an_op_or_a_refusal(damage: bytes, place: int) -
     for data in (damage, struct.pack("<i", len(damage) + 4) + damage, damaged):
         for found in Session(codec=CODEC).decode(data, True, 0.0):
             assert isinstance(found, Refusal | Op)
-
-
-@given(st.text().filter(lambda text: "\0" not in text), st.dictionaries(
-    st.text(st.characters(exclude_characters="\0", codec="utf-8")),
-    st.integers(-(2**63), 2**63 - 1) | st.booleans() | st.binary() | st.floats(allow_nan=False),
-))  # fmt: skip
-def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) -> None:
-    frame = CODEC.encode(Publish(topic=topic, id="i", msg=Decoded(members)))
-    found = only(Session(direction=Direction.TO_CLIENT, codec=CODEC).decode(frame.data, True, 0.0), Publish)
-    assert (found.topic, found.msg) == (topic, Decoded(members))
 
 
 NAMES = st.text(st.characters(exclude_characters="\0$", codec="utf-8"), max_size=6)

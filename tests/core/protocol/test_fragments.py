@@ -51,6 +51,7 @@ def test_a_fractional_total_is_floored() -> None:
     session = Session()
     assert send(session, TEXT[:9], 0, 2.75) == []
     assert send(session, TEXT[9:], 1, 2.75) == [OP]
+    assert reason(send(session, TEXT, 0, 0.7)).startswith("fragment.total: expected a whole number, one or")
 
 
 def test_lists_are_kept_apart_by_id_and_by_connection() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import pytest
@@ -18,7 +17,6 @@ from rwt_protocol.ops import (
     ActionResult,
     Advertise,
     CallService,
-    Direction,
     Fragment,
     Op,
     Png,
@@ -32,7 +30,6 @@ from rwt_protocol.ops import (
     Unsubscribe,
 )
 from rwt_protocol.payloads import Decoded, RawJson
-from rwt_protocol.session import Session
 
 P = RawJson(b'{"x": [1.0]}')
 
@@ -131,27 +128,3 @@ def test_a_message_of_any_class_can_be_the_payload_of_an_op(codec: Codec) -> Non
 def test_nothing_else_can(other: Any) -> None:
     with pytest.raises(ValidationError):
         Publish(topic="/a", msg=other)
-
-
-_IDS = st.one_of(st.none(), st.text(), st.integers(-(2**63), 2**64 - 1))
-_JSON = st.recursive(
-    st.one_of(
-        st.none(), st.booleans(), st.integers(), st.floats(allow_nan=False, allow_infinity=False), st.text()
-    ),
-    lambda inner: st.one_of(st.lists(inner), st.dictionaries(st.text(), inner)),
-    max_leaves=10,
-)
-_OBJECTS = st.dictionaries(st.text(), _JSON).map(lambda value: RawJson(json.dumps(value).encode()))
-_OPS: st.SearchStrategy[Op] = st.one_of(
-    st.builds(Publish, topic=st.text(), id=_IDS, msg=_OBJECTS, latch=st.booleans()),
-    st.builds(CallService, service=st.text(), id=_IDS, args=_OBJECTS, timeout=st.none() | st.floats(-9, 9)),
-    st.builds(ServiceResponse, service=st.text(), id=_IDS, values=_OBJECTS | st.text(), result=st.booleans()),
-    st.builds(ActionResult, action=st.text(), id=_IDS, values=_OBJECTS | st.text(), status=st.integers(0, 6)),
-    st.builds(ActionFeedback, action=st.text(), id=_IDS, values=_OBJECTS),
-)
-
-
-@given(_OPS, st.sampled_from([Direction.TO_SERVER, Direction.TO_CLIENT]))
-def test_what_is_written_is_read_back(op: Op, direction: Direction) -> None:
-    frame = JSON.encode(op)
-    assert list(Session(direction=direction).decode(frame.data, False, 0.0)) == [op]

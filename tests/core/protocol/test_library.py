@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from rwt_protocol import AnyOp
-from rwt_protocol.ops import OPS, CallService, Op, Publish, ServiceResponse, SetLevel
+from rwt_protocol.ops import OPS, CallService, Op, Publish, ServiceResponse
 from rwt_protocol.payloads import EMPTY, Decoded, RawJson
 from tests.core.protocol.wire_examples import EXAMPLES, Example
 
@@ -157,13 +157,6 @@ def test_null_is_an_absent_payload_and_a_text_a_failure() -> None:
     assert CallService.model_validate_json('{"service":"/a","args":null}').args == EMPTY
     assert ServiceResponse(service="/a", values="no", result=False).values == "no"
     assert ServiceResponse.model_validate_json('{"service":"/a","values":"no"}').values == "no"
-
-
-def test_every_name_of_an_op_is_taken_and_one_is_kept() -> None:
-    for name in ("set_level", *OPS["set_level"].aliases):
-        assert SetLevel.model_validate({"op": name, "level": "info"}) == SetLevel(level="info")
-    with pytest.raises(ValidationError):
-        SetLevel.model_validate({"op": "level", "level": "info"})
 
 
 @given(st.integers(0, 40_000))

@@ -183,28 +183,27 @@ def test_binary_frames_hold_json_text() -> None:
     assert refusals(b"\xff\xfe", binary=True) == ["not UTF-8, at byte 0"]
 
 
-def test_a_call_that_cannot_be_read_is_still_answered() -> None:
-    refusal = only(decode(b'{"op":"call_service","id":"x","args":{}}'), Refusal)
-    text = "call_service.service: expected a string, and it is missing"
-    assert refusal.reason == text
-    assert refusal.answer == ServiceResponse(service="", values=text, result=False, id="x")
-    refusal = only(decode(b'{"op":"call_service","id":7,"service":"/s","timeout":"5"}'), Refusal)
-    assert (refusal.op, refusal.id, refusal.name) == ("call_service", 7, "/s")
-    text = 'call_service.timeout: expected a number of seconds, got "5"'
-    assert refusal.answer == ServiceResponse(service="/s", values=text, result=False, id=7)
-
-
-def test_a_goal_that_cannot_be_read_is_still_answered() -> None:
-    refusal = only(decode(b'{"op":"send_action_goal","id":"g","action":"/f"}'), Refusal)
-    text = "send_action_goal.action_type: expected a string, and it is missing"
-    assert refusal.answer == ActionResult(action="/f", values=text, result=False, status=0, id="g")
-
-
-def test_out_of_range_numbers_do_not_hide_who_asked() -> None:
-    refusal = only(decode(b'{"op":"call_service","id":7,"service":"/s","timeout":1e999}'), Refusal)
-    assert isinstance(refusal.answer, ServiceResponse)
-    assert refusal.answer.id == 7
-    assert refusal.answer.service == "/s"
+@pytest.mark.parametrize(
+    ("message", "name", "reason"),
+    [
+        (b'{"op":"call_service","id":"x","args":{}}', "",
+         "call_service.service: expected a string, and it is missing"),
+        (b'{"op":"call_service","id":7,"service":"/s","timeout":"5"}', "/s",
+         'call_service.timeout: expected a number of seconds, got "5"'),
+        (b'{"op":"call_service","id":7,"service":"/s","timeout":1e999}', "/s",
+         "call_service.timeout: holds a number too large, or text that is not Unicode"),
+        (b'{"op":"send_action_goal","id":"g","action":"/f"}', "/f",
+         "send_action_goal.action_type: expected a string, and it is missing"),
+    ],
+)  # fmt: skip
+def test_a_request_that_cannot_be_read_is_still_answered(message: bytes, name: str, reason: str) -> None:
+    refusal, id = only(decode(message), Refusal), json.loads(message)["id"]
+    assert (refusal.op, refusal.id, refusal.name) == (json.loads(message)["op"], id, name)
+    assert refusal.reason == reason
+    if refusal.op == "call_service":
+        assert refusal.answer == ServiceResponse(service=name, values=reason, result=False, id=id)
+    else:
+        assert refusal.answer == ActionResult(action=name, values=reason, result=False, status=0, id=id)
 
 
 @pytest.mark.parametrize("name", ["set_level", "set_status_level", "status_level"])

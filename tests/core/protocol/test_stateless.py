@@ -10,14 +10,13 @@ from typing import Any, get_args
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 import rwt_protocol
 from rwt_protocol import (
     OPS,
     PROFILES,
     AnyOp,
-    CallService,
     Direction,
     MalformedMessage,
     MalformedPayload,
@@ -162,15 +161,6 @@ def test_a_union_holds_the_ops_of_its_direction(union: Any, direction: Direction
         else:
             with pytest.raises(ValidationError):
                 TypeAdapter(union).validate_python(error.message)
-
-
-def test_a_union_can_be_a_member() -> None:
-    class Log(BaseModel):
-        ops: list[AnyOp]
-
-    log = Log.model_validate_json('{"ops":[{"op":"call_service","service":"/a","args":[1]}]}')
-    assert log.ops == [CallService(service="/a", args=[1])]
-    assert Log.model_validate_json(log.model_dump_json()) == log
 
 
 def test_the_examples_of_the_package_are_right() -> None:
