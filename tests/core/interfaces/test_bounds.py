@@ -15,12 +15,10 @@ from rwt_interfaces.registry import MOST_LEVELS, Registry
 @pytest.mark.parametrize(
     "line",
     [
-        "float64[2147483647] x",
-        f"bool[{MOST_ELEMENTS + 1}] x",
-        "pkg/Other[4294967295] x",
+        "float64[2147483647] x", f"bool[{MOST_ELEMENTS + 1}] x", "pkg/Other[4294967295] x",
         "int64[99999999999999999999] x",
     ],
-)
+)  # fmt: skip
 def test_an_array_that_no_message_could_hold_is_refused_with_its_line(line: str) -> None:
     with pytest.raises(DefinitionError, match=rf"^pkg/Big\.msg:2: .*1 to {MOST_ELEMENTS}"):
         parse_message(f"# first\n{line}\n", "pkg/Big")

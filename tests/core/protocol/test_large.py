@@ -117,12 +117,10 @@ def test_two_messages_in_a_large_frame_both_run() -> None:
     [
         ('{"op":"publish","topic":"/a","msg":{"data":"FILL"},"extra":[[[1]]]}', {"data": FILL}),
         ('{"op":"publish","topic":"/a","msg":{"data":"FILL","x":NaN}}', {"data": FILL, "x": None}),
-        (
-            '{"op":"publish","topic":"/a","msg":{"data":"FILL"},"extra":{"a":[[]]},"latch":true}',
-            {"data": FILL},
-        ),
+        ('{"op":"publish","topic":"/a","msg":{"data":"FILL"},"extra":{"a":[[]]},"latch":true}',
+         {"data": FILL}),
     ],
-)
+)  # fmt: skip
 def test_a_cut_at_the_wrong_place_is_mended_by_the_proof(text: str, msg: object) -> None:
     op = only(Session().decode(text.replace("FILL", FILL).encode(), False, 0.0), Publish)
     assert json.loads(bytes(text_of(op.msg).json())) == msg
