@@ -101,7 +101,7 @@ WITH_ROS2 = AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS
 
 # Tests of the ROS 2 graph against real ROS 2 programs; `make test-ros2 ROS2_DISTRO=jazzy` for another release, and
 # `make test-ros2 FILES=tests/extensions/ros2/live/test_topics.py ARGS='-k latched'` for some of them.
-test-ros2: $(STAMP)-dev $(ROS2)/.installed
+test-ros2: $(STAMP)-dev $(ROS2)/.installed $(if $(NODE_20),$(BROWSER)/node_modules/.installed)
 	$(WITH_ROS2) tests $(or $(FILES),tests/extensions/ros2/live tests/contract/graph) $(if $(ARGS),-- $(ARGS))
 
 # Those that CI runs, without the thousand clients in turn: 3.5 minutes of CPU.
