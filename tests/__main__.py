@@ -340,7 +340,7 @@ def _idle_share(seconds: float = 3.0) -> float:
 
 
 def _processor_times() -> tuple[int, int]:
-    """Return the idle and the whole time of all processors in ticks; proc_stat(5) has the order of the columns."""
+    """Return the idle and the whole time of all processors, in ticks; proc_stat(5) names the columns."""
     times = [int(each) for each in PROCESSOR_TIMES.read_text().split("\n", 1)[0].split()[1:9]]
     return times[3] + times[4], sum(times)
 
