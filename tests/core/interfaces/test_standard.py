@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ from rwt_interfaces import standard
 from rwt_interfaces.definitions.parser import format_message, parse_message
 from rwt_interfaces.distro import DISTROS, Distro
 from rwt_interfaces.registry import Registry
+from tools import generate_standard
 
 ROOT = Path(__file__).parents[3]
 DATA = Path(standard.__file__).parent
@@ -21,17 +21,11 @@ BOTH = pytest.mark.parametrize("distro", DISTROS.values(), ids=DISTROS)
 
 @BOTH
 def test_generated_files_are_what_the_tool_writes(distro: Distro) -> None:
-    tool = ROOT / "tools" / "generate_standard.py"
-    spec = importlib.util.spec_from_file_location("generate_standard", tool)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     written = {
         path.name.partition(".")[0]: path.read_text("utf-8")
         for path in (DATA / distro.name).glob("*.generated.txt")
     }
-    assert written == module.generate(distro.name)
+    assert written == generate_standard.generate(distro.name)
 
 
 @pytest.mark.parametrize(

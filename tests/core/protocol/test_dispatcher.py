@@ -7,7 +7,7 @@ from typing import Never
 
 import pytest
 
-from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.dispatcher import Dispatcher, Steps
 from rwt_protocol.errors import IncompleteDispatcher, MalformedPayload, Refused
 from rwt_protocol.ops import (
     ActionResult,
@@ -21,6 +21,7 @@ from rwt_protocol.ops import (
     Status,
     inbound,
 )
+from rwt_protocol.session import Refusal, Session
 
 Handler = Callable[[list[Op], Never], None]
 
@@ -125,3 +126,36 @@ def test_any_other_exception_is_handed_over_and_told_to_nobody() -> None:
     assert where is context and seen is op
     assert isinstance(error, ZeroDivisionError)
     assert error.__traceback__ is not None
+
+
+def test_a_light_op_goes_to_the_handler_of_its_op() -> None:
+    (op,) = Session(light=True).decode(b'{"op":"publish","id":"1","topic":"/t","msg":{}}', False, 0.0)
+    assert not isinstance(op, Refusal | Publish)
+    seen: list[Op] = []
+    assert Dispatcher(table(), unexpected).dispatch(seen, op) is None
+    assert seen == [op]
+    assert Dispatcher(table(refuse), unexpected).dispatch(seen, op) == (
+        Status(level="warning", msg="not here", id="1")
+    )
+
+
+@pytest.mark.parametrize("pauses", [0, 1, 2])
+def test_what_an_op_does_after_its_first_step_is_left_for_later(pauses: int) -> None:
+    rests: list[Steps] = []
+
+    def steps(context: list[Op], op: Op) -> Steps:
+        for _ in range(pauses):
+            yield
+        refuse(context, op)
+
+    def later(context: list[Op], op: Op, steps: Steps) -> Op | None:
+        rests.append(steps)
+        return None
+
+    handlers = dict.fromkeys(inbound(Direction.TO_SERVER), steps)
+    op, answer = Publish(topic="/a"), Status(level="warning", msg="not here")
+    at_once, in_turns = Dispatcher(handlers, unexpected), Dispatcher(handlers, unexpected, later=later)
+    assert at_once.dispatch([], op) == answer
+    assert in_turns.dispatch([], op) == (None if pauses else answer)
+    for rest in rests:
+        assert in_turns.go_on([], op, rest, lambda: True) == answer

@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.quick_frames import QUICK_BYTES
-from rwt_protocol.dispatcher import Dispatcher
-from rwt_protocol.errors import Refused
 from rwt_protocol.limits import WireLimits
-from rwt_protocol.ops import Direction, Op, Status, inbound
+from rwt_protocol.ops import Direction, Op
 from rwt_protocol.ops.light import LIGHT
 from rwt_protocol.payloads import RawJson
-from rwt_protocol.profiles import PROFILES, ROS1
+from rwt_protocol.profiles import PROFILES, ROS1, Profile
 from rwt_protocol.session import Refusal, Session
 
 LightSession = partial(Session, light=True)
@@ -63,8 +61,7 @@ def _assert_same(light: object, full: object) -> None:
     ],
 )
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
-def test_a_light_op_has_the_members_of_its_op(text: bytes, profile: object) -> None:
-    profile = PROFILES[getattr(profile, "name", "")]
+def test_a_light_op_has_the_members_of_its_op(text: bytes, profile: Profile) -> None:
     _assert_same(_read(LightSession(profile), text), _read(Session(profile), text))
 
 
@@ -149,24 +146,6 @@ def test_a_client_that_wants_warnings() -> None:
     for level, wants in (("info", True), ("error", False), ("warning", True), ("none", False)):
         session.decode(b'{"op":"set_level","level":"%b"}' % level.encode(), False, 0.0)
         assert session.wants_warnings is wants
-
-
-def test_the_handler_of_an_op_gets_its_light_form() -> None:
-    def refuse(context: list[Op], op: Op) -> None:
-        context.append(op)
-        raise Refused("not here")
-
-    def unexpected(context: object, op: Op, error: Exception) -> None:
-        raise AssertionError(op) from error
-
-    seen: list[Op] = []
-    dispatcher: Dispatcher[list[Op]] = Dispatcher(
-        dict.fromkeys(inbound(Direction.TO_SERVER), refuse), unexpected
-    )
-    op = _read(LightSession(), USUAL.replace(b'"msg"', b'"id":"1","msg"'))
-    assert not isinstance(op, Refusal)
-    assert dispatcher.dispatch(seen, op) == Status(level="error", msg="not here", id="1")
-    assert seen == [op]
 
 
 def test_payloads_do_not_keep_the_frame_alive() -> None:
