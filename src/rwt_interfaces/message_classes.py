@@ -9,7 +9,7 @@ from rwt_interfaces.distro import Distro
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.struct_fields import time_struct
-from rwt_interfaces.structs import MessageType
+from rwt_interfaces.structs import MessageType, named_parts
 
 
 class Package:
@@ -41,11 +41,9 @@ class Package:
             unknown = error
         parts: dict[str, MessageType] = {}
         if full in self._registry.names("srv"):
-            service = self._registry.service(full)
-            parts |= {"Request": service.request, "Response": service.response}
+            parts |= named_parts(self._registry.service(full))
         if full in self._registry.names("action"):
-            action = self._registry.action(full)
-            parts |= {"Goal": action.goal, "Result": action.result, "Feedback": action.feedback}
+            parts |= named_parts(self._registry.action(full))
         if not parts:
             raise AttributeError(str(unknown)) from None
         structs = {part: message.struct for part, message in parts.items()}

@@ -440,8 +440,11 @@ class Payload(msgspec.Struct, eq=False):
     @property
     def kept_size(self) -> int:
         """Approximate bytes of the message without the forms that :meth:`forget_forms` drops."""
-        match self.source:
-            case ((bytes() | memoryview()) as data) | CutText(raw=data) | Relayed(data=data):
+        source = self.source
+        if isinstance(source, bytes):  # The usual case.
+            return len(source)
+        match source:
+            case (memoryview() as data) | CutText(raw=data) | Relayed(data=data):
                 return len(data)
             case SplitText(parts=parts):
                 return sum(map(len, parts))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from rwt_interfaces import field_types
+from rwt_interfaces.definitions.actionlib import ACTION_PARTS, SERVICE_PARTS
 from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
 from rwt_interfaces.field_types import Slot
 from rwt_interfaces.serialise.wire_rules import CDR, ROS1, RULES
@@ -313,3 +314,9 @@ class ActionType:
     def parts(self) -> tuple[MessageType, ...]:
         """Goal, result and feedback."""
         return self.goal, self.result, self.feedback
+
+
+def named_parts(interface: ServiceType | ActionType) -> dict[str, MessageType]:
+    """Return the parts of a service or action by name: `Request`, `Goal` and so on."""
+    names = SERVICE_PARTS if isinstance(interface, ServiceType) else ACTION_PARTS
+    return dict(zip(names, interface.parts, strict=True))

@@ -14,7 +14,7 @@ from rwt_interfaces.codegen.type_selection import ClassNames, TypeSelection, tim
 from rwt_interfaces.definitions.model import Constant
 from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.struct_fields import default_maker, slot_default
-from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType, named_parts
 
 _HEAD: Final = '''\
 """Typed ROS messages ({distro}), made by `rwt interface generate --lang python`: do not edit.
@@ -97,11 +97,8 @@ class _PythonStubs:
             yield self._time(time)
         for message in self._chosen.messages:
             yield self._message(message)
-        for service in self._chosen.services:
-            yield self._parts(service, {"Request": service.request, "Response": service.response})
-        for action in self._chosen.actions:
-            parts = {"Goal": action.goal, "Result": action.result, "Feedback": action.feedback}
-            yield self._parts(action, parts)
+        yield from map(self._parts, self._chosen.services)
+        yield from map(self._parts, self._chosen.actions)
 
     def _time(self, time: field_types.Time) -> str:
         halves = zip(time.keys, (time.seconds, time.nanoseconds), strict=True)
@@ -117,10 +114,11 @@ class _PythonStubs:
         body = "\n    ".join([f'ROS_TYPE: typing.ClassVar[str] = "{ros_type}"', *lines])
         return f'\n\nclass {self._names.of(name)}(_Message):\n    """{ros_type}."""\n\n    {body}\n'
 
-    def _parts(self, interface: ServiceType | ActionType, parts: dict[str, MessageType]) -> str:
+    def _parts(self, interface: ServiceType | ActionType) -> str:
         ros_type = self._chosen.registry.type_name(interface)
         lines = [f'ROS_TYPE: typing.ClassVar[str] = "{ros_type}"']
-        lines += [f"{part} = {self._names.of(message.name)}" for part, message in parts.items()]
+        parts = named_parts(interface).items()
+        lines += [f"{part} = {self._names.of(message.name)}" for part, message in parts]
         body = "\n    ".join(lines)
         return f'\n\nclass {self._names.of(interface.name)}:\n    """{ros_type}."""\n\n    {body}\n'
 

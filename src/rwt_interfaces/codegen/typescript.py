@@ -11,7 +11,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.codegen.type_selection import ClassNames, TypeSelection, time_name
 from rwt_interfaces.definitions.model import Constant
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.structs import MessageType
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType, named_parts
 
 _HEAD: Final = """\
 // Typed ROS messages ({distro}), made by `rwt interface generate --lang typescript`: do not edit.
@@ -47,23 +47,8 @@ class _TypeScriptStubs:
             "MessageTypes",
             [(registry.type_name(each), self._names.of(each.name)) for each in self._chosen.messages],
         )
-        yield self._table(
-            "ServiceTypes",
-            [
-                (registry.type_name(each), self._record(request=each.request, response=each.response))
-                for each in self._chosen.services
-            ],
-        )
-        yield self._table(
-            "ActionTypes",
-            [
-                (
-                    registry.type_name(each),
-                    self._record(goal=each.goal, result=each.result, feedback=each.feedback),
-                )
-                for each in self._chosen.actions
-            ],
-        )
+        for table, types in (("ServiceTypes", self._chosen.services), ("ActionTypes", self._chosen.actions)):
+            yield self._table(table, [(registry.type_name(each), self._record(each)) for each in types])
 
     def _message(self, message: MessageType) -> str:
         lines = [f"{slot.name}: {self._type(slot.type)};{_remark(slot.type)}" for slot in message.slots]
@@ -82,8 +67,9 @@ class _TypeScriptStubs:
         body = "".join(f"  {json.dumps(ros_type)}: {kind};\n" for ros_type, kind in sorted(rows))
         return f"\n/** Types by their names in ROS. */\nexport interface {name} {{\n{body}}}\n"
 
-    def _record(self, **parts: MessageType) -> str:
-        return f"{{ {'; '.join(f'{part}: {self._names.of(each.name)}' for part, each in parts.items())} }}"
+    def _record(self, interface: ServiceType | ActionType) -> str:
+        parts = named_parts(interface).items()
+        return f"{{ {'; '.join(f'{part.lower()}: {self._names.of(each.name)}' for part, each in parts)} }}"
 
     def _type(self, field_type: FieldType) -> str:
         match field_type:
