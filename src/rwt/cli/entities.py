@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from rwt.cli.console.output import Output
 from rwt.cli.errors import FAILED, CommandError
-from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, gather
+from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, flag, gather
 from rwt_interfaces.errors import InvalidName
 from rwt_interfaces.names import two_part
 from rwt_participant.errors import ProviderNotFound, ServiceFailed
@@ -21,6 +21,7 @@ from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_client import Robot
+    from rwt_client.rosapi import NodeDetails
     from rwt_participant.api import Listed
 
 
@@ -58,6 +59,11 @@ def same_type(one: str, other: str) -> bool:
 def unknown(what: str, name: str, known: Iterable[str]) -> CommandError:
     """Return the error for an unknown name, with the nearest known one."""
     return CommandError(f"the robot knows no {what} {name}{did_you_mean(name, known)}", FAILED)
+
+
+async def all_nodes(robot: Robot) -> list[NodeDetails]:
+    """Ask for all nodes with their topics and services."""
+    return await gather([partial(robot.api.node, name) for name in await ask_rosapi(robot.api.nodes)])
 
 
 async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
@@ -146,17 +152,11 @@ class Entity:
 
         def add_arguments(parser: argparse.ArgumentParser) -> None:
             if typed:
-                parser.add_argument(
-                    "-t", "--show-types", action="store_true", help=f"show the type of each {self.noun}"
-                )
+                flag("-t", "--show-types", help=f"show the type of each {self.noun}")(parser)
             self._add_count(parser)
             if show_verbose:
-                parser.add_argument(
-                    "-v",
-                    "--verbose",
-                    action="store_true",
-                    help="show types and the numbers of publishers and subscribers",
-                )
+                help = "show types and the numbers of publishers and subscribers"
+                flag("-v", "--verbose", help=help)(parser)
             self._add_hidden(parser)
 
         async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -167,7 +167,7 @@ class Entity:
             elif show_verbose and arguments.verbose:
                 await show_verbose(robot, found, output)
             elif output.json:
-                output.record([{"name": name, "type": kind} for name, kind in found])
+                output.record(names_and_types(found))
             elif types and output.people:
                 output.columns(found, ("name", "type"))
             elif types:
@@ -192,10 +192,7 @@ class Entity:
         async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
             name = absolute_name(getattr(arguments, self.noun))
             kind = await self.known(robot, name)
-            if output.json:
-                output.record({"name": name, "type": kind})
-            else:
-                output.line(output.styled(kind, "type"))
+            output.answer({"name": name, "type": kind}, output.styled(kind, "type"))
 
         return Verb(
             "type",
@@ -269,14 +266,16 @@ class Entity:
         parser.add_argument(*self.hidden_options, dest="hidden", action="store_true", help=help)
 
 
+def names_and_types(found: Iterable[tuple[str, str]]) -> list[dict[str, str]]:
+    """Return names with their types as ``--json`` prints them."""
+    return [{"name": name, "type": kind} for name, kind in found]
+
+
 def _print_names(found: Sequence[tuple[str, str]], output: Output, *, only_count: bool = False) -> None:
-    if output.json:
-        output.record({"count": len(found)} if only_count else [name for name, _ in found])
-    elif only_count:
-        output.line(str(len(found)))
+    if only_count:
+        output.answer({"count": len(found)}, str(len(found)))
     else:
-        for name, _ in found:
-            output.line(output.styled(name, "name"))
+        output.names([name for name, _ in found], "name")
 
 
 TOPIC: Final = Entity(

@@ -75,16 +75,13 @@ def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: objec
     metavar = action.metavar if isinstance(action.metavar, str) else ""
     if metavar in _ENTITIES:
         return _live(_ENTITIES[metavar], parsed_args)
-    return _types() if metavar.split(" ")[0] == "TYPE" else ()
-
-
-def _types() -> list[str]:
+    if metavar.split(" ")[0] != "TYPE":
+        return ()
+    from rwt.cli.type_lookup import known_names
     from rwt_interfaces.distro import JAZZY
-    from rwt_interfaces.names import KINDS, three_part
     from rwt_interfaces.registry import Registry
 
-    registry = Registry(JAZZY)
-    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
+    return known_names(Registry(JAZZY))
 
 
 def _live(entity: Entity, given: argparse.Namespace) -> list[str]:

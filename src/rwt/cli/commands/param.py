@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Final
 from rwt.cli.console.message_argument import STDIN, read_value
 from rwt.cli.console.output import Output, write_file
 from rwt.cli.entities import absolute_name, ask_rosapi, unknown
-from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError, cannot_read
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
+from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, flag, gather
 from rwt_participant.errors import NotFound, ParameterRejected
 from rwt_participant.spelling import did_you_mean
 
@@ -30,11 +30,9 @@ _KINDS: Final = (
 )  # fmt: skip
 """Names of parameter types, indexed by ``rcl_interfaces/msg/ParameterType``."""
 _CONSTRAINTS: Final = {
-    "min": "Min value",
-    "max": "Max value",
-    "step": "Step",
-    "constraints": "Additional constraints",
-}
+    "min": "Min value", "max": "Max value", "step": "Step", "constraints": "Additional constraints",
+}  # fmt: skip
+
 _ANY_NODE: Final = ("/**", "**")
 
 _NODE: Final = argument("node", metavar="NODE", help="for example /demo_robot")
@@ -55,10 +53,6 @@ def add_param_command(commands: Commands) -> None:
 # -- names -------------------------------------------------------------------------------------------------
 
 
-async def _names(robot: Robot) -> tuple[str, ...]:
-    return await ask_rosapi(robot.params.names)
-
-
 def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
     """Group parameters by node; those of ROS 1, which belong to no node, under the empty name."""
     found: dict[str, list[str]] = {}
@@ -69,7 +63,7 @@ def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 async def _of_node(robot: Robot, node: str) -> list[str]:
-    names = await _names(robot)
+    names = await ask_rosapi(robot.params.names)
     found = _by_node(names)
     if node in found:
         return found[node]
@@ -94,19 +88,12 @@ def _addressed(robot: Robot, words: list[str]) -> str:
     return absolute_name(words[0])
 
 
-async def _get_value(robot: Robot, name: str) -> YamlValue:
-    try:
-        return await ask_rosapi(lambda: robot.params.get(name))
-    except NotFound as error:
-        raise CommandError(str(error), FAILED) from error
-
-
 # -- list, get, set, delete --------------------------------------------------------------------------------
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
     if arguments.node is None:
-        found = _by_node(await _names(robot))
+        found = _by_node(await ask_rosapi(robot.params.names))
     else:
         found = {absolute_name(arguments.node): await _of_node(robot, absolute_name(arguments.node))}
     if output.json:
@@ -124,13 +111,12 @@ async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
     from rwt.cli.console.yaml_text import flow
 
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
-    value = await _get_value(robot, name)
-    if output.json:
-        output.record({"name": name, "value": value})
-    elif arguments.hide_type:
-        output.line(flow(value))
-    else:
-        output.line(f"{_kind(value)} value is: {_shown(value, output)}")
+    try:
+        value = await ask_rosapi(lambda: robot.params.get(name))
+    except NotFound as error:
+        raise CommandError(str(error), FAILED) from error
+    text = flow(value) if arguments.hide_type else f"{_kind(value)} value is: {_shown(value, output)}"
+    output.answer({"name": name, "value": value}, text)
 
 
 def _given(*words: str | None) -> list[str]:
@@ -147,19 +133,9 @@ def _shown(value: ParameterValue, output: Output) -> str:
 
 
 def _kind(value: ParameterValue) -> str:
-    match value:
-        case bool():
-            return "Boolean"
-        case int():
-            return "Integer"
-        case float():
-            return "Double"
-        case str():
-            return "String"
-        case list():
-            return f"{_kind(value[0])} array" if value else "Array"
-        case _:
-            return "Value"
+    if isinstance(value, list):
+        return f"{_kind(value[0])} array" if value else "Array"
+    return {bool: "Boolean", int: "Integer", float: "Double", str: "String"}.get(type(value), "Value")
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -169,19 +145,13 @@ async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
         await robot.params.set(name, value)
     except ParameterRejected as error:
         raise CommandError(f"setting {name} failed: {error}", FAILED) from error
-    if output.json:
-        output.record({"name": name, "value": value})
-    else:
-        output.line("Set parameter successful")
+    output.answer({"name": name, "value": value}, "Set parameter successful")
 
 
 async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
     await robot.params.delete(name)
-    if output.json:
-        output.record({"name": name, "deleted": True})
-    else:
-        output.line("Deleted parameter successfully")
+    output.answer({"name": name, "deleted": True}, "Deleted parameter successfully")
 
 
 # -- describe ----------------------------------------------------------------------------------------------
@@ -209,20 +179,16 @@ async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _description(descriptor: Message) -> dict[str, object]:
-    limits = [*descriptor.floating_point_range, *descriptor.integer_range]
     kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
-    found: dict[str, object] = {"name": descriptor.name, "type": kind}
-    if descriptor.description:
-        found["description"] = descriptor.description
-    if descriptor.read_only:
-        found["read_only"] = True
-    if limits:
-        found |= {"min": limits[0].from_value, "max": limits[0].to_value}
-        if limits[0].step:
-            found["step"] = limits[0].step
-    if descriptor.additional_constraints:
-        found["constraints"] = descriptor.additional_constraints
-    return found
+    found = {
+        "description": descriptor.description or None,
+        "read_only": descriptor.read_only or None,
+        "constraints": descriptor.additional_constraints or None,
+    }
+    for limits in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
+        found |= {"min": limits.from_value, "max": limits.to_value, "step": limits.step or None}
+    declared = {key: value for key, value in found.items() if value is not None}
+    return {"name": descriptor.name, "type": kind, **declared}
 
 
 def _print_description(described: Mapping[str, object], output: Output) -> None:
@@ -255,8 +221,8 @@ async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
     text = block({node: {PARAMETERS: _nested(flat)}})
     if arguments.output is None:
         output.text(text)
-        return
-    write_file(arguments.output, text)
+    else:
+        write_file(arguments.output, text)
 
 
 def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
@@ -312,7 +278,7 @@ def _text(file: str) -> str:
     try:
         return Path(file).read_text(encoding="utf-8")
     except OSError as error:
-        raise CommandError(f"{file}: cannot be read: {error.strerror}", CALLED_WRONGLY) from error
+        raise cannot_read(file, error) from error
     except UnicodeDecodeError as error:
         raise CommandError(f"{file}: not UTF-8 text", CALLED_WRONGLY) from error
 
@@ -365,7 +331,7 @@ VERBS = (
         _get,
         "rwt param get /demo_robot max_speed",
         '{"name": "/demo_robot:max_speed", "value": 0.8}',
-        arguments(_NAME, argument("--hide-type", action="store_true", help="only print the value")),
+        arguments(_NAME, flag("--hide-type", help="only print the value")),
     ),
     Verb(
         "set",

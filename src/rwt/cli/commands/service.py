@@ -12,9 +12,9 @@ from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import SERVICE, absolute_name, ask_rosapi
+from rwt.cli.entities import SERVICE, absolute_name, all_nodes, ask_rosapi
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, gather, hertz
+from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, flag, hertz
 from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def add_service_command(commands: Commands) -> None:
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
-    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    nodes = await all_nodes(robot)
     return {"servers": sorted(node.name for node in nodes if name in node.services)}
 
 
@@ -86,7 +86,7 @@ VERBS = (
         _ask_info,
         _show_info,
         '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts", "servers": ["/demo_robot"]}',
-        argument("-v", "--verbose", action="store_true", help="list the nodes that offer it"),
+        flag("-v", "--verbose", help="list the nodes that offer it"),
     ),
     Verb(
         "echo",

@@ -19,6 +19,7 @@ from rwt.cli.verbs import (
     argument,
     arguments,
     count,
+    rounds,
     seconds,
     tls_of,
     topic_glob,
@@ -112,8 +113,8 @@ async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
     if any(name == _CLIENTS for name, _ in await TOPIC.found(robot)):
         await robot.subscribe(_CLIENTS, lambda message: setattr(look, "clients", message.data))
     await look.follow()
-    since, times = anyio.current_time(), arguments.times or (None if output.people else 1)
-    while times is None or times > 0:
+    since = anyio.current_time()
+    for _ in rounds(arguments.times or (None if output.people else 1)):
         await anyio.sleep_until(since + arguments.interval)
         now = anyio.current_time()
         rates, since = look.rates(now - since), now
@@ -121,7 +122,6 @@ async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
         health = await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
         _print(rates, nodes, look.clients, health, output)
         await look.follow()
-        times = None if times is None else times - 1
 
 
 def _print(
@@ -149,11 +149,9 @@ def _print(
         name = output.styled(rate.name, "name") + " " * (width - len(rate.name))
         figures = f"{rate.messages:>8.1f}  {in_bytes(rate.octets):>10}"
         lines.append(f"{figures}  {name}  {output.styled(rate.type, 'type')}")
-    if output.people:
-        lines += [f"… and {len(rates) - len(shown)} more"] if len(shown) < len(rates) else []
-        output.live(lines)
-        return
-    output.text("".join(f"{line}\n" for line in [*lines, f"nodes: {' '.join(nodes)}"]))
+    if len(shown) < len(rates):
+        lines.append(f"… and {len(rates) - len(shown)} more")
+    output.report(lines, f"nodes: {' '.join(nodes)}")
 
 
 _TOP = Verb(

@@ -15,7 +15,7 @@ from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
-from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
+from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, rounds, seconds_or_none
 from rwt_participant.errors import CallTimeout, RobotError
 from rwt_participant.messages import to_payload
 
@@ -123,14 +123,11 @@ def _publish(
 
 async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
     due = anyio.current_time()
-    number = 0
-    while True:
-        number += 1
+    for number in rounds(times):
         yield number
-        if number == times:
-            return
-        due = max(due + 1 / rate, anyio.current_time())
-        await anyio.sleep_until(due)
+        if number != times:
+            due = max(due + 1 / rate, anyio.current_time())
+            await anyio.sleep_until(due)
 
 
 async def _wait_for_subscribers(robot: Robot, publisher: RemotePublisher, arguments: Arguments) -> None:

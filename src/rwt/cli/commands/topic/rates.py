@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import anyio
 
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CommandError
-from rwt.cli.verbs import Arguments, Verb, count, seconds
+from rwt.cli.verbs import Arguments, Verb, count, rounds, seconds
 from rwt_interfaces import field_types
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import ProviderNotFound, ServiceFailed
@@ -39,8 +37,7 @@ Measure = Callable[[Samples, float], Report | None]
 """Function that reports samples at a time in seconds; None if there are no figures."""
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
+class Spread(NamedTuple):
     """Summary of some numbers; the standard deviation is that of the population."""
 
     mean: float
@@ -52,11 +49,12 @@ class Spread:
 
 def spread(values: list[float]) -> Spread | None:
     """Return the summary of some numbers; None if there are none."""
+    import statistics  # slow import that only these verbs need
+
     if not values:
         return None
-    mean = math.fsum(values) / len(values)
-    deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values))
-    return Spread(mean, min(values), max(values), deviation, len(values))
+    mean = statistics.fmean(values)
+    return Spread(mean, min(values), max(values), statistics.pstdev(values, mean), len(values))
 
 
 def in_bytes(number: float) -> str:
@@ -122,13 +120,11 @@ async def _measure(
 ) -> None:
     names = [absolute_name(name) for name in dict.fromkeys(arguments.topic)]
     measured = {name: await _listen(robot, name, arguments.window, value) for name in names}
-    reported = 0
     due = anyio.current_time()
-    while arguments.times is None or reported < arguments.times:
+    for _ in rounds(arguments.times):
         due = max(due + arguments.interval, anyio.current_time())
         await anyio.sleep_until(due)
         _report(measured, anyio.current_time(), measure, output)
-        reported += 1
         if between is not None:
             await between()
 
@@ -155,10 +151,8 @@ def _report(measured: dict[str, Samples], now: float, measure: Measure, output: 
         if len(measured) > 1:
             shown.append(f"topic: {output.styled(name, 'name')}")
         shown += text.split("\n")
-    if output.people:
-        output.live(shown)
-    elif not output.json:
-        output.text("".join(f"{line}\n" for line in shown))
+    if not output.json:
+        output.report(shown)
 
 
 # -- the figures ------------------------------------------------------------------------------------------
