@@ -129,6 +129,12 @@ def test_programs_check_the_status_of_an_answer() -> None:
     assert [block.name for block in fetching if ".ok)" not in block.code] == []
 
 
+def test_the_first_robot_of_the_readme_is_short_and_needs_one_import() -> None:
+    block = next(block for block in blocks_of(ROOT / "README.md") if "from rwt import Server" in block.code)
+    lines = block.code.strip().splitlines()
+    assert len(lines) <= 8 and sum(line.startswith(("import ", "from ")) for line in lines) == 1
+
+
 # -- events --------------------------------------------------------------------------------------------------
 
 

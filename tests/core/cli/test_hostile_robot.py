@@ -90,7 +90,10 @@ class HostileRobot:
             case "send_action_goal":
                 of_goal = {"action": asked["action"], "id": id_}
                 yield {"op": "action_feedback", **of_goal, "values": {}}, "values"
-                yield {"op": "action_result", **of_goal, "values": self.text, "status": 6, "result": False}, "values"
+                yield (
+                    {"op": "action_result", **of_goal, "values": self.text, "status": 6, "result": False},
+                    "values",
+                )
 
 
 def _as_it_is(message: dict[str, Any], key: str) -> str:
@@ -152,10 +155,11 @@ COMMANDS: Final = (
     "topic echo /x --once", "topic pub --once /x std_msgs/msg/String {data:\u00a0x}", "service list",
     "service list --show-types", "service type /x", "service info /x", "service find std_srvs/srv/Trigger",
     "service call /x/fails std_srvs/Trigger {}", "service call /x", "action list", "action list --show-types",
-    "action info /x", "action info -t /x", "action type /x", "action find example_interfaces/action/Fibonacci",
+    "action info /x", "action info -t /x", "action type /x",
+    "action find example_interfaces/action/Fibonacci",
     "action send_goal /x example_interfaces/Fibonacci {order:\u00a01}", "node list", "node info /x",
-    "param list", "param list /x", "param get /x b", "param describe /x b", "param dump /x", "param set /x b 1",
-    "param delete /x b", "interface list", "interface show std_msgs/msg/Evil",
+    "param list", "param list /x", "param get /x b", "param describe /x b", "param dump /x",
+    "param set /x b 1", "param delete /x b", "interface list", "interface show std_msgs/msg/Evil",
     "interface show std_msgs/msg/String", "interface package evil", "interface packages",
     "tf tree --wait 0.1", "tf echo a b --once", "stop", "approve", "doctor",
 )  # fmt: skip

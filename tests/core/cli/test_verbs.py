@@ -7,22 +7,20 @@ import base64
 import io
 import math
 import re
+import shlex
 import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import anyio
 import pytest
 
 from rwt import Server
-from rwt.cli import COMMANDS, main, parser_for
-from rwt.cli.commands.topic.echo import ECHO, qos_from
+from rwt.cli import main, parser_for
+from rwt.cli.commands.topic.echo import qos_from
 from rwt.cli.console.output import Output
 from rwt.cli.console.plot import Plot
 from rwt.cli.console.yaml_text import read_yaml
-from rwt.cli.entities import absolute_name
-from rwt_client import connect
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_protocol.ops import Qos
@@ -80,16 +78,6 @@ def test_topic_type_and_find(rwt: Rwt) -> None:
     assert rwt("topic", "find", "sensor_msgs/LaserScan", "-c").out == "1\n"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [("type",), ("info",), ("echo", "--once"), ("hz",), ("bw",), ("delay",)],
-    ids=lambda words: words[0],
-)
-def test_an_unknown_topic_is_one_line_with_the_nearest(rwt: Rwt, words: tuple[str, ...]) -> None:
-    ended = rwt("topic", *words, "/odm")
-    assert (ended.code, ended.err) == (1, "rwt: the robot knows no topic /odm; did you mean /odom?\n")
-
-
 def test_echo_as_yaml(rwt: Rwt) -> None:
     text, end, rest = rwt("topic", "echo", "/odom", "--once").out.partition("---\n")
     message = read_yaml(text)
@@ -112,28 +100,6 @@ def test_echo_one_field(rwt: Rwt) -> None:
         "odom\n---\n",
         "map\n---\n",
     )
-
-
-@pytest.mark.parametrize(
-    ("path", "expected"),
-    [
-        ("pose.pos", "geometry_msgs/PoseWithCovariance has no field pos; did you mean pose?"),
-        ("pose..x", "expected names and indices"),
-        ("child_frame_id.x", "string has no fields"),
-        ("child_frame_id[0]", "string is not an array"),
-        ("header.stamp.secs", "did you mean sec?"),
-    ],
-)
-def test_a_field_that_is_not_there(rwt: Rwt, path: str, expected: str) -> None:
-    ended = rwt("topic", "echo", "/odom", "--once", "--field", path)
-    assert ended.code == 2
-    assert expected in ended.err
-
-
-def test_an_index_beyond_the_array(rwt: Rwt) -> None:
-    ended = rwt("topic", "echo", "/scan", "--once", "--field", "ranges[4000]")
-    assert ended.err == "rwt: --field ranges[4000]: there are only 360 items in this message\n"
-    assert ended.code == 1
 
 
 def test_echo_on_one_line(rwt: Rwt) -> None:
@@ -169,10 +135,6 @@ def test_echo_only_what_a_filter_lets_through(rwt: Rwt) -> None:
     words = ("topic", "echo", "/odom", "-n", "6", "--json", "--field", "header.stamp.nanosec")
     records = rwt(*words, "--filter", "m.header.stamp.nanosec // 10**8 % 2 == 0").records
     assert [nanosec // 10**8 % 2 for nanosec in records] == [0] * 6
-    ended = rwt("topic", "echo", "/odom", "--filter", "m.pose >")
-    assert (ended.code, "'m.pose >' is not a Python expression" in ended.err) == (2, True)
-    ended = rwt("topic", "echo", "/odom", "--filter", "m.poses")
-    assert (ended.code, "--filter: AttributeError: " in ended.err) == (2, True)
 
 
 def test_echo_as_a_plot(rwt: Rwt) -> None:
@@ -181,7 +143,6 @@ def test_echo_as_a_plot(rwt: Rwt) -> None:
     assert {line.split()[0] for line in last if " … " in line} >= {"position.x", "orientation.w"}
     scan, _ = rwt("topic", "echo", "/scan", "--plot", "--once", "--field", "ranges").out.splitlines()
     assert scan.startswith("value  ") and len(set("▁▂▃▄▅▆▇█") & set(scan)) > 3
-    assert rwt("topic", "echo", "/odom", "--plot", "--csv").code == 2
 
 
 def test_a_plot_of_any_numbers() -> None:
@@ -200,7 +161,6 @@ def test_echo_undecoded(rwt: Rwt) -> None:
     text, end, _ = rwt("topic", "echo", "/odom", "--raw", "--once").out.partition("\n---\n")
     assert isinstance(ast.literal_eval(text), bytes)
     assert end
-    assert rwt("topic", "echo", "/odom", "--raw", "--field", "pose").code == 2
     silent, waited = impatient(rwt, "topic", "echo", "/silent", "std_msgs/msg/String", "--raw")
     assert (silent.code, silent.err) == (4, f"rwt: no message came on /silent within {waited}\n")
 
@@ -262,30 +222,6 @@ def test_pub_that_nobody_hears(rwt: Rwt) -> None:
     assert f"no subscription to /alone within {waited}; -w 0 publishes without waiting" in ended.err
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "expected"),
-    [
-        (("/cmd_vel", "{liner: {x: 1}}"), 2, 'has no field "liner"; it has linear, angular'),
-        (("/cmd_vel", "{linear: {x: fast}}"), 2, 'linear.x: expected float64, got "fast"'),
-        (
-            ("/cmd_vel", "{linear: {x: 1}"),
-            2,
-            "the message: line 1, column 1: { has no closing }",
-        ),
-        (("/cmd_vel", _TWIST, "3"), 2, "expected fields"),
-        (("/cmd_vel", _TWIST, "{linear:", "1}"), 2, "put the message in quotes"),
-        (("/new", "std_msgs/msg/Strin", "{}"), 1, "did you mean std_msgs/String?"),
-        (("/new", "{}"), 1, "the robot knows no topic /new"),
-        (("/cmd_vel", "std_msgs/msg/String", "{}"), 1, "geometry_msgs"),
-    ],
-)
-def test_pub_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expected: str) -> None:
-    ended = rwt("topic", "pub", "--once", *words)
-    assert expected in ended.err
-    assert ended.code == code
-    assert len(ended.err.splitlines()) == 1
-
-
 def test_rates(rwt: Rwt) -> None:
     said = rwt("topic", "hz", "/odom", "-n", "1", "--interval", "0.4").out
     assert said.startswith("average rate: ")
@@ -306,8 +242,6 @@ def test_bandwidth_of_several(rwt: Rwt) -> None:
 def test_delay(rwt: Rwt) -> None:
     (record,) = rwt("topic", "delay", "/odom", "-n", "1", "--interval", "0.4", "--json").records
     assert -1 < record["delay"] < 5
-    ended = rwt("topic", "delay", "/chatter", "-n", "1")
-    assert (ended.code, "std_msgs/msg/String has no header" in ended.err) == (1, True)
 
 
 def test_top(rwt: Rwt) -> None:
@@ -350,7 +284,6 @@ def test_service_info(rwt: Rwt) -> None:
     assert said.startswith(f"Type: {_ADD}\nClients count: ")
     assert said.endswith("Services count: 1\n    /demo_robot\n")
     assert rwt("service", "info", "/add_two_ints", "--json").json["servers"] == ["/demo_robot"]
-    assert "did you mean /add_two_ints?" in rwt("service", "info", "/add_two_int").err
 
 
 def test_service_echo_says_who_would_have_to_publish(rwt: Rwt) -> None:
@@ -366,29 +299,6 @@ def test_service_call(rwt: Rwt) -> None:
             "response:\nexample_interfaces.srv.AddTwoInts_Response(sum=3)\n\n"
         )
     assert rwt("service", "call", "/add_two_ints", _ADD, "--json").json == {"sum": 0}
-
-
-def test_service_call_with_a_type_that_it_does_not_have(rwt: Rwt) -> None:
-    done = rwt("service", "call", "/add_two_ints", "std_srvs/srv/Trigger", "{}")
-    assert done.code == 1
-    assert done.err == "rwt: /add_two_ints has type example_interfaces/AddTwoInts, not std_srvs/Trigger\n"
-
-
-def test_send_goal_with_a_type_that_the_action_does_not_have(rwt: Rwt) -> None:
-    done = rwt("action", "send_goal", "/fibonacci", "tf2_msgs/action/LookupTransform", "{}")
-    assert done.code == 1
-    assert "/fibonacci has type" in done.err
-
-
-def test_service_call_that_fails(rwt: Rwt) -> None:
-    ended = rwt("service", "call", "/ad_two_ints", "{a: 1}")
-    assert (ended.code, ended.err) == (
-        1,
-        "rwt: the robot knows no service /ad_two_ints; did you mean /add_two_ints?\n",
-    )
-    assert rwt("service", "call", "/add_two_ints", "{a: 1.5}").code == 2
-    ended = rwt("service", "call", "/rosapi/topic_type", "rosapi/srv/TopicType", "{topic: [1]}")
-    assert (ended.code, "expected string" in ended.err) == (2, True)
 
 
 # -- action ------------------------------------------------------------------------------------------------
@@ -437,13 +347,6 @@ def test_send_goal_with_feedback(rwt: Rwt) -> None:
     ]
 
 
-def test_send_goal_that_fails(rwt: Rwt) -> None:
-    ended = rwt("action", "send_goal", "/fibonacci", "{order: -1}")
-    assert (ended.code, "order must be 0 to 46" in ended.err) == (1, True)
-    ended = rwt("action", "send_goal", "/fibonaci", "{order: 1}")
-    assert (ended.code, "did you mean /fibonacci?" in ended.err) == (1, True)
-
-
 def test_a_goal_that_takes_too_long_is_canceled(rwt: Rwt) -> None:
     ended, _ = impatient(rwt, "action", "send_goal", "/fibonacci", "{order: 40}", seconds=0.5)
     assert ended.code == 4
@@ -457,7 +360,6 @@ def test_param_list(rwt: Rwt) -> None:
     assert "/demo_robot:\n  camera_rate\n  command_timeout\n" in rwt("param", "list").out
     assert rwt("param", "list", "/demo_robot").out.startswith("  camera_rate\n")
     assert "max_speed" in rwt("param", "list", "--json").json["/demo_robot"]
-    assert "did you mean /demo_robot?" in rwt("param", "list", "/demo_robt").err
 
 
 def test_param_get_and_set(rwt: Rwt) -> None:
@@ -473,14 +375,6 @@ def test_param_get_and_set(rwt: Rwt) -> None:
         assert rwt("param", "set", "/demo_robot:scan_noise", before).code == 0
 
 
-def test_param_that_is_refused(rwt: Rwt) -> None:
-    ended = rwt("param", "set", "/demo_robot", "max_speed", "fast")
-    assert (ended.code, "expected double, got string" in ended.err) == (1, True)
-    ended = rwt("param", "get", "/demo_robot", "max_sped")
-    assert (ended.code, "did you mean /demo_robot:max_speed?" in ended.err) == (1, True)
-    assert rwt("param", "delete", "/demo_robot", "max_speed").code == 1
-
-
 def test_param_describe(rwt: Rwt) -> None:
     said = rwt("param", "describe", "/demo_robot", "max_speed", "use_sim_time")
     assert said.out.startswith(
@@ -489,8 +383,6 @@ def test_param_describe(rwt: Rwt) -> None:
     assert "Parameter name: use_sim_time\n  Type: boolean\n" in said.out
     (described,) = rwt("param", "describe", "/demo_robot", "max_speed", "--json").json
     assert (described["name"], described["type"]) == ("max_speed", "double")
-    ended = rwt("param", "describe", "/demo_robot", "max_sped")
-    assert ended.err == "rwt: /demo_robot has no parameter max_sped; did you mean max_speed?\n"
 
 
 @pytest.mark.parametrize(
@@ -561,7 +453,6 @@ def test_param_file_for_any_node_and_with_groups(rwt: Rwt, monkeypatch: pytest.M
     ended = rwt("param", "load", "/demo_robot", "-", "--json")
     assert (ended.code, ended.json["set"]) == (1, 0)
     assert ended.json["failed"][0].startswith("group.no_such: ")
-    assert "No such file" not in rwt("param", "load", "/demo_robot", "/no/such/file").out
 
 
 # -- node --------------------------------------------------------------------------------------------------
@@ -584,7 +475,6 @@ def test_node_list_and_info(rwt: Rwt) -> None:
         {"name": "/cmd_vel", "type": _TWIST},
         {"name": "/goal_marker/feedback", "type": _MARKER},
     ]
-    assert "did you mean /demo_robot?" in rwt("node", "info", "/demo_robo").err
 
 
 # -- all ---------------------------------------------------------------------------------------------------
@@ -604,35 +494,84 @@ def test_ros_1(rwt: Rwt) -> None:
         assert "secs:" in rwt("topic", "echo", "/odom", "--once", *there).out
 
 
+_FIELD = "topic echo /odom --once --field"
+_PUB = "topic pub --once"
+
+
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("line", "code", "said"),
     [
-        (("tpic",), "unknown command 'tpic'; did you mean topic?"),
-        (("play", "run.mcap"), "unknown command 'play'; did you mean `rwt bag play`?"),
-        (("delay",), "unknown command 'delay'; did you mean `rwt topic delay`?"),
-        (("topic", "lst"), "unknown command 'lst'; did you mean list?"),
-        (("topic", "list", "--showtypes"), "--showtypes"),
-        (("topic", "echo", "/odom", "--qos-history", "keep_lst"), "did you mean keep_last?"),
-        (("topic", "echo"), "TOPIC"),
-        (("topic", "pub", "/a", "-r", "0"), "expected times a second from 1e-06 to 1e+06, got '0'"),
-        (("topic", "echo", "/a", "-n", "none"), "expected a whole number from 1 to 999999999, got 'none'"),
+        *(
+            (f"topic {verb} /odm", 1, "rwt: the robot knows no topic /odm; did you mean /odom?")
+            for verb in ("type", "info", "echo --once", "hz", "bw", "delay")
+        ),
+        (f"{_FIELD} pose.pos", 2, "geometry_msgs/PoseWithCovariance has no field pos; did you mean pose?"),
+        (f"{_FIELD} pose..x", 2, "expected names and indices"),
+        (f"{_FIELD} child_frame_id.x", 2, "string has no fields"),
+        (f"{_FIELD} child_frame_id[0]", 2, "string is not an array"),
+        (f"{_FIELD} header.stamp.secs", 2, "did you mean sec?"),
+        (f"{_FIELD} pose.covariance[40]", 1, "--field pose.covariance[40]: there are only 36 items in this"),
+        ("topic echo /odom --filter 'm.pose >'", 2, "'m.pose >' is not a Python expression"),
+        ("topic echo /odom --filter m.poses", 2, "--filter: AttributeError: "),
+        ("topic echo /odom --plot --csv", 2, "not allowed with argument"),
+        ("topic echo /odom --raw --field pose", 2, "--raw cannot be combined with --field"),
+        ("topic echo /odom --fild x", 2, "rwt topic echo: unknown option '--fild'; did you mean --field?"),
+        ("topic echo /odom --qos-history keep_lst", 2, "did you mean keep_last?"),
+        ("topic echo", 2, "TOPIC"),
+        ("topic echo /a -n none", 2, "expected a whole number from 1 to 999999999, got 'none'"),
+        ("topic delay /chatter -n 1", 1, "std_msgs/msg/String has no header"),
+        (f"{_PUB} /cmd_vel '{{liner: {{x: 1}}}}'", 2, 'has no field "liner"; it has linear, angular'),
+        (f"{_PUB} /cmd_vel '{{linear: {{x: fast}}}}'", 2, 'linear.x: expected float64, got "fast"'),
+        (f"{_PUB} /cmd_vel '{{linear: {{x: 1}}'", 2, "the message: line 1, column 1: { has no closing }"),
+        (f"{_PUB} /cmd_vel {_TWIST} 3", 2, "expected fields"),
+        (f"{_PUB} /cmd_vel {_TWIST} {{linear: 1}}", 2, "put the message in quotes"),
+        (f"{_PUB} /new std_msgs/msg/Strin {{}}", 1, "did you mean std_msgs/String?"),
+        (f"{_PUB} /new {{}}", 1, "the robot knows no topic /new"),
+        (f"{_PUB} /cmd_vel std_msgs/msg/String {{}}", 1, "geometry_msgs"),
+        ("topic pub /a -r 0", 2, "expected times a second from 1e-06 to 1e+06, got '0'"),
+        ("topic lst", 2, "unknown command 'lst'; did you mean list?"),
+        ("topic list --jsn=1", 2, "rwt topic list: unknown option '--jsn'; did you mean --json?"),
+        ("topic list more", 2, "rwt topic list: unexpected argument 'more'"),
+        ("topic list --url ws://127.0.0.1:1", 3, "127.0.0.1"),
+        ("topic list --url tcp://127.0.0.1:1", 3, "127.0.0.1"),
+        ("topic list --url nothing:x", 2, "nothing:x"),
+        ("topic list --url ws://", 2, "ws://"),
+        ("service info /add_two_int", 1, "did you mean /add_two_ints?"),
+        ("service call /add_two_ints std_srvs/srv/Trigger {}", 1, "AddTwoInts, not std_srvs/Trigger"),
+        (
+            "service call /ad_two_ints '{a: 1}'",
+            1,
+            "no service /ad_two_ints; did you mean /add_two_ints?",
+        ),
+        ("service call /add_two_ints '{a: 1.5}'", 2, "1.5"),
+        ("service call /rosapi/topic_type rosapi/srv/TopicType '{topic: [1]}'", 2, "expected string"),
+        ("action send_goal /fibonacci tf2_msgs/action/LookupTransform {}", 1, "/fibonacci has type"),
+        ("action send_goal /fibonaci '{order: 1}'", 1, "did you mean /fibonacci?"),
+        ("param list /demo_robt", 1, "did you mean /demo_robot?"),
+        ("param set /demo_robot max_speed fast", 1, "expected double, got string"),
+        ("param get /demo_robot max_sped", 1, "did you mean /demo_robot:max_speed?"),
+        ("param delete /demo_robot max_speed", 1, "max_speed"),
+        (
+            "param describe /demo_robot max_sped",
+            1,
+            "/demo_robot has no parameter max_sped; did you mean",
+        ),
+        ("param load /demo_robot /no/such/file", 2, "/no/such/file: cannot be read: No such file"),
+        ("node info /demo_robo", 1, "did you mean /demo_robot?"),
+        ("serve --dmo", 2, "rwt serve: unknown option '--dmo'; did you mean --demo?"),
+        ("--verson topic list", 2, "rwt: unknown option '--verson'; did you mean --version?"),
+        ("tpic", 2, "unknown command 'tpic'; did you mean topic?"),
+        ("help tpic", 2, "unknown command 'tpic'; did you mean topic?"),
+        ("play run.mcap", 2, "unknown command 'play'; did you mean `rwt bag play`?"),
+        ("delay", 2, "unknown command 'delay'; did you mean `rwt topic delay`?"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_called_wrongly_is_one_line_and_2(rwt: Rwt, words: tuple[str, ...], expected: str) -> None:
-    ended = rwt(*words)
-    assert ended.code == 2
-    assert expected in ended.err
-    assert len(ended.err.splitlines()) == 1
+def test_a_failure_is_one_line_with_its_exit_code(rwt: Rwt, line: str, code: int, said: str) -> None:
+    ended = rwt(*shlex.split(line))
+    assert (ended.code, said in ended.err, ended.err.count("\n")) == (code, True, 1), ended.err
+    assert ended.err.count("did you mean") <= 1
     assert ended.out == ""
-
-
-@pytest.mark.parametrize(
-    ("url", "code"), [("ws://127.0.0.1:1", 3), ("nothing:x", 2), ("ws://", 2), ("tcp://127.0.0.1:1", 3)]
-)
-def test_no_connection(rwt: Rwt, url: str, code: int) -> None:
-    ended = rwt("topic", "list", "--url", url)
-    assert ended.code == code
-    assert len(ended.err.splitlines()) == 1
 
 
 def test_a_token_is_shown_and_needed(rwt: Rwt, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -654,25 +593,6 @@ def test_a_robot_without_rosapi(rwt: Rwt) -> None:
         assert (ended.code, "rosapi does not answer" in ended.err) == (1, True)
 
 
-def test_every_command_and_verb_has_help_with_an_example(rwt: Rwt) -> None:
-    said = rwt("--help").out
-    for command in COMMANDS:
-        assert f"    {command.name} " in said or f"    {command.name}\n" in said
-    for family, verbs in (
-        ("topic", "list info type echo pub hz bw delay find"),
-        ("service", "list info type call echo find"),
-        ("action", "list info type find send_goal"),
-        ("param", "list get set describe delete dump load"),
-        ("node", "list info"),
-        ("interface", "list package packages show proto generate"),
-    ):
-        for verb in verbs.split():
-            help = rwt(family, verb, "--help").out
-            assert f"example:\n  rwt {family} {verb}" in help
-            assert "--json prints:" in help
-    assert parser_for("*").prog == "rwt"
-
-
 @pytest.mark.parametrize("words", [(), ("topic",), ("interface",), ("bag",), ("config",), ("completion",)])
 def test_a_command_without_its_verb_prints_its_help(rwt: Rwt, words: tuple[str, ...]) -> None:
     bare, asked = rwt(*words), rwt(*words, "--help")
@@ -683,12 +603,6 @@ def test_a_command_without_its_verb_prints_its_help(rwt: Rwt, words: tuple[str, 
 
 def test_help_of_a_verb(rwt: Rwt) -> None:
     assert rwt("help", "topic", "echo").out == rwt("topic", "echo", "--help").out
-    ended = rwt("help", "tpic")
-    assert (ended.code, "did you mean topic?" in ended.err) == (2, True)
-
-
-def test_names_may_lack_their_slash() -> None:
-    assert (absolute_name("odom"), absolute_name("/odom")) == ("/odom", "/odom")
 
 
 def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
@@ -707,51 +621,7 @@ def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.Captu
     assert len(errors.splitlines()) == 1
 
 
-def test_csv_for_people_is_harmless() -> None:
-    stream = io.StringIO()
-
-    async def echo() -> None:
-        async with Server("ws://127.0.0.1:0") as server:
-            server.node("robot").advertise("/text", "std_msgs/String", latch=True).publish(
-                {"data": "\x1b[2J"}
-            )
-            async with connect(server.urls[0]) as robot:
-                words = ["topic", "echo", "/text", "std_msgs/String", "--once", "--csv", "--timeout", "10"]
-                arguments = parser_for("topic").parse_args(words)
-                await ECHO.run(robot, arguments, Output(stream, people=True, colour=False, json=False))
-
-    anyio.run(echo)
-    assert stream.getvalue() == "\ufffd[2J\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            ("topic", "echo", "/odom", "--fild", "x"),
-            "rwt topic echo: unknown option '--fild'; did you mean --field?",
-        ),
-        (("topic", "list", "--jsn=1"), "rwt topic list: unknown option '--jsn'; did you mean --json?"),
-        (("topic", "list", "more"), "rwt topic list: unexpected argument 'more'"),
-        (("serve", "--dmo"), "rwt serve: unknown option '--dmo'; did you mean --demo?"),
-        (("--verson", "topic", "list"), "rwt: unknown option '--verson'; did you mean --version?"),
-    ],
-    ids=lambda value: value[-1] if isinstance(value, tuple) else "",
-)
-def test_an_unknown_option_is_said_by_the_command_that_lacks_it(
-    words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    line = capsys.readouterr().err
-    assert (ended.value.code, line.startswith(said), line.count("\n")) == (2, True, 1)
-
-
 def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert (ended.value.code, capsys.readouterr().out) == (0, f"rwt {version('robot-web-tools')}\n")
-
-
-def test_a_type_that_the_robot_lacks_too_is_said_once(rwt: Rwt) -> None:
-    assert rwt("topic", "pub", "/new", "std_msgs/msg/Strin", "{}").err.count("did you mean") == 1
