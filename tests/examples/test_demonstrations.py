@@ -48,7 +48,16 @@ def test_ctrl_c_ends_it_all(tmp_path: Path) -> None:
         program.expect_end(130)
 
 
-def test_the_table() -> None:
+def test_percentiles_and_the_table() -> None:
+    assert [percentile([4.0, 1.0, 3.0, 2.0], each) for each in (0, 25, 50, 51, 100)] == [
+        1.0,
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+    ]
+    assert math.isnan(percentile([], 50))
+
     lines = table([TEACHING, TEACHING], 7.5, Camera(320, 240, 30.0)).splitlines()
     assert lines[2].split() == ["robot1", "29.5", "20", "10.0", "19.8", "20.0", "30", "/", "50", "10"]
     assert lines[4].split() == ["at", "most", "30.0", "10.0", "20.0", "20.0"]
@@ -58,15 +67,6 @@ def test_the_table() -> None:
         "CPU of the demonstrators: 0.50 cores",
     ]
     assert len({len(line) for line in (lines[0], lines[2])}) == 1
-
-
-@pytest.mark.parametrize(
-    ("percent", "expected"),
-    [(0, 1.0), (25, 1.0), (50, 2.0), (51, 3.0), (95, 4.0), (100, 4.0)],
-)
-def test_percentiles_are_values_that_so_many_do_not_exceed(percent: float, expected: float) -> None:
-    assert percentile([4.0, 1.0, 3.0, 2.0], percent) == expected
-    assert math.isnan(percentile([], percent))
 
 
 @pytest.mark.parametrize(

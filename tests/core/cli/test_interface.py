@@ -70,33 +70,6 @@ def tricky(tmp_path: Path) -> Path:
     return folder
 
 
-def test_list(rwt: Rwt) -> None:
-    said = rwt("interface", "list", "-s", "std_srvs")
-    assert (
-        said.out == "Services:\n    std_srvs/srv/Empty\n    std_srvs/srv/SetBool\n    std_srvs/srv/Trigger\n"
-    )
-    assert rwt("interface", "list", "std_srvs", "--json").json["services"][0] == "std_srvs/srv/Empty"
-    assert "geometry_msgs/msg/Twist" in rwt("interface", "list", "-m", "--live", "--json").json["messages"]
-    assert rwt("interface", "list", "no_msgs").code == 1
-
-
-def test_show(rwt: Rwt) -> None:
-    assert rwt("interface", "show", "geometry_msgs/msg/Twist").out == (
-        "Vector3 linear\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
-        "Vector3 angular\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
-    )
-    assert (
-        rwt("interface", "show", "std_srvs/SetBool").out == "bool data\n---\nbool success\nstring message\n"
-    )
-    assert rwt("interface", "show", "--live", "nav_msgs/Odometry").out.startswith(
-        "std_msgs/Header header\n\t"
-    )
-    parts = rwt("interface", "show", "std_srvs/srv/SetBool", "--json").json["parts"]
-    assert parts["request"] == [{"name": "data", "type": "bool"}]
-    ended = rwt("interface", "show", "std_msgs/msg/Strin")
-    assert (ended.code, "did you mean std_msgs/String?" in ended.err) == (1, True)
-
-
 def test_show_comments(rwt: Rwt, tricky: Path) -> None:
     there = ("--interfaces", str(tricky))
     assert rwt("interface", "show", "tricky_msgs/All", *there).out.startswith("# Every shape")
@@ -182,33 +155,3 @@ def test_generated_typescript_satisfies_tsc(rwt: Rwt, tricky: Path, tmp_path: Pa
     command = ["node", str(compiler), "--strict", "--noEmit", "--target", "es2022", str(user)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
-
-
-def test_generate_offline_to_standard_output(rwt: Rwt) -> None:
-    code = rwt("interface", "generate", "--lang", "python", "std_msgs/msg/String").out
-    assert "class String(_Message):" in code
-    told = rwt("interface", "generate", "--lang", "typescript", "geometry_msgs/Twist", "--json").json
-    assert told["types"] == ["geometry_msgs/msg/Vector3", "geometry_msgs/msg/Twist"]
-    assert "export interface Twist {" in told["code"]
-    noetic = rwt("interface", "generate", "--lang", "python", "--distro", "noetic", "std_msgs/Header").out
-    assert "secs: _Uint32 = 0" in noetic
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "expected"),
-    [
-        ((), 2, "expected types or packages"),
-        (("sensor_msg",), 1, "did you mean sensor_msgs?"),
-        (("--interfaces", "/no/such/folder"), 2, "no such folder"),
-        (("std_msgs", "-o", "/no/such/folder/file.py"), 1, "cannot be written"),
-        (("--live", "--interfaces", "."), 2, "cannot be combined with --live and --url"),
-    ],
-)
-def test_generate_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expected: str) -> None:
-    ended = rwt("interface", "generate", "--lang", "python", *words)
-    assert (ended.code, expected in ended.err) == (code, True), ended.err
-
-
-def test_a_package_has_no_definition(rwt: Rwt) -> None:
-    ended = rwt("interface", "show", "geometry_msgs")
-    assert (ended.code, "expected a type, for example geometry_msgs/msg/Twist" in ended.err) == (2, True)
