@@ -177,14 +177,9 @@ class Entity:
                 _print_names(found, output)
 
         shape = self._typed_example if typed else f'"{self.example}"'
-        return Verb(
-            "list",
-            f"list the {self.noun}s",
-            run,
-            f"rwt {self.noun} list{' -t' if typed else ''}",
-            f'[{shape}, …];{verbose_json} with -c {{"count": …}}',
-            add_arguments,
-        )
+        example = f"rwt {self.noun} list{' -t' if typed else ''}"
+        json = f'[{shape}, …];{verbose_json} with -c {{"count": …}}'
+        return Verb("list", run, add_arguments, text=_help(f"List the {self.noun}s.", example, json))
 
     def type_verb(self) -> Verb:
         """Return the verb that prints a type."""
@@ -194,14 +189,9 @@ class Entity:
             kind = await self.known(robot, name)
             output.answer({"name": name, "type": kind}, output.styled(kind, "type"))
 
-        return Verb(
-            "type",
-            f"print {'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}'s type",
-            run,
-            f"rwt {self.noun} type {self.example}",
-            self._typed_example,
-            self.add_argument,
-        )
+        help = f"Print {'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}'s type."
+        text = _help(help, f"rwt {self.noun} type {self.example}", self._typed_example)
+        return Verb("type", run, self.add_argument, text=text)
 
     def find_verb(self) -> Verb:
         """Return the verb that lists the names of a type."""
@@ -211,18 +201,11 @@ class Entity:
             found = [(name, kind) for name, kind in found if same_type(kind, arguments.type)]
             _print_names(found, output, only_count=arguments.count)
 
-        return Verb(
-            "find",
-            f"list the {self.noun}s of a type",
-            run,
-            f"rwt {self.noun} find {self.example_type}",
-            f'["{self.example}"]; with -c {{"count": 1}}',
-            arguments(
-                argument("type", metavar="TYPE", help=f"for example {self.example_type}"),
-                self._add_count,
-                self._add_hidden,
-            ),
-        )
+        example = f"rwt {self.noun} find {self.example_type}"
+        json = f'["{self.example}"]; with -c {{"count": 1}}'
+        kind = argument("type", metavar="TYPE", help=f"for example {self.example_type}")
+        options = arguments(kind, self._add_count, self._add_hidden)
+        return Verb("find", run, options, text=_help(f"List the {self.noun}s of a type.", example, json))
 
     def info_verb(
         self, help: str, ask: AskInfo, show: ShowInfo, json: str, add_options: AddArguments
@@ -230,7 +213,7 @@ class Entity:
         """Return the verb that prints what is known about one entity.
 
         Args:
-            help: what it prints, in one line.
+            help: what it prints, as a sentence.
             ask: asks the robot; the answer follows name and type in the output of ``--json``.
             show: prints all of it for people.
             json: what ``--json`` prints, for the help.
@@ -248,7 +231,8 @@ class Entity:
                 show(found, arguments, output)
 
         options = arguments(self.add_argument, add_options)
-        return Verb("info", help, run, f"rwt {self.noun} info {self.example}", json, options)
+        text = _help(help, f"rwt {self.noun} info {self.example}", json)
+        return Verb("info", run, options, text=text)
 
     @property
     def _typed_example(self) -> str:
@@ -264,6 +248,12 @@ class Entity:
             return
         help = f"include {self.noun}s with a name part that begins with `_`"
         parser.add_argument(*self.hidden_options, dest="hidden", action="store_true", help=help)
+
+
+def _help(sentence: str, example: str, json: str) -> str:
+    """Return the help of a verb of all entities, see :class:`rwt.cli.verbs.Verb`."""
+    shape = json.replace("\n", "\n  ")
+    return f"{sentence}\n\nexample:\n  {example}\n\n--json prints:\n  {shape}"
 
 
 def names_and_types(found: Iterable[tuple[str, str]]) -> list[dict[str, str]]:

@@ -7,6 +7,7 @@ A family of verbs (`rwt topic …`) is one module with a tuple of :class:`Verb`,
 from __future__ import annotations
 
 import argparse
+import inspect
 import itertools
 import logging
 import math
@@ -76,20 +77,19 @@ class Verb:
     """Verb of a command, such as `list` of `rwt topic`.
 
     Attributes:
-        example: one or more command lines, for the help.
-        json: output with ``--json``, for the help.
+        run: the verb; its docstring is the help: a sentence, which also stands in the help of the family,
+            then the lines under ``example:`` and ``--json prints:``.
         definitions: fetch the definitions of the robot's topics when connecting.
         until_interrupted: run until Ctrl-C, which then exits with 0, and reconnect after a lost connection.
+        text: help in place of the docstring.
     """
 
     name: str
-    help: str
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
-    example: str
-    json: str
     add_arguments: AddArguments = lambda parser: None
     definitions: bool = False
     until_interrupted: bool = False
+    text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,18 +97,14 @@ class LocalVerb:
     """Verb that works on files, or asks a robot only if its options say so.
 
     Attributes:
-        run: returns the exit code; None for success.
+        run: the verb, with its help as that of :class:`Verb`; returns the exit code, None for success.
         add_arguments: adds all options, ``--json`` included.
-        description: text at the head of its own help; by default `help`.
     """
 
     name: str
-    help: str
     run: Callable[[Arguments, Output], int | None]
-    example: str
-    json: str
     add_arguments: AddArguments
-    description: str = ""
+    text: str = ""
 
 
 def add_family(
@@ -124,27 +120,22 @@ def add_family(
 
 def add_verb(commands: Commands, verb: Verb | LocalVerb) -> None:
     """Add a verb to a family, or as a command of its own."""
-    description, end = sentence(verb.help), epilog(verb.example, verb.json)
-    parser = commands.add_parser(verb.name, help=verb.help, description=description, epilog=end)
+    # Without docstrings (`python -OO`) only the name is left.
+    text = inspect.cleandoc(verb.text or verb.run.__doc__ or verb.name)
+    description, example, end = text.partition("\n\nexample:")
+    help = description.partition("\n")[0].removesuffix(".")
+    parser = commands.add_parser(
+        verb.name,
+        help=f"{help[:1].lower()}{help[1:]}",
+        description=description,
+        epilog=f"{example.strip()}{end}",
+    )
     verb.add_arguments(parser)
     if isinstance(verb, LocalVerb):
-        parser.description = verb.description or description
         parser.set_defaults(run=partial(_run_locally, verb))
     else:
         add_robot_options(parser)
         parser.set_defaults(run=partial(_run, verb))
-
-
-def sentence(text: str) -> str:
-    """Return a help line as a sentence."""
-    return f"{text[:1].upper()}{text[1:]}."
-
-
-def epilog(example: str, json: str) -> str:
-    """Return the end of a verb's help: examples and the output with ``--json``."""
-    examples = "\n".join(f"  {line}" for line in example.splitlines())
-    shape = "\n".join(f"  {line}" for line in json.splitlines())
-    return f"example:\n{examples}\n\n--json prints:\n{shape}"
 
 
 def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> None:

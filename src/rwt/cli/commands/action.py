@@ -65,6 +65,14 @@ def offers(action: str, node: NodeDetails) -> bool:
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Send a goal and wait for its result; Ctrl-C cancels it.
+
+    example:
+      rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback
+
+    --json prints:
+      with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}
+    """
     name = absolute_name(arguments.action)
     kind, given = type_and_message(arguments.goal, "goal")
     action_type = await robot.types.action_of(name, kind or await ACTION.known(robot, name))
@@ -130,7 +138,7 @@ class _GoalPrinter:
 VERBS = (
     ACTION.list_verb(),
     ACTION.info_verb(
-        "print an action's type, clients and servers",
+        "Print an action's type, clients and servers.",
         _ask_info,
         _show_info,
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
@@ -144,10 +152,7 @@ VERBS = (
     ACTION.type_verb(),
     Verb(
         "send_goal",
-        "send a goal and wait for its result; Ctrl-C cancels it",
         _send_goal,
-        "rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
-        'with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}',
         arguments(
             ACTION.add_argument,
             partial(add_message_argument, owner="action", noun="goal"),

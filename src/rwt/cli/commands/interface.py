@@ -101,6 +101,14 @@ def _names(arguments: Arguments) -> list[str]:
 
 
 def _list(arguments: Arguments, output: Output) -> None:
+    """List messages, services and actions.
+
+    example:
+      rwt interface list -m
+
+    --json prints:
+      {"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for
+    """
     names = _names(arguments)
     if arguments.package:
         names = of_package(names, arguments.package)
@@ -115,9 +123,29 @@ def _list(arguments: Arguments, output: Output) -> None:
 
 
 def _packages(arguments: Arguments, output: Output) -> None:
+    """List the packages that have messages, services or actions.
+
+    example:
+      rwt interface packages -s
+
+    --json prints:
+      ["example_interfaces", …]
+    """
     kinds = _kinds(arguments)
     packages = sorted({name.split("/")[0] for name in _names(arguments) if name.split("/")[1] in kinds})
     output.names(packages, "type")
+
+
+def _package(arguments: Arguments, output: Output) -> None:
+    """List the types of a package.
+
+    example:
+      rwt interface package geometry_msgs
+
+    --json prints:
+      ["geometry_msgs/msg/Accel", …]
+    """
+    output.names(of_package(_names(arguments), arguments.package), "type")
 
 
 def _live_names(arguments: Arguments) -> list[str]:
@@ -144,6 +172,14 @@ def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
 
 
 def _proto(arguments: Arguments, output: Output) -> None:
+    """Print a message, request or goal with its defaults, to be filled in and sent.
+
+    example:
+      rwt interface proto geometry_msgs/msg/Twist
+
+    --json prints:
+      {"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}
+    """
     from rwt.cli.console.message_format import Formatting, plain
     from rwt.cli.console.yaml_text import block
 
@@ -161,6 +197,15 @@ def _proto(arguments: Arguments, output: Output) -> None:
 
 
 def _show(arguments: Arguments, output: Output) -> None:
+    """Print a definition with those that it contains.
+
+    example:
+      rwt interface show geometry_msgs/msg/Twist
+
+    --json prints:
+      {"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the
+      parts of a service are "request" and "response", of an action "goal", "result" and "feedback"
+    """
     registry, found = _type(arguments)
     parts = _parts(found)
     if output.json:
@@ -226,6 +271,15 @@ def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[Inter
 
 
 def _generate(arguments: Arguments, output: Output) -> None:
+    """Generate types for your program: pydantic models or TypeScript interfaces.
+
+    example:
+      rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py
+      rwt interface generate --lang typescript --live --out messages.ts      all types of a robot
+
+    --json prints:
+      {"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out
+    """
     from rwt_interfaces.codegen.type_selection import selection
     from rwt_interfaces.definitions.package_directories import interface_files
 
@@ -268,63 +322,26 @@ _TYPE: Final = argument("type", metavar="TYPE", help="for example geometry_msgs/
 VERBS: Final = (
     LocalVerb(
         "list",
-        "list messages, services and actions",
         _list,
-        "rwt interface list -m",
-        '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
         arguments(
             argument("package", metavar="PACKAGE", nargs="?", help="only types of this package"), _add_kinds
         ),
     ),
-    LocalVerb(
-        "packages",
-        "list the packages that have messages, services or actions",
-        _packages,
-        "rwt interface packages -s",
-        '["example_interfaces", …]',
-        _add_kinds,
-    ),
-    LocalVerb(
-        "package",
-        "list the types of a package",
-        lambda given, output: output.names(of_package(_names(given), given.package), "type"),
-        "rwt interface package geometry_msgs",
-        '["geometry_msgs/msg/Accel", …]',
-        argument("package", metavar="PACKAGE", help="for example geometry_msgs"),
-    ),
+    LocalVerb("packages", _packages, _add_kinds),
+    LocalVerb("package", _package, argument("package", metavar="PACKAGE", help="for example geometry_msgs")),
     LocalVerb(
         "show",
-        "print a definition with those that it contains",
         _show,
-        "rwt interface show geometry_msgs/msg/Twist",
-        (
-            '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; '
-            "the\n"
-            'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"'
-        ),
         arguments(
             _TYPE,
             flag("--no-comments", help="without comments"),
             flag("--all-comments", help="include the comments of nested definitions"),
         ),
     ),
-    LocalVerb(
-        "proto",
-        "print a message, request or goal with its defaults, to be filled in and sent",
-        _proto,
-        "rwt interface proto geometry_msgs/msg/Twist",
-        '{"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}',
-        arguments(_TYPE, flag("--no-quotes", help="omit the quotes around it")),
-    ),
+    LocalVerb("proto", _proto, arguments(_TYPE, flag("--no-quotes", help="omit the quotes around it"))),
     LocalVerb(
         "generate",
-        "generate types for your program: pydantic models or TypeScript interfaces",
         _generate,
-        (
-            "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
-            "rwt interface generate --lang typescript --live --out messages.ts      all types of a robot"
-        ),
-        '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
         arguments(
             argument(
                 "name",

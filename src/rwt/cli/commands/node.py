@@ -48,7 +48,7 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 VERBS = (
     NODE.list_verb(),
     NODE.info_verb(
-        "print a node's topics, services and actions",
+        "Print a node's topics, services and actions.",
         _ask_info,
         _show_info,
         '{"name": "/demo_robot", "subscribers": [{"name": "/cmd_vel", "type": …}, …], "publishers": […],\n'

@@ -92,6 +92,14 @@ def _addressed(robot: Robot, words: list[str]) -> str:
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """List the parameters, of one node or all.
+
+    example:
+      rwt param list /demo_robot
+
+    --json prints:
+      {"/demo_robot": ["max_speed", …]}; on ROS 1 the names of all stand under ""
+    """
     if arguments.node is None:
         found = _by_node(await ask_rosapi(robot.params.names))
     else:
@@ -108,6 +116,14 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print a parameter's value.
+
+    example:
+      rwt param get /demo_robot max_speed
+
+    --json prints:
+      {"name": "/demo_robot:max_speed", "value": 0.8}
+    """
     from rwt.cli.console.yaml_text import flow
 
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
@@ -139,6 +155,14 @@ def _kind(value: ParameterValue) -> str:
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Set a parameter.
+
+    example:
+      rwt param set /demo_robot max_speed 0.5
+
+    --json prints:
+      {"name": "/demo_robot:max_speed", "value": 0.5}
+    """
     words = _given(arguments.node, arguments.parameter, arguments.value)
     name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
     try:
@@ -149,6 +173,14 @@ async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Remove a parameter.
+
+    example:
+      rwt param delete /my_node my_parameter
+
+    --json prints:
+      {"name": "/my_node:my_parameter", "deleted": true}
+    """
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
     await robot.params.delete(name)
     output.answer({"name": name, "deleted": True}, "Deleted parameter successfully")
@@ -158,6 +190,15 @@ async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the descriptions of a node's parameters.
+
+    example:
+      rwt param describe /demo_robot max_speed
+
+    --json prints:
+      [{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",
+      "read_only" and "constraints", each only where the node declares it
+    """
     node = absolute_name(arguments.node)
     if not robot.types.registry.distro.parameters_belong_to_nodes:
         raise CommandError("ROS 1 parameters have no descriptions: use `rwt param get`", FAILED)
@@ -209,6 +250,14 @@ def _print_description(described: Mapping[str, object], output: Output) -> None:
 
 
 async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print a node's parameters in the format that `load` reads.
+
+    example:
+      rwt param dump /demo_robot > demo_robot.yaml
+
+    --json prints:
+      {"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}
+    """
     from rwt.cli.console.yaml_text import block
 
     node = absolute_name(arguments.node)
@@ -243,6 +292,14 @@ def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
 
 
 async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Set a node's parameters from a file.
+
+    example:
+      rwt param load /demo_robot demo_robot.yaml
+
+    --json prints:
+      {"node": "/demo_robot", "set": 9, "failed": []}
+    """
     node = absolute_name(arguments.node)
     parameters = _in_file(_text(arguments.file), node, arguments.file)
     failures = []
@@ -318,27 +375,12 @@ def _flat(nested: Mapping[str, YamlValue], above: str = "") -> dict[str, YamlVal
 
 VERBS = (
     Verb(
-        "list",
-        "list the parameters, of one node or all",
-        _list,
-        "rwt param list /demo_robot",
-        '{"/demo_robot": ["max_speed", …]}; on ROS 1 the names of all stand under ""',
-        argument("node", metavar="NODE", nargs="?", help="only list parameters of this node"),
+        "list", _list, argument("node", metavar="NODE", nargs="?", help="only list parameters of this node")
     ),
-    Verb(
-        "get",
-        "print a parameter's value",
-        _get,
-        "rwt param get /demo_robot max_speed",
-        '{"name": "/demo_robot:max_speed", "value": 0.8}',
-        arguments(_NAME, flag("--hide-type", help="only print the value")),
-    ),
+    Verb("get", _get, arguments(_NAME, flag("--hide-type", help="only print the value"))),
     Verb(
         "set",
-        "set a parameter",
         _set,
-        "rwt param set /demo_robot max_speed 0.5",
-        '{"name": "/demo_robot:max_speed", "value": 0.5}',
         arguments(
             _NODE_OR_PARAMETER,
             argument("parameter", metavar="PARAMETER", help="for example max_speed"),
@@ -347,39 +389,22 @@ VERBS = (
             ),
         ),
     ),
-    Verb(
-        "delete",
-        "remove a parameter",
-        _delete,
-        "rwt param delete /my_node my_parameter",
-        '{"name": "/my_node:my_parameter", "deleted": true}',
-        _NAME,
-    ),
+    Verb("delete", _delete, _NAME),
     Verb(
         "describe",
-        "print the descriptions of a node's parameters",
         _describe,
-        "rwt param describe /demo_robot max_speed",
-        '[{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",\n'
-        '"read_only" and "constraints", each only where the node declares it',
         arguments(
             _NODE, argument("parameters", metavar="PARAMETER", nargs="+", help="for example max_speed")
         ),
     ),
     Verb(
         "dump",
-        "print a node's parameters in the format that `load` reads",
         _dump,
-        "rwt param dump /demo_robot > demo_robot.yaml",
-        '{"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}',
         arguments(_NODE, argument("-o", "--output", type=Path, metavar="FILE", help="write to this file")),
     ),
     Verb(
         "load",
-        "set a node's parameters from a file",
         _load,
-        "rwt param load /demo_robot demo_robot.yaml",
-        '{"node": "/demo_robot", "set": 9, "failed": []}',
         arguments(
             _NODE, argument("file", metavar="FILE", help="file of `rwt param dump`; `-` reads standard input")
         ),

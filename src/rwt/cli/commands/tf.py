@@ -42,6 +42,16 @@ def _echo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the transform between two frames.
+
+    example:
+      rwt tf echo map base_link
+
+    --json prints:
+      a line for each transform: {"stamp": {"sec": …, "nanosec": …}, "source": "map",
+      "target": "base_link", "translation": [x, y, z], "rotation": [x, y, z, w],
+      "rpy": […], "matrix": […]}; metres, radians
+    """
     for number in rounds(arguments.times):
         found = await robot.tf.lookup(arguments.source, arguments.target)
         if output.json:
@@ -96,6 +106,16 @@ def _tree_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the tree of frames.
+
+    example:
+      rwt tf tree
+      rwt tf tree --dot | dot -Tpdf > frames.pdf
+
+    --json prints:
+      [{"frame": "base_link", "parent": "odom", "static": false, "rate": 20.0}, …]; the parent of a
+      root is null
+    """
     await robot.tf.start()
     await anyio.sleep(arguments.wait)
     frames = robot.tf.buffer
@@ -121,24 +141,6 @@ def _frame(frames: Buffer, frame: str) -> dict[str, object]:
 
 
 VERBS = (
-    Verb(
-        "echo",
-        "print the transform between two frames",
-        _echo,
-        "rwt tf echo map base_link",
-        'a line for each transform: {"stamp": {"sec": …, "nanosec": …}, "source": "map",\n'
-        '"target": "base_link", "translation": [x, y, z], "rotation": [x, y, z, w],\n'
-        '"rpy": […], "matrix": […]}; metres, radians',
-        _echo_arguments,
-        until_interrupted=True,
-    ),
-    Verb(
-        "tree",
-        "print the tree of frames",
-        _tree,
-        "rwt tf tree\nrwt tf tree --dot | dot -Tpdf > frames.pdf",
-        '[{"frame": "base_link", "parent": "odom", "static": false, "rate": 20.0}, …]; the parent of a\n'
-        "root is null",
-        _tree_arguments,
-    ),
+    Verb("echo", _echo, _echo_arguments, until_interrupted=True),
+    Verb("tree", _tree, _tree_arguments),
 )

@@ -106,6 +106,17 @@ class _Watch:
 
 
 async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Watch topics with their rates and sizes, nodes and clients; subscribes to every topic.
+
+    example:
+      rwt top
+      rwt top '/camera/*' --interval 5
+
+    --json prints:
+      one line for each update: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,
+      "bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and
+      work (processor seconds per second) are null if the server does not report them
+    """
     from rwt.cli.health import health_of
 
     look = _Watch(robot, arguments.topics)
@@ -156,12 +167,7 @@ def _print(
 
 _TOP = Verb(
     "top",
-    "watch topics with their rates and sizes, nodes and clients; subscribes to every topic",
     _top,
-    "rwt top\nrwt top '/camera/*' --interval 5",
-    'one line for each update: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
-    '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and\n'
-    "work (processor seconds per second) are null if the server does not report them",
     arguments(
         argument(
             "topics",

@@ -80,6 +80,20 @@ def add_doctor_command(commands: Commands) -> None:
 
 
 def _run(arguments: Arguments, output: Output) -> int:
+    """Diagnose a connection.
+
+    Connect to a rosbridge server, this one or any other, and report what is wrong and what to do:
+    version, clock, latency, encodings, rosapi, permissions; nodes of a ROS 1 master.
+
+    example:
+      rwt doctor ws://robot:9090
+      rwt doctor ros1://robot:11311
+      rwt doctor --stop-latency
+
+    --json prints:
+      {"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",
+      "text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"
+    """
     if arguments.target and arguments.url:
         raise CommandError("expected one URL: --url is the same as the argument", CALLED_WRONGLY)
     if arguments.stop_latency and (arguments.target or arguments.url):
@@ -424,11 +438,7 @@ def _clock(ahead: float, quickest: float) -> Finding:
 
 _DOCTOR: Final = LocalVerb(
     "doctor",
-    "diagnose a connection",
     _run,
-    "rwt doctor ws://robot:9090\nrwt doctor ros1://robot:11311\nrwt doctor --stop-latency",
-    '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
-    '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
     arguments(
         argument(
             "target", metavar="URL", nargs="?", help="URL of the robot, like --url, or ros1://HOST:PORT"
@@ -440,6 +450,4 @@ _DOCTOR: Final = LocalVerb(
         ),
         add_robot_options,
     ),
-    "Connect to a rosbridge server, this one or any other, and report what is wrong and what to do:\n"
-    "version, clock, latency, encodings, rosapi, permissions; nodes of a ROS 1 master.",
 )

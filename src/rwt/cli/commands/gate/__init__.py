@@ -47,7 +47,15 @@ def _no_gate(name: str) -> CommandError:
 
 
 async def _stop(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Press the emergency stop (software: not a safety function).
 
+    example:
+      rwt stop --reason 'somebody is in the way'
+      rwt stop --release
+
+    --json prints:
+      {"stopped": true, "message": "stopped; …"}
+    """
     service = "/gate/release_stop" if arguments.release else "/gate/stop"
     said = await _ask_gate(robot, service, "rwt_gate_msgs/Stop", {"reason": arguments.reason})
     output.answer({"stopped": not arguments.release, "message": said}, said)
@@ -55,10 +63,7 @@ async def _stop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 _STOP: Final = Verb(
     "stop",
-    "press the emergency stop (software: not a safety function)",
     _stop,
-    "rwt stop --reason 'somebody is in the way'\nrwt stop --release",
-    '{"stopped": true, "message": "stopped; …"}',
     arguments(
         flag("--release", help="release the stop, if the role of the token may do so"),
         argument("--reason", default="", metavar="TEXT", help="reason, for the audit log and other clients"),
@@ -67,6 +72,17 @@ _STOP: Final = Verb(
 
 
 async def _approve(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """List or answer requests for approval.
+
+    example:
+      rwt approve
+      rwt approve 7
+      rwt approve 7 --for 600
+      rwt approve 7 --no
+
+    --json prints:
+      [{"id": "7", "act": "call", "name": "/blink", …}], or {"id": "7", "approved": true, "message": "…"}
+    """
     if arguments.id is None:
         if arguments.no or arguments.lasts:
             raise CommandError("--no and --for require the ID of a request", CALLED_WRONGLY)
@@ -99,10 +115,7 @@ async def _list(robot: Robot, output: Output) -> None:
 
 _APPROVE: Final = Verb(
     "approve",
-    "list or answer requests for approval",
     _approve,
-    "rwt approve\nrwt approve 7\nrwt approve 7 --for 600\nrwt approve 7 --no",
-    '[{"id": "7", "act": "call", "name": "/blink", …}], or {"id": "7", "approved": true, "message": "…"}',
     arguments(
         argument("id", metavar="ID", nargs="?", help="request to answer (default: list all requests)"),
         flag("--no", help="reject the request"),

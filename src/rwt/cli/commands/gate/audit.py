@@ -30,6 +30,22 @@ def add_audit_command(commands: Commands) -> None:
 
 
 def _verify(arguments: Arguments, output: Output) -> int:
+    """Check that no line was changed, inserted or removed.
+
+    The hash chain of the log is checked, with its traffic and its older files.
+    Exit code 1: a line was changed, inserted or removed.
+    Not detected: removal of the newest lines of all files, and of the oldest ones; a chain that was computed
+    anew. For these, keep the hash that is printed (or logged by the server) elsewhere, and pass it with
+    --hash.
+
+    example:
+      rwt audit verify audit.jsonl
+      rwt audit verify audit.jsonl --hash 9f86d081…
+
+    --json prints:
+      {"ok": false, "lines": 812, "faults": [{"file": "audit.jsonl", "line": 7, "text": "…"}],
+      "notes": […], "heads": {"audit.jsonl": {"line": 790, "hash": "…"}, …}}
+    """
     from rwt.access.gate.audit.verification import Finding, verify_audit  # `--help` does not need it
 
     is_intact = True
@@ -80,6 +96,18 @@ def _since(text: str) -> datetime:
 
 
 def _show(arguments: Arguments, output: Output) -> None:
+    """Print the lines of an audit log, including its older files.
+
+    The log is gate.audit.file, with its traffic; the oldest lines come first.
+
+    example:
+      rwt audit show audit.jsonl
+      rwt audit show audit.jsonl --decision refused --since 1h
+      rwt audit show audit.jsonl --name '/cmd_*' --role agent
+
+    --json prints:
+      {"sequence": 7, "line": 5, "time": "…Z", "decision": "refused", "act": "publish", …}
+    """
     from rwt.access.gate.audit.file import read_audit  # `--help` does not need it
 
     try:
@@ -151,12 +179,7 @@ _FILTERS: Final = {
 VERBS: Final = (
     LocalVerb(
         "show",
-        "print the lines of an audit log, including its older files",
         _show,
-        "rwt audit show audit.jsonl\n"
-        "rwt audit show audit.jsonl --decision refused --since 1h\n"
-        "rwt audit show audit.jsonl --name '/cmd_*' --role agent",
-        '{"sequence": 7, "line": 5, "time": "…Z", "decision": "refused", "act": "publish", …}',
         arguments(
             argument("file", type=Path, metavar="FILE", help="newest file of the log"),
             *(
@@ -171,23 +194,14 @@ VERBS: Final = (
             ),
             JSON_OPTION,
         ),
-        "Print the lines of an audit log (gate.audit.file), its traffic and their older files, oldest first.",
     ),
     LocalVerb(
         "verify",
-        "check that no line was changed, inserted or removed",
         _verify,
-        "rwt audit verify audit.jsonl\nrwt audit verify audit.jsonl --hash 9f86d081…",
-        '{"ok": false, "lines": 812, "faults": [{"file": "audit.jsonl", "line": 7, "text": "…"}],\n'
-        '"notes": […], "heads": {"audit.jsonl": {"line": 790, "hash": "…"}, …}}',
         arguments(
             argument("files", type=Path, nargs="+", metavar="FILE", help="newest file of a log"),
             argument("--hash", default="", metavar="HASH", help="hash of a line that the log has to contain"),
             JSON_OPTION,
         ),
-        "Check the hash chain of an audit log, with its traffic and its older files. Exit code 1: a line was"
-        " changed, inserted or removed.\nNot detected: removal of the newest lines of all files, and of the"
-        " oldest ones; a chain that was computed anew.\nFor these, keep the hash that is printed (or logged"
-        " by the server) elsewhere, and pass it with --hash.",
     ),
 )

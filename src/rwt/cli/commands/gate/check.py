@@ -46,6 +46,20 @@ def _load(path: Path) -> LoadedSettings:
 
 
 def _check(arguments: Arguments, output: Output) -> int:
+    """Decide one request as a server with this configuration would.
+
+    At rest: no lease is held, nothing is approved, and no stop is pressed.
+    Exit code 0: allowed, perhaps with changed values; 1: denied, or needs approval; 2: incorrect use.
+
+    example:
+      rwt gate check robot.toml --as phone publish /cmd_vel '{linear: {x: 2}}' --type geometry_msgs/msg/Twist
+      rwt gate check robot.toml --role viewer call /reset --type std_srvs/srv/Trigger
+
+    --json prints:
+      {"decision": "denied", "text": "linear.x: expected -0.3 to 0.8, got 2 (…)", "role": "op",
+      "rule": "gate.rules.drive.fields", "place": "robot.toml:11", "credential": "phone",
+      "rules": {"gate.rules.drive": "robot.toml:5"}, "sent": ""}
+    """
     from rwt.cli.commands.gate.trial import Trial  # `--help` does not need a graph
 
     if arguments.token is not None and arguments.role is not None:
@@ -86,6 +100,18 @@ def _print(outcome: Outcome, loaded: LoadedSettings, output: Output) -> None:
 
 
 def _explain(arguments: Arguments, output: Output) -> None:
+    """Print who may do what, with the rules that apply.
+
+    Everything else is denied.
+
+    example:
+      rwt gate explain robot.toml
+      rwt gate explain robot.toml --role operator
+
+    --json prints:
+      [{"role": "operator", "verb": "publish", "resource": "/cmd_vel", "rules": ["drive"],
+      "limits": "lease 0.5 s, linear.x -0.3 to 0.8 (clamp)", "places": ["robot.toml:5"]}, …]
+    """
     from rwt.access.roles import roles
 
     loaded = _load(arguments.config)
@@ -206,24 +232,12 @@ _CONFIG: Final = argument(
 VERBS: Final = (
     LocalVerb(
         "explain",
-        "print who may do what, with the rules that apply",
         _explain,
-        "rwt gate explain robot.toml\nrwt gate explain robot.toml --role operator",
-        '[{"role": "operator", "verb": "publish", "resource": "/cmd_vel", "rules": ["drive"],\n'
-        '"limits": "lease 0.5 s, linear.x -0.3 to 0.8 (clamp)", "places": ["robot.toml:5"]}, …]',
         arguments(_CONFIG, argument("--role", metavar="NAME", help="only this role"), JSON_OPTION),
-        "Print what each role may do, with the gate rules that apply. Everything else is denied.",
     ),
     LocalVerb(
         "check",
-        "decide one request as a server with this configuration would",
         _check,
-        "rwt gate check robot.toml --as phone publish /cmd_vel '{linear: {x: 2}}'"
-        " --type geometry_msgs/msg/Twist\n"
-        "rwt gate check robot.toml --role viewer call /reset --type std_srvs/srv/Trigger",
-        '{"decision": "denied", "text": "linear.x: expected -0.3 to 0.8, got 2 (…)", "role": "op",\n'
-        '"rule": "gate.rules.drive.fields", "place": "robot.toml:11", "credential": "phone",\n'
-        '"rules": {"gate.rules.drive": "robot.toml:5"}, "sent": ""}',
         arguments(
             _CONFIG,
             argument(
@@ -248,8 +262,5 @@ VERBS: Final = (
             ),
             JSON_OPTION,
         ),
-        "Decide one request as a server with this configuration would, at rest:\n"
-        "no lease is held, nothing is approved, and no stop is pressed.\n"
-        "Exit code 0: allowed, perhaps with changed values; 1: denied, or needs approval; 2: incorrect use.",
     ),
 )

@@ -88,6 +88,15 @@ def expression(text: str) -> CodeType:
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the messages of a topic.
+
+    example:
+      rwt topic echo /odom --field pose.pose.position --once
+
+    --json prints:
+      one line for each message: the message as rosbridge sends it (octets as base64, NaN as null), or the
+      value of --field; with --raw its octets in base64
+    """
     name = absolute_name(arguments.topic)
     kind = arguments.type or await TOPIC.known(robot, name)
     if arguments.raw:
@@ -207,17 +216,7 @@ def _printer(message_type: MessageType, arguments: Arguments, output: Output) ->
     return show
 
 
-ECHO = Verb(
-    "echo",
-    "print the messages of a topic",
-    _echo,
-    "rwt topic echo /odom --field pose.pose.position --once",
-    "one line for each message: the message as rosbridge sends it (octets as base64, NaN as null), or the\n"
-    "value of --field; with --raw its octets in base64",
-    _arguments,
-    definitions=True,
-    until_interrupted=True,
-)
+ECHO = Verb("echo", _echo, _arguments, definitions=True, until_interrupted=True)
 
 
 _POLICIES = {

@@ -63,6 +63,15 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Publish on a topic.
+
+    example:
+      rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.2}}'
+      rwt topic pub -r 10 /cmd_vel geometry_msgs/msg/Twist '{angular: {z: 1.0}}'     until Ctrl-C
+
+    --json prints:
+      one line for each message: {"topic": "/cmd_vel", "number": 1, "message": {…}}
+    """
     from rwt_client import MessageRejected
 
     name = absolute_name(arguments.topic)
@@ -148,14 +157,4 @@ async def _wait_for_subscribers(robot: Robot, publisher: RemotePublisher, argume
     )
 
 
-PUB = Verb(
-    "pub",
-    "publish on a topic",
-    _pub,
-    "rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.2}}'\n"
-    "rwt topic pub -r 10 /cmd_vel geometry_msgs/msg/Twist '{angular: {z: 1.0}}'     until Ctrl-C",
-    'one line for each message: {"topic": "/cmd_vel", "number": 1, "message": {…}}',
-    _arguments,
-    definitions=True,
-    until_interrupted=True,
-)
+PUB = Verb("pub", _pub, _arguments, definitions=True, until_interrupted=True)

@@ -82,7 +82,32 @@ def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
     )
 
 
+async def _hz(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Measure the rate of topics.
+
+    example:
+      rwt topic hz /odom
+      rwt topic hz /odom /scan -n 3
+
+    --json prints:
+      one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,
+      "max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is
+      nothing to print
+    """
+    await _measure(robot, arguments, output, _frequency, lambda subscription, message: 0.0)
+
+
 async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Measure the bandwidth of topics.
+
+    example:
+      rwt topic bw /scan
+
+    --json prints:
+      one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0,
+      "mean_bytes": …, "min_bytes": …, "max_bytes": …, "window": 10}; sizes are
+      those of the messages on the connection
+    """
     before: dict[str, int] = {}
 
     def size(subscription: RemoteSubscription, message: Any) -> float:
@@ -94,6 +119,15 @@ async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _delay(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Measure the delay of messages since their header stamps.
+
+    example:
+      rwt topic delay /odom
+
+    --json prints:
+      one line for each topic and report: {"topic": "/odom", "delay": 0.002, "min_s": …, "max_s": …,
+      "std_dev_s": …, "window": 20}; against the robot's clock, in seconds
+    """
     clock = _RobotClock(robot)
     await clock.set()
 
@@ -239,39 +273,7 @@ async def _check_header(robot: Robot, name: str) -> None:
 
 
 VERBS = (
-    Verb(
-        "hz",
-        "measure the rate of topics",
-        partial(_measure, measure=_frequency, value=lambda subscription, message: 0.0),
-        "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
-        'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
-        '"max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is\n'
-        "nothing to print",
-        partial(_arguments, window=_MANY),
-        definitions=True,
-        until_interrupted=True,
-    ),
-    Verb(
-        "bw",
-        "measure the bandwidth of topics",
-        _bw,
-        "rwt topic bw /scan",
-        'one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0,\n'
-        '"mean_bytes": …, "min_bytes": …, "max_bytes": …, "window": 10}; sizes are\n'
-        "those of the messages on the connection",
-        partial(_arguments, window=_FEW),
-        definitions=True,
-        until_interrupted=True,
-    ),
-    Verb(
-        "delay",
-        "measure the delay of messages since their header stamps",
-        _delay,
-        "rwt topic delay /odom",
-        'one line for each topic and report: {"topic": "/odom", "delay": 0.002, "min_s": …, "max_s": …,\n'
-        '"std_dev_s": …, "window": 20}; against the robot\'s clock, in seconds',
-        partial(_arguments, window=_MANY),
-        definitions=True,
-        until_interrupted=True,
-    ),
+    Verb("hz", _hz, partial(_arguments, window=_MANY), definitions=True, until_interrupted=True),
+    Verb("bw", _bw, partial(_arguments, window=_FEW), definitions=True, until_interrupted=True),
+    Verb("delay", _delay, partial(_arguments, window=_MANY), definitions=True, until_interrupted=True),
 )
