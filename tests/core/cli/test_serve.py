@@ -40,7 +40,11 @@ def test_the_demo_says_what_to_do_next() -> None:
         ("udp://192.0.2.1:9092", 1, "not an address of this machine"),
         ("udp://no.such.host.invalid:9092", 1, "is not known"),
         ("--config none.toml", 2, "none.toml"),
-        ("--packages tls", 2, "`packages`: tls: no packages; expected PACKAGE/meshes/… in it, or a package.xml"),
+        (
+            "--packages tls",
+            2,
+            "`packages`: tls: no packages; expected PACKAGE/meshes/… in it, or a package.xml",
+        ),
         ("--set auth.rosauth_secret_file=secret", 2, "exactly 16"),
         ("--set tls.certfile=a.pem --set tls.keyfile=b.pem", 2, "tls.certfile: a.pem: cannot be read"),
         (
