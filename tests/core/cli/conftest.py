@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
@@ -101,6 +103,26 @@ def rwt(demo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
         return Ended(code, captured.out, captured.err)
 
     return run
+
+
+_TRANSCRIPTS = Path(__file__).parent / "transcripts"
+
+
+def transcript(name: str) -> pytest.MarkDecorator:
+    """A case for each command of a file in the folder `transcripts`: its line, and what it prints."""
+    text = (_TRANSCRIPTS / name).read_text(encoding="utf-8")
+    cases = [block.partition("\n")[::2] for block in text.split("\n$ rwt ")[1:]]
+    return pytest.mark.parametrize(("line", "printed"), cases, ids=[line for line, _ in cases])
+
+
+def check_transcript(rwt: Rwt, line: str, printed: str) -> None:
+    """Run a command of a transcript, and compare what it prints, with its exit code."""
+    ended = rwt(*shlex.split(line))
+    errors = "".join(f"! {each}" for each in ended.err.splitlines(keepends=True))
+    code = f"\n[{ended.code}]" if ended.code else ""
+    found = f"{ended.out}{errors}".strip("\n") + code
+    wanted = ".*".join(map(re.escape, printed.strip("\n").split("…")))
+    assert re.fullmatch(wanted, found, re.DOTALL), found
 
 
 def impatient(rwt: Rwt, *words: str, seconds: float = 0.2) -> tuple[Ended, str]:

@@ -21,7 +21,11 @@ from rwt_protocol.error_text import annotation_of, expected
 
 TOKEN = "a-token-of-some-length"
 
-_LISTED = Path(__file__).with_name("invalid_settings.txt").read_text(encoding="utf-8").partition("\n\n")[2]
+_LISTED = (
+    (Path(__file__).parent / "transcripts/invalid_settings.txt")
+    .read_text(encoding="utf-8")
+    .partition("\n\n")[2]
+)
 INVALID = re.findall(r"(.+?)\n! ([^\n]+)\n+", _LISTED, re.DOTALL)
 """Contents of files with a part of the error about each."""
 

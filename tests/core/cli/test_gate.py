@@ -14,23 +14,7 @@ from tests.core.cli.conftest import Ended, Rwt, demo_server, process
 
 TOKENS = {role: f"{role}-token-of-the-test" for role in ("operator", "supervisor", "admin")}
 RIGHTS = 'publish = ["*"]\nsubscribe = ["*"]\ncall = ["*"]\ngoals = ["*"]\n'
-GATE = """
-[gate.audit]
-file = "{audit}"
-
-[gate.rules.drive]
-topics = ["/cmd_vel"]
-emergency = true
-lease = {{}}
-stop = {{}}
-fields."linear.x" = {{ max = 0.5 }}
-
-[gate.rules.asked]
-services = ["/enable_motors"]
-topics = ["/asked"]
-actions = ["/fibonacci"]
-approval = {{ roles = ["supervisor"], remember_seconds = 60 }}
-"""
+GATE = (Path(__file__).parent / "transcripts" / "approvals.toml").read_text(encoding="utf-8")
 TWIST = ("/cmd_vel", "geometry_msgs/msg/Twist", "{linear: {x: 0.1}}")
 
 RunAs = Callable[..., Ended]
@@ -42,7 +26,7 @@ def _config(folder: Path) -> Path:
     )
     roles = "".join(f"[roles.{role}]\n{RIGHTS}" for role in ("operator", "supervisor"))
     path = folder / "robot.toml"
-    path.write_text(tokens + roles + GATE.format(audit=(folder / "audit.jsonl").as_posix()))
+    path.write_text(tokens + roles + GATE.replace("{audit}", (folder / "audit.jsonl").as_posix()))
     return path
 
 

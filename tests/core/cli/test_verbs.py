@@ -23,24 +23,15 @@ from rwt.cli.console.yaml_text import read_yaml
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_protocol.ops import Qos
-from tests.core.cli.conftest import Rwt, demo_server, impatient
+from tests.core.cli.conftest import Rwt, check_transcript, demo_server, impatient, transcript
 
 _ADD = "example_interfaces/srv/AddTwoInts"
 _TWIST = "geometry_msgs/msg/Twist"
 
-_TRANSCRIPT = Path(__file__).with_name("transcript.txt").read_text(encoding="utf-8")
-_COMMANDS = [block.partition("\n")[::2] for block in _TRANSCRIPT.split("\n$ rwt ")[1:]]
 
-
-@pytest.mark.parametrize(("line", "printed"), _COMMANDS, ids=[line for line, _ in _COMMANDS])
+@transcript("robot.txt")
 def test_a_command_prints_what_the_transcript_says(rwt: Rwt, line: str, printed: str) -> None:
-    ended = rwt(*shlex.split(line))
-    code = f"\n[{ended.code}]" if ended.code else ""
-    errors = "".join(f"! {each}" for each in ended.err.splitlines(keepends=True))
-    wanted = ".*".join(map(re.escape, printed.strip("\n").split("…")))
-    assert re.fullmatch(wanted, f"{ended.out}{errors}".strip("\n") + code, re.DOTALL), (ended.out, ended.err)
-    assert ended.err.count("\n") == (ended.code != 0)
-    assert ended.err.count("did you mean") <= 1
+    check_transcript(rwt, line, printed)
 
 
 @pytest.mark.parametrize(
