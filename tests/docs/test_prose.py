@@ -88,21 +88,6 @@ def _choices(parser: Parser) -> dict[str, Parser]:
     return next((each for each in found if all(isinstance(one, Parser) for one in each.values())), {})
 
 
-@pytest.mark.parametrize(
-    ("line", "mistake"),
-    [
-        ("rwt serve --demo", ""),
-        ("rwt topic echo /odom", ""),
-        ("rwt tpic list", "no command tpic"),
-        ("rwt topic eco /odom", "no verb eco of topic"),
-        ("rwt action echo /fibonacci", "no verb echo of action"),
-        ("rwt topic echo /odom --onec", "no option --onec"),
-    ],
-)
-def test_a_wrong_command_would_be_found(line: str, mistake: str) -> None:
-    assert _mistake(line) == mistake
-
-
 _BESIDE = re.compile(r"\s+[#|&><]|\s{2,}")
 """Rest of a line behind a command: a comment, another command, a file."""
 
@@ -147,14 +132,6 @@ def test_an_event_in_a_sentence_is_listened_to_in_a_block_that_runs(page: Path) 
     run = "\n".join(block.code for block in blocks_of(page) if _is_run(block))
     claimed = {event for code in _CODE.findall(_prose(page)) for event in _EVENT.findall(code)}
     assert claimed <= set(_EVENT.findall(run))
-
-
-def test_events_are_recognised() -> None:
-    assert _EVENT.findall("ros.on(\"status\", …) ros.once('close', f) ros.onAny(hear)") == [
-        "status",
-        "close",
-        "",
-    ]
 
 
 # -- what must be installed first ----------------------------------------------------------------------------

@@ -12,8 +12,6 @@ import anyio.to_thread
 import pytest
 
 from rwt import MemoryGraph, Node, Server, Settings, SettingsError, SimulatedClock, connect
-from rwt.extensions.recording import open_recording
-from rwt.extensions.recording.recorder import LOOK_SECONDS
 from rwt.extensions.testing import ObservedGraph
 from rwt_graph import NotRunning
 from rwt_graph.api import Graph
@@ -213,23 +211,3 @@ async def test_middleware_stands_between_the_transports_and_the_clients() -> Non
     async with Server(URL, middleware=middleware) as server, connect(server.urls[0]):
         pass
     assert addresses == ["127.0.0.1"]
-
-
-async def test_a_script_is_played(tmp_path: Path) -> None:
-    script = tmp_path / "robot.toml"
-    script.write_text('[services."/beep"]\ntype = "std_srvs/Trigger"\nreturns = { message = "beep" }\n')
-    async with Server(URL, script=script) as server, connect(server.urls[0]) as client:
-        assert (await client.call("/beep")).message == "beep"
-        assert "/beep" in (await client.call("/rwt_script/received")).message
-
-
-async def test_everything_is_recorded_and_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
-    async with Server(URL, record=path, clock=clock) as server:
-        server.node("robot").advertise("/x", "std_msgs/String", latch=True).publish({"data": "y"})
-        clock.advance(LOOK_SECONDS)
-    with open_recording([path]) as recording:
-        assert "/x" in {topic.name for topic in recording.topics}
-    with pytest.raises(SettingsError, match=r"record: .*run.mcap is there already"):
-        await Server(URL, record=path).__aenter__()
