@@ -104,7 +104,6 @@ class LocalVerb:
     name: str
     run: Callable[[Arguments, Output], int | None]
     add_arguments: AddArguments
-    text: str = ""
 
 
 def add_family(
@@ -121,8 +120,8 @@ def add_family(
 def add_verb(commands: Commands, verb: Verb | LocalVerb) -> None:
     """Add a verb to a family, or as a command of its own."""
     # Without docstrings (`python -OO`) only the name is left.
-    text = inspect.cleandoc(verb.text or verb.run.__doc__ or verb.name)
-    description, example, end = text.partition("\n\nexample:")
+    text = (verb.text if isinstance(verb, Verb) else "") or verb.run.__doc__ or verb.name
+    description, example, end = inspect.cleandoc(text).partition("\n\nexample:")
     help = description.partition("\n")[0].removesuffix(".")
     parser = commands.add_parser(
         verb.name,
