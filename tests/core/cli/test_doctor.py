@@ -96,7 +96,6 @@ def test_nobody_there(rwt: Rwt) -> None:
         port = listener.getsockname()[1]
     ended = rwt("doctor", f"ws://127.0.0.1:{port}")
     assert (ended.code, "start the server" in ended.out) == (3, True)
-    assert rwt("doctor", "nonsense").code == 2
 
 
 @pytest.mark.parametrize(
@@ -175,7 +174,6 @@ def test_the_stop_latency_of_this_machine(rwt: Rwt) -> None:
     assert (stop["name"], lease["name"]) == ("stop latency", "lease latency")
     assert re.match(r"p50 \d+\.\d ms, p99 \d+\.\d ms, max \d+\.\d ms of 200, .*guarantee 20 ms", stop["text"])
     assert {stop["verdict"], lease["verdict"]} <= {"ok", "warning"}
-    assert rwt("doctor", "--stop-latency", "ws://robot:9090").code == 2
 
 
 def test_the_verdict_on_latencies() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rwt.cli import main
-from tests.core.cli.conftest import Ended, Rwt, demo_server, process
+from tests.core.cli.conftest import Ended, demo_server, process
 
 TOKENS = {role: f"{role}-token-of-the-test" for role in ("operator", "supervisor", "admin")}
 RIGHTS = 'publish = ["*"]\nsubscribe = ["*"]\ncall = ["*"]\ngoals = ["*"]\n'
@@ -178,13 +178,6 @@ def test_audit(run_as: RunAs, folder: Path) -> None:
     missing = run_as("operator", "audit", "show", str(folder / "missing"))
     assert (missing.code, "cannot be read" in missing.err) == (2, True)
     assert json.loads((folder / "audit.jsonl").read_text().splitlines()[0])["time"].endswith("Z")
-
-
-def test_a_robot_without_a_gate(rwt: Rwt) -> None:
-    said = rwt("stop")
-    assert (said.code, "this robot has no gate (/gate/stop not found)" in said.err) == (1, True)
-    said = rwt("approve")
-    assert (said.code, "this robot has no gate" in said.err) == (1, True)
 
 
 def test_serve_with_a_gate_that_observes(
