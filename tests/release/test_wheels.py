@@ -84,12 +84,8 @@ def test_release_is_complete(built: Path) -> None:
     projects = (
         "robot_web_tools rwt_webrtc rwt_rclpy rwt_lerobot lerobot_robot_rosbridge rosbridge_conformance"
     )
-    built_by_python = {
-        f"{name}{end}"
-        for name in (*projects.split(), "rosbridge_conformance")
-        for end in ("-py3-none-any.whl", ".tar.gz")
-    }
-    assert names == built_by_python | {"robot-web-tools-widgets.tgz", "SHA256SUMS"}
+    files = {f"{name}{end}" for name in projects.split() for end in ("-py3-none-any.whl", ".tar.gz")}
+    assert names == files | {"robot-web-tools-widgets.tgz", "SHA256SUMS"}
 
 
 def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:

@@ -84,7 +84,8 @@ _ENTER = 'with Server("ws://127.0.0.1:0", loop={loop!r}) as robot: main(robot)'
 PROGRAMS = {
     "coroutine": COROUTINE,
     "function": _BODY.replace("WAIT", "while True: time.sleep(0.05)") + _RUN,
-    "spins": _BODY.replace("WAIT", "robot.spin()") + _ENTER,
+    # Without a last message: the loop may be lost.
+    "spins": _BODY.replace("WAIT", "robot.spin()").replace("motors.publish({{}})", "pass") + _ENTER,
     "waits": _BODY.replace("WAIT", "robot.server.announce(); threading.Event().wait()") + _ENTER,
 }
 
