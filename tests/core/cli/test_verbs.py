@@ -154,6 +154,15 @@ def test_pub_reads_standard_input(rwt: Rwt, monkeypatch: pytest.MonkeyPatch) -> 
     assert "std_msgs.msg.String(data='from a pipe')" in ended.out
 
 
+@pytest.mark.parametrize(
+    ("verb", "figure", "least", "most"),
+    [("hz", "rate", 5, 40), ("bw", "mean_bytes", 500, 1000), ("delay", "delay", -1, 5)],
+)
+def test_a_measurement_is_plausible(rwt: Rwt, verb: str, figure: str, least: float, most: float) -> None:
+    (record,) = rwt("topic", verb, "/odom", "-n", "1", "--interval", "0.5", "--json").records
+    assert record["topic"] == "/odom" and least < record[figure] < most
+
+
 def test_top(rwt: Rwt) -> None:
     head, columns, *rows = rwt("top", "/odom", "/map", "--interval", "0.5").out.splitlines()
     assert re.fullmatch(
