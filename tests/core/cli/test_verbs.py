@@ -86,6 +86,7 @@ def test_long_arrays_are_cut(rwt: Rwt) -> None:
     assert said.endswith("- '...'\n---\n")
     assert rwt("topic", "echo", "/scan", "--once", "--field", "ranges", "-f").out.count("- ") == 360
     assert rwt("topic", "echo", "/scan", "--once", "--field", "ranges", "-l", "3").out.count("\n") == 5
+    assert "..." not in rwt("topic", "echo", "/scan", "--once", "--field", "ranges", "-l", "360").out
 
 
 def test_echo_only_what_a_filter_lets_through(rwt: Rwt) -> None:
