@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rwt import Settings, SettingsError
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import FieldChecks
+from rwt.access.gate.fields import Clamped, FieldChecks
 from rwt.access.gate.rules import Rule
 from rwt.access.settings import GateRule
 from rwt_interfaces.payload import Payload
@@ -87,7 +87,7 @@ def test_nan_in_lists_is_found_by_its_place() -> None:
     with pytest.raises(GateRefused, match=r"points\[1\]\.positions\[1\]: expected a finite number"):
         checks.check(Payload.from_value(type, {"points": points}), 0.0)
     fine = Payload.from_value(type, {"points": points[:1]})
-    assert checks.check(fine, 0.0) == (fine, None)
+    assert checks.check(fine, 0.0) == (fine, ())
 
 
 def test_a_rate_holds_away_from_standing_and_never_for_braking() -> None:
@@ -307,8 +307,8 @@ def test_a_clamped_item_leaves_the_others_of_the_list() -> None:
     )
     type = GatedRobot({}).graph.registry.message("trajectory_msgs/JointTrajectory")
     given = Payload.from_value(type, {"points": [{"positions": [7, 8, 9]}, {"positions": [1]}]})
-    passed, clamped = FieldChecks(rule, type).check(given, 0.0)
-    assert str(clamped) == "points[0].positions[1]: 2 in place of 8"
+    passed, changes = FieldChecks(rule, type).check(given, 0.0)
+    assert str(Clamped(changes)) == "points[0].positions[1]: 2 in place of 8"
     value: Any = passed.value()
     assert [list(point.positions) for point in value.points] == [[7, 2, 9], [1]]
 

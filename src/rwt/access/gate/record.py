@@ -6,7 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
@@ -100,6 +100,7 @@ Value = object | Callable[[], object]
 """Value of an audit line, or a function that returns it."""
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class Actor:
     """Client as the gate knows it.
 
@@ -114,16 +115,16 @@ class Actor:
             told.
     """
 
-    __slots__ = ("address", "device", "name", "on_approval", "on_notice", "rights", "topics")
+    name: str
+    rights: Role
+    address: str
+    device: str = ""
+    topics: set[GuardedTopic] = field(default_factory=set)
+    on_notice: Callable[[str], None] | None = None
+    on_approval: Callable[[str], None] | None = None
 
-    def __init__(self, name: str, rights: Role, address: str, device: str = "") -> None:
-        self.name = name
-        self.rights = rights
-        self.address = address
-        self.device = device or address
-        self.topics: set[GuardedTopic] = set()
-        self.on_notice: Callable[[str], None] | None = None
-        self.on_approval: Callable[[str], None] | None = None
+    def __post_init__(self) -> None:
+        self.device = self.device or self.address
 
     def tell_approval(self, text: str) -> None:
         """Tell the client about its request for approval, if it wants that."""

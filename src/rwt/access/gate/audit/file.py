@@ -276,14 +276,18 @@ def files_of(path: Path) -> list[Path]:
     return [*reversed(older), path]
 
 
+def audit_files(path: Path) -> list[Path]:
+    """Return the newest file of an audit and that of its traffic, if there is one."""
+    return [path, *filter(Path.exists, (traffic_file(path),))]
+
+
 def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
     """Return the lines of an audit, its traffic and their older files, oldest first; skip invalid lines.
 
     Raises:
         OSError: the newest file cannot be read.
     """
-    streams = [_lines_of(each) for each in (path, traffic_file(path)) if each == path or each.exists()]
-    return heapq.merge(*streams, key=lambda line: number_in(line, "sequence"))
+    return heapq.merge(*map(_lines_of, audit_files(path)), key=lambda line: number_in(line, "sequence"))
 
 
 def number_in(line: Mapping[str, object], key: str) -> int:

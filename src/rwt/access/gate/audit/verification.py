@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from rwt.access.gate.audit.file import NO_LINE, files_of, hash_of, number_in, traffic_file
+from rwt.access.gate.audit.file import NO_LINE, audit_files, files_of, hash_of, number_in
 
 #: Maximum number of findings that are kept; more are counted.
 _MAX_FINDINGS: Final = 1000
@@ -63,10 +63,7 @@ def verify_audit(path: Path, wanted_hash: str = "") -> AuditReport:
         OSError: a file cannot be read.
     """
     report = AuditReport()
-    traffic = traffic_file(path)
-    streams = [
-        _Stream(each, wanted_hash, report) for each in (path, traffic) if each == path or each.exists()
-    ]
+    streams = [_Stream(each, wanted_hash, report) for each in audit_files(path)]
     for stream in streams:
         stream.check()
     _check_sequence(path, streams, report)
