@@ -50,7 +50,10 @@ class GatedRobot:
     Attributes:
         heard: the velocities forwards, each with the node that published it.
         samples: all of them whole.
+        level: from which its clients are told of statuses.
     """
+
+    level = "warning"
 
     def __init__(
         self,
@@ -88,19 +91,54 @@ class GatedRobot:
         return heard
 
     def client(self, role: str = "operator", user_agent: str = "") -> Client:
-        """One more client, which is told of warnings and errors."""
+        """One more client."""
         headers = {"authorization": f"Bearer {token(role)}", "user-agent": user_agent}
         client = Client(self.bridge, headers=headers)
-        client.say("set_level", level="warning")
+        client.say("set_level", level=self.level)
         return client
+
+    def clients(self, *roles: str) -> list[Client]:
+        """More clients, one for each role."""
+        return [self.client(role) for role in roles]
+
+    def hear(self, topic: str, type: str = TWIST, **options: Any) -> list[Any]:
+        """Return a list to which the messages of a topic are added."""
+        heard: list[Any] = []
+        self.node.subscribe(topic, heard.append, type=type, **options)
+        return heard
+
+    def latest(self, topic: str, seconds: float = 0.1) -> Any:
+        """Return what a late subscriber of a topic of the gate receives, after some time."""
+        self.clock.advance(seconds)
+        info = self.graph.topic(topic)
+        assert info is not None and info.type is not None
+        heard: list[Any] = []
+        self.node.subscribe(topic, heard.append, type=info.type.name).close()
+        return heard[-1]
+
+    def offer(self, *services: str, type: str = "std_srvs/SetBool") -> list[Any]:
+        """Offer services that succeed, and return a list to which their requests are added."""
+        done: list[Any] = []
+
+        def serve(request: Any) -> dict[str, object]:
+            done.append(request)
+            return {} if type == "turtlesim/Spawn" else {"success": True}
+
+        for service in services:
+            self.node.advertise_service(service, type, serve)
+        return done
+
+
+def errors(client: Client) -> str:
+    """Return the errors that a client is told, empty if none."""
+    told = (each for each in client.heard() if each["op"] == "status" and each["level"] == "error")
+    return " ".join(str(each["msg"]) for each in told)
 
 
 def drive(client: Client, speed: float, topic: str = "/cmd_vel", **fields: object) -> str:
-    """Publish a velocity; returns what the client is told, empty if nothing."""
+    """Publish a velocity; returns the error that the client is told, empty if none."""
     client.say("publish", topic=topic, type=TWIST, msg={"linear": {"x": speed, **fields}, "angular": {}})
-    return " ".join(
-        str(each["msg"]) for each in client.heard() if each["op"] == "status" and each["level"] == "error"
-    )
+    return errors(client)
 
 
 def call(client: Client, service: str, **args: object) -> dict[str, Any]:
