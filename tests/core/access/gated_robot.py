@@ -9,12 +9,16 @@ from typing import Any
 from rwt import Settings
 from rwt.access.access import Access
 from rwt.access.gate.gate import Gate
+from rwt.extensions.http.gateway import HttpGateway
+from rwt.extensions.http.part import HttpSettings
+from rwt.gateways.visitors import peer_of
 from rwt.rosapi import DISCLOSURES
 from rwt.rosbridge import Bridge
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_graph.api import Sample
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.core.rosbridge.recording_client import Client
 
 ROLES = ("operator", "supervisor", "agent", "admin")
@@ -127,6 +131,33 @@ class GatedRobot:
         for service in services:
             self.node.advertise_service(service, type, serve)
         return done
+
+
+class HttpClient:
+    """A client of the HTTP gateway without a connection."""
+
+    def __init__(self, robot: GatedRobot, gateway: Any = None) -> None:
+        self._access = robot.access
+        self._routes = (gateway or HttpGateway(robot.graph, robot.access, HttpSettings())).http.routes
+
+    def request(self, method: str, path: str, body: bytes = b"{}", role: str = "operator") -> HttpResponse:
+        """Send a request that is answered at once."""
+        headers = {"authorization": f"Bearer {token(role)}", "content-type": "application/json"}
+        request = HttpRequest(method, path, "", headers, body, address="127.0.0.1")
+        page = next(
+            each.page
+            for each in self._routes
+            if each.method == method and path.startswith(each.path.removesuffix("*"))
+        )
+        answer: Any = page(request, self._access.reader(peer_of(request)))
+        if isinstance(answer, HttpResponse):
+            return answer
+        try:
+            answer.send(None)
+        except StopIteration as done:
+            response: HttpResponse = done.value
+            return response
+        raise AssertionError("this request waits")
 
 
 def errors(client: Client) -> str:

@@ -35,13 +35,12 @@ from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.gateway import HttpGateway
 from rwt.extensions.http.part import HttpSettings
 from rwt.gateways.base import Gateway
-from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
 from rwt.rosbridge import Bridge
 from rwt_graph import SimulatedClock
-from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.routes import HttpResponse
 from tests.core.access.gate_model import LEASE_SECONDS, LIMITS, PRECEDENCE, Fault, GateModel, Person
-from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, settings_of, token
+from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, HttpClient, settings_of, token
 from tests.core.rosbridge.recording_client import Client
 from tests.extensions.foxglove.viewer import Response, Viewer
 
@@ -185,32 +184,19 @@ class HttpWire(Wire):
 
     def __init__(self, robot: GatedRobot, gateway: HttpGateway, credential: str) -> None:
         super().__init__(credential)
-        self._robot = robot
-        self._routes = gateway.http.routes
+        self._client = HttpClient(robot, gateway)
 
-    def _post(self, kind: str, name: str, body: object) -> Any:
-        headers = {
-            "authorization": f"Bearer {token(self.person.credential)}",
-            "content-type": "application/json",
-        }
-        path = f"/api/{kind}{name}"
-        request = HttpRequest("POST", path, "", headers, json.dumps(body).encode(), address="127.0.0.1")
-        route = next(each for each in self._routes if each.path == f"/api/{kind}/*" and each.method == "POST")
-        answer: Any = route.page(request, self._robot.access.reader(peer_of(request)))
-        if hasattr(answer, "send"):
-            try:
-                answer.send(None)
-            except StopIteration as done:
-                return done.value
-            raise AssertionError("this request waits")
-        return answer
+    def _post(self, path: str, body: object) -> HttpResponse:
+        return self._client.request("POST", path, json.dumps(body).encode(), self.person.credential)
 
     def publish(self, message: dict[str, Any]) -> str:
-        answer = self._post("topics", "/cmd_vel", message)
+        answer = self._post("/api/topics/cmd_vel", message)
+        assert isinstance(answer.body, bytes)
         return "" if answer.status < 300 else answer.body.decode()
 
     def ask(self, service: str, arguments: dict[str, object]) -> dict[str, Any] | None:
-        answer = self._post("services", service, arguments)
+        answer = self._post(f"/api/services{service}", arguments)
+        assert isinstance(answer.body, bytes)
         return json.loads(answer.body) if answer.status < 300 else None
 
     def leave(self) -> bool:

@@ -38,14 +38,6 @@ def client(robot: GatedRobot) -> Client:
     return robot.client()
 
 
-def test_where_nothing_is_declared_a_client_gets_the_publisher_itself(
-    robot: GatedRobot, client: Client
-) -> None:
-    names = ("/other", "/cmd_vel")
-    kinds = [type(client.peer.graph.publisher(name, TWIST)).__name__ for name in names]
-    assert kinds == ["SharedPublisher", "GatedPublisher"]
-
-
 def test_without_rules_there_is_no_gate() -> None:
     robot = GatedRobot({})
     assert robot.access.gate is None

@@ -32,7 +32,7 @@ from rwt_graph.memory.topics import MemoryPublisher
 from rwt_interfaces.payload import Payload
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
 from tests.call_counts import count_calls
-from tests.core.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, token
+from tests.core.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, errors, token
 from tests.extensions.foxglove.viewer import Viewer
 from tests.held import held
 
@@ -362,6 +362,7 @@ def test_a_topic_with_a_fault_is_named_in_the_answer_to_a_stop() -> None:
     robot.node.advertise("/late", "std_msgs/String")
     client = robot.client()
     client.say("publish", topic="/late", type="std_msgs/String", msg={"data": ""})
+    assert "the rules of /late cannot be applied" in errors(client)
     answer = call(client, "/gate/stop")
     assert (answer["success"], "these were not stopped: /late:" in answer["message"]) == (False, True)
 
