@@ -14,7 +14,7 @@ from rwt import Server, SettingsError
 from rwt.access.gate.audit.file import read_audit
 from rwt.settings import load_settings
 from rwt_participant.qos import LATCHED
-from tests.core.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive, settings_of
+from tests.core.access.gated_robot import CLIENT, DRIVE, GATE, TWIST, GatedRobot, call, drive, settings_of
 
 STOPPED = {**DRIVE, "emergency": True}
 SLOW = {"linear.x": {"min": -0.3, "max": 0.3, "beyond": "clamp"}}
@@ -126,14 +126,17 @@ def test_a_reload_never_releases_a_stop(rules: Mapping[str, Any], text: str) -> 
     assert set(robot.take()) == {(0.0, GATE)}
 
 
-def test_a_stop_after_the_reload_reaches_what_moved_before() -> None:
-    robot = GatedRobot({"drive": STOPPED})
+def test_a_stop_after_the_reload_reaches_first_what_moved_before() -> None:
+    rule = {**STOPPED, "topics": ["/x/*", "/z"], "type": TWIST}
+    robot = GatedRobot({"drive": rule})
+    for number in range(400):
+        robot.node.advertise(f"/x/{number}", TWIST)
     client = robot.client()
-    drive(client, 0.5)
-    reload(robot, {"drive": {**STOPPED, "fields": SLOW}})
-    robot.take()
+    heard = robot.hear("/z")
+    drive(client, 0.5, "/z")
+    reload(robot, {"drive": {**rule, "fields": SLOW}})
     call(client, "/gate/stop", reason="")
-    assert robot.take()[0] == (0.0, GATE)
+    assert [each.linear.x for each in heard] == [0.5, 0.0]
 
 
 @pytest.mark.parametrize(

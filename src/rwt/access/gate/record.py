@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -180,19 +180,18 @@ class AuditBudget:
         self._burst = max(file_bytes * _SOURCE_FRACTION, _MIN_BURST_BYTES)
         self._rate = file_bytes * max(files - 1, 0.5) / keep_seconds * _SOURCE_FRACTION
         self._sources: dict[Source, RateLimit] = {}
-        self._credentials: dict[str, RateLimit] = {}
+        times = _SOURCES_OF_CREDENTIAL
+        self._credentials = defaultdict[str, RateLimit](
+            lambda: RateLimit(self._rate * times, self._burst * times)
+        )
         self._left_out: dict[Source, Counter[str]] = {}
 
     def take(self, source: Source, size: int, now: float) -> bool:
         """Return True if a line of this size may be written; `now` in seconds on a monotonic clock."""
         bucket = self._bucket_of(source, now)
-        credential = self._credentials.get(source[0])
-        if credential is None:
-            times = _SOURCES_OF_CREDENTIAL
-            credential = self._credentials[source[0]] = RateLimit(self._rate * times, self._burst * times)
         if not bucket.take(now, size):
             return False
-        if not credential.take(now, size):
+        if not self._credentials[source[0]].take(now, size):
             bucket.give_back(size)
             return False
         return True

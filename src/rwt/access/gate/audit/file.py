@@ -290,6 +290,14 @@ def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
     return heapq.merge(*map(_lines_of, audit_files(path)), key=lambda line: number_in(line, "sequence"))
 
 
+def values_of(line: bytes) -> Mapping[str, object] | None:
+    """Return the members of a line; None for one that a power failure has cut."""
+    try:
+        return msgspec.json.decode(line, type=dict[str, object])
+    except msgspec.MsgspecError:
+        return None
+
+
 def number_in(line: Mapping[str, object], key: str) -> int:
     """Return a number in a line; 0 if it is missing or something else."""
     value = line.get(key)
@@ -299,9 +307,7 @@ def number_in(line: Mapping[str, object], key: str) -> int:
 def _lines_of(path: Path) -> Iterator[Mapping[str, object]]:
     for file in files_of(path):
         with file.open("rb") as lines:
-            for line in lines:
-                with suppress(msgspec.MsgspecError):  # Truncated by a power failure.
-                    yield msgspec.json.decode(line, type=dict[str, object])
+            yield from filter(None, map(values_of, lines))
 
 
 def _tail(path: Path) -> bytes:
@@ -317,10 +323,8 @@ def _begun_at(path: Path) -> float:
     with path.open("rb") as file:
         first = file.readline(_TAIL_BYTES) if os.fstat(file.fileno()).st_size else b""
     try:
-        return datetime.fromisoformat(
-            str(msgspec.json.decode(first, type=dict[str, object])["time"])
-        ).timestamp()
-    except (msgspec.MsgspecError, KeyError, ValueError):
+        return datetime.fromisoformat(str((values_of(first) or {}).get("time"))).timestamp()
+    except ValueError:
         return time.time()
 
 
@@ -332,7 +336,8 @@ def _last_head(path: Path) -> _Head | None:
     for file in (path, numbered(path, 1)):
         lines = _tail(file).split(b"\n")[:-1] if file.exists() else []
         for line in reversed(lines):
-            with suppress(msgspec.MsgspecError, KeyError, ValueError):
-                values = msgspec.json.decode(line, type=dict[str, object])
-                return _Head(int(str(values["line"])), number_in(values, "sequence"), hash_of(lines[-1]))
+            values = values_of(line)
+            if values is not None and isinstance(values.get("line"), int):
+                head = number_in(values, "line"), number_in(values, "sequence")
+                return _Head(*head, hash_of(lines[-1]))
     return None
