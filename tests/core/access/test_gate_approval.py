@@ -316,6 +316,16 @@ def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing(
     assert "call /blink: the client has another role now" in reply["values"]
 
 
+def test_a_yes_for_a_service_that_has_another_type_now_starts_nothing(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
+    _blink(agent)
+    done = robot.offer("/blink", type="std_srvs/Trigger")
+    _answer(supervisor, "1")
+    assert "/blink is of another type now" in agent.heard()[0]["values"]
+    assert (robot.done, done) == ([], [])
+
+
 def test_requests_of_one_credential_do_not_take_the_slots_of_others() -> None:
     rules = {name: {"services": [f"/{name}"], "approval": APPROVAL} for name in ("blink", "time")}
     robot = QuietRobot(rules)

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from rwt import Settings, SettingsError
 from rwt.access.errors import GateRefused
@@ -82,49 +80,6 @@ def test_a_rate_holds_away_from_standing_and_never_for_braking() -> None:
     drive(client, -1.0)
     ((speed, _),) = robot.take()
     assert speed == pytest.approx(-0.1)
-
-
-STEPS = st.lists(
-    st.tuples(st.floats(-3, 3), st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.7])), min_size=1, max_size=20
-)
-
-
-@settings(max_examples=60, deadline=None)
-@given(STEPS)
-def test_whatever_is_asked_no_speed_is_beyond_range_and_rate(asked: list[tuple[float, float]]) -> None:
-    robot = _robot(min=-1, max=1, rate=2.0, beyond="clamp")
-    client = robot.client()
-    last, pause = 0.0, 1.0
-    for speed, after in asked:
-        drive(client, speed)
-        ((told, _),) = robot.take()
-        # Away from standing by at most what the time since, 0.1 s at most, allows.
-        most = 2.0 * min(pause, 0.1)
-        low, high = max(-1.0, min(last, 0.0) - most), min(1.0, max(last, 0.0) + most)
-        assert told == pytest.approx(min(max(speed, low), high), abs=1e-6)
-        last, pause = (told if after <= 0.5 else 0.0), after
-        robot.clock.advance(after)
-
-
-def test_texts_such_as_frame_ids_are_those_of_a_list() -> None:
-    rule = {"goal": {"topics": ["/goal_pose"], "fields": {"header.frame_id": {"one_of": ["map", "odom"]}}}}
-    client = GatedRobot(rule).client("admin")
-    type = "geometry_msgs/PoseStamped"
-    refused = _say(client, "/goal_pose", {"header": {"frame_id": "moon"}}, type)
-    assert "header.frame_id: expected 'map' or 'odom', got 'moon' (gate.rules.goal.fields)" in refused
-    assert _say(client, "/goal_pose", {"header": {"frame_id": "map"}}) == ""
-
-
-def test_a_field_of_every_item_of_a_list_is_limited() -> None:
-    rule = {"arm": {"topics": ["/arm"], "fields": {"points[].velocities[]": {"min": -1, "max": 1}}}}
-    robot = GatedRobot(rule)
-    heard = robot.hear("/arm", "trajectory_msgs/JointTrajectory")
-    client = robot.client()
-    points = [{"velocities": [0.5, 1.0]}, {"velocities": [0.0, 1.5]}]
-    refused = _say(client, "/arm", {"points": points})
-    assert "points[1].velocities[1]: expected -1 to 1, got 1.5" in refused
-    assert _say(client, "/arm", {"points": points[:1]}) == ""
-    assert len(heard) == 1
 
 
 def test_size_and_number_of_messages_are_bounded() -> None:
