@@ -27,6 +27,7 @@ RIGHTS = {
 }
 DRIVE: Mapping[str, Any] = {"topics": ["/cmd_vel"], "lease": {"seconds": 0.5}, "stop": {}}
 TWIST = "geometry_msgs/Twist"
+FIBONACCI = "example_interfaces/Fibonacci"
 
 
 def token(role: str) -> str:
@@ -131,6 +132,20 @@ class GatedRobot:
         for service in services:
             self.node.advertise_service(service, type, serve)
         return done
+
+    def accept_goals(self, action: str) -> tuple[list[int], list[str]]:
+        """Offer an action whose goals run on; return lists of their orders, and of ids that are cancelled."""
+        orders: list[int] = []
+        cancelled: list[str] = []
+
+        def on_goal(goal: Any) -> None:
+            orders.append(goal.goal.value().order)
+            goal.on_cancel = lambda: cancelled.append(goal.id)
+            goal.accept()
+
+        kind = self.graph.registry.action(FIBONACCI)
+        self.graph.participant("/counter").advertise_action(action, kind, on_goal)
+        return orders, cancelled
 
 
 class HttpClient:

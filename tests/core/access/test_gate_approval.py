@@ -18,10 +18,9 @@ from rwt.access.gate.record import CALLER, Actor
 from rwt.access.settings import FieldLimit
 from rwt.rosapi import Rosapi
 from rwt_interfaces.payload import Payload
-from tests.core.access.gated_robot import GatedRobot, call, drive, settings_of
+from tests.core.access.gated_robot import FIBONACCI, GatedRobot, call, drive, settings_of
 from tests.core.rosbridge.recording_client import Client
 
-FIBONACCI = "example_interfaces/Fibonacci"
 APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
 DRIVE: Mapping[str, Any] = {"topics": ["/cmd_vel"], "emergency": True, "stop": {}}
 GOAL = {"action": "/count", "action_type": FIBONACCI}
@@ -34,11 +33,7 @@ class QuietRobot(GatedRobot):
 
 
 class AskedRobot(QuietRobot):
-    """A robot of which everything needs a yes.
-
-    Attributes:
-        done: what has happened to it.
-    """
+    """A robot of which everything needs a yes."""
 
     def __init__(self, **approval: Any) -> None:
         rule = {
@@ -48,20 +43,15 @@ class AskedRobot(QuietRobot):
             "topics": ["/cmd_vel"],
             "approval": {**APPROVAL, **approval},
         }
-        self.done: list[object] = []
         super().__init__({"asked": rule})
-        self.node.advertise_service("/blink", "std_srvs/SetBool", self._blink)
-        kind = self.graph.registry.action(FIBONACCI)
-        self.graph.participant("/counter").advertise_action("/count", kind, self._count)
+        self._blinks = self.offer("/blink")
+        self._orders, _ = self.accept_goals("/count")
         self.node.parameters.declare("limit", 1.0)
 
-    def _blink(self, request: Any) -> dict[str, object]:
-        self.done.append(request.data)
-        return {"success": True}
-
-    def _count(self, goal: Any) -> None:
-        self.done.append(goal.goal.value().order)
-        goal.accept()
+    @property
+    def done(self) -> list[object]:
+        """What has happened to it."""
+        return [*(each.data for each in self._blinks), *self._orders]
 
     def waiting(self) -> list[Any]:
         """Entries of `/gate/approvals`."""

@@ -12,26 +12,12 @@ from rwt.observability.metrics import ServerMetrics
 from rwt.rosapi import Rosapi
 from rwt_graph.api import GoalEvents
 from rwt_interfaces.payload import Payload
-from tests.core.access.gated_robot import CLIENT, GATE, GatedRobot, call, drive, errors
+from tests.core.access.gated_robot import CLIENT, FIBONACCI, GATE, GatedRobot, call, drive, errors
 
-FIBONACCI = "example_interfaces/Fibonacci"
 RULES = {
     "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
     "acts": {"services": ["/blink"], "actions": ["/count"], "emergency": True},
 }
-
-
-class Counter:
-    """An action whose goals run until they are cancelled."""
-
-    def __init__(self, robot: GatedRobot) -> None:
-        self.cancelled: list[str] = []
-        self.kind = robot.graph.registry.action(FIBONACCI)
-        robot.graph.participant("/counter").advertise_action("/count", self.kind, self._on_goal)
-
-    def _on_goal(self, goal: Any) -> None:
-        goal.on_cancel = lambda: self.cancelled.append(goal.id)
-        goal.accept()
 
 
 def _state(robot: GatedRobot) -> Any:
@@ -47,17 +33,17 @@ def _count(client: Any) -> str:
 def test_it_stops_what_moves_and_lets_nothing_through_until_it_is_released(distro: str) -> None:
     robot = GatedRobot(RULES, distro)
     robot.offer("/blink", "/time")
-    counter = Counter(robot)
+    _, cancelled = robot.accept_goals("/count")
     client, admin = robot.clients("operator", "admin")
     assert drive(client, 0.5) == ""
     assert _count(client) == "[]"
     # A goal of the robot's own programs is movement like any other.
-    own = Payload.from_value(counter.kind.goal, {"order": 1})
+    own = Payload.from_value(robot.graph.registry.action(FIBONACCI).goal, {"order": 1})
     robot.graph.participant("/own").send_goal("/count", own, GoalEvents(lambda *_: None))
 
     assert call(client, "/gate/stop", reason="a child")["success"]
     assert robot.take() == [(0.5, CLIENT), (0.0, GATE)]
-    assert len(counter.cancelled) == len(set(counter.cancelled)) == 2
+    assert len(cancelled) == len(set(cancelled)) == 2
     state = _state(robot)
     assert (state.stopped, state.by, state.reason) == (True, "rosbridge:1 (role operator)", "a child")
     refused = drive(client, 0.5)

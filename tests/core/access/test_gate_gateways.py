@@ -16,7 +16,7 @@ from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.clients import MAX_SESSIONS
 from rwt_client import Robot
 from rwt_graph import Node
-from tests.core.access.gated_robot import DRIVE, TWIST, GatedRobot, call, drive, settings_of, token
+from tests.core.access.gated_robot import DRIVE, FIBONACCI, TWIST, GatedRobot, call, drive, settings_of, token
 from tests.core.rosbridge.recording_client import Client
 from tests.extensions.foxglove.viewer import Viewer
 from tests.extensions.mcp.agents import agent_at, url_of
@@ -119,7 +119,7 @@ async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> No
         assert heard == [0.5] * 3
 
 
-SPAWN, FIBONACCI = "turtlesim/Spawn", "example_interfaces/Fibonacci"
+SPAWN = "turtlesim/Spawn"
 REQUESTS: dict[str, dict[str, Any]] = {
     "topic": {"linear": {"x": 5.0}},
     "service": {"x": 5.0},

@@ -128,6 +128,16 @@ def test_the_rest_is_stopped_in_turns() -> None:
     assert len(told) == len(set(told)) == 1000
 
 
+def test_what_is_driven_after_a_release_is_not_stopped_by_a_late_turn() -> None:
+    robot = _crowded(1000)
+    robot.gate.stop(None)
+    robot.gate.release(None)
+    told = robot.hear("/x/999")
+    assert drive(robot.client(), 0.5, "/x/999") == ""
+    robot.clock.advance(0.001)
+    assert [each.linear.x for each in told] == [0.5]
+
+
 def test_a_new_topic_examines_a_fixed_number_of_others() -> None:
     few, many = _crowded(100), _crowded(3000)
     counts = []

@@ -14,7 +14,7 @@ from rwt.access.gate.fields import Clamped, FieldChecks
 from rwt.access.gate.rules import Rule
 from rwt.access.settings import GateRule
 from rwt_interfaces.payload import Payload
-from tests.core.access.gated_robot import CLIENT, TWIST, GatedRobot, drive, errors
+from tests.core.access.gated_robot import CLIENT, FIBONACCI, TWIST, GatedRobot, drive, errors
 from tests.core.rosbridge.recording_client import Client
 
 
@@ -105,13 +105,7 @@ def test_requests_and_goals_are_limited_too() -> None:
     robot = GatedRobot(rules)
     robot.node.advertise_service("/add", "example_interfaces/AddTwoInts", lambda r: {"sum": r.a + r.b})
     robot.offer("/late")
-    orders: list[int] = []
-
-    def execute(goal: Any) -> None:
-        orders.append(goal.goal.value().order)
-
-    kind = robot.graph.registry.action("example_interfaces/Fibonacci")
-    robot.graph.participant("/a").advertise_action("/count", kind, execute)
+    orders, _ = robot.accept_goals("/count")
     client = robot.client()
     client.say("call_service", service="/add", args={"a": 11, "b": 1})
     (answer,) = client.heard()
@@ -119,8 +113,7 @@ def test_requests_and_goals_are_limited_too() -> None:
     assert "a: expected at most 10, got 11 (gate.rules.add.fields)" in answer["values"]
     client.say("call_service", service="/late", args={})
     assert "has no field missing" in client.heard()[0]["values"]
-    goal = {"action": "/count", "action_type": "example_interfaces/Fibonacci", "args": {"order": 9}}
-    client.say("send_action_goal", **goal)
+    client.say("send_action_goal", action="/count", action_type=FIBONACCI, args={"order": 9})
     assert orders == [5]
 
 
