@@ -172,18 +172,6 @@ class GoalMessages(WrappedPublisher):
             WORK_ACCOUNT.reset(asker)
 
 
-def _charge_parameters(quota: Quota, amount: int, replaced: object) -> Charge:
-    """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
-
-    Raises:
-        ParameterRejected: `limits.parameter_bytes` is reached.
-    """
-    try:
-        return quota.exchange(replaced, amount)
-    except QuotaExceeded as exceeded:
-        raise ParameterRejected(str(exceeded)) from None
-
-
 class LatchedPublisher(WrappedPublisher):
     """Publisher of a latched topic for one client; each retained message is charged to its sender."""
 
@@ -248,7 +236,6 @@ class ClientGraph(GraphView):
     * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark), and
       ``_offers`` (services and actions, by kind and name).
     * In progress: ``_calls``. Goals hold their own charges.
-    * Parameters it has set: ``_charge_parameters`` counts their bytes.
 
     Args:
         policy: rules that hold for all clients.
@@ -274,7 +261,6 @@ class ClientGraph(GraphView):
         self._offers: dict[tuple[_OfferKind, str], tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
         self._quotas = quotas
-        self._charge_parameters = partial(_charge_parameters, quotas.parameters)
 
     def take_role(self, role: Role) -> None:
         """Switch to another role. What is open stays open; callers must request publishers again."""
@@ -624,6 +610,17 @@ class ClientGraph(GraphView):
             return send(info.name, payload, call, timeout)
         finally:
             WORK_ACCOUNT.reset(asker)
+
+    def _charge_parameters(self, amount: int, replaced: object) -> Charge:
+        """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
+
+        Raises:
+            ParameterRejected: `limits.parameter_bytes` is reached.
+        """
+        try:
+            return self._quotas.parameters.exchange(replaced, amount)
+        except QuotaExceeded as exceeded:
+            raise ParameterRejected(str(exceeded)) from None
 
     def advertise_service(
         self, service: str, type: str, on_call: Callable[[ServiceType, ServiceCall], None]

@@ -13,6 +13,8 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import datetime
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final, NamedTuple
 
@@ -214,10 +216,8 @@ class AuditFile:
 
     def _put(self, queued: list[tuple[bytes, bool]], unreported: int) -> None:
         """Write lines; the last one may be about dropped lines."""
-        while queued:
-            is_traffic = queued[0][1]
-            count = next((i for i, each in enumerate(queued) if each[1] != is_traffic), len(queued))
-            lines, queued = [line for line, _ in queued[:count]], queued[count:]
+        for is_traffic, group in groupby(queued, itemgetter(1)):
+            lines = [line for line, _ in group]
             try:
                 if self._files:
                     written = self._files[is_traffic].write(lines, self._sequence + 1)
@@ -233,7 +233,7 @@ class AuditFile:
                         logger.error(
                             "the audit cannot be written: %s: %s", self._name(is_traffic), error.strerror
                         )
-                    has_report = bool(unreported) and not queued
+                    has_report = bool(unreported) and lines[-1] is queued[-1][0]
                     self.dropped += len(lines) - has_report
                     self._unreported += unreported * has_report + len(lines) - has_report
 
