@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 import anyio
 import httpx
 import pytest
 
-from rwt import Server, connect
+from rwt import Server
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.clients import MAX_SESSIONS
-from rwt_client import Robot
-from rwt_graph import Node
 from tests.core.access.gated_robot import DRIVE, FIBONACCI, TWIST, GatedRobot, call, drive, settings_of, token
 from tests.core.rosbridge.recording_client import Client
 from tests.extensions.foxglove.viewer import Viewer
@@ -278,108 +276,70 @@ async def test_programs_with_one_token_do_not_alternate_commands_over_http() -> 
             assert await drive_as(RWT_Session="one") == 204
 
 
-class Approvals:
-    """A robot whose commands over HTTP require approval, and an administrator.
-
-    Attributes:
-        http: client of the agent.
-        others: client of others.
-    """
-
-    def __init__(self, node: Node, admin: Robot, http: httpx.AsyncClient, others: httpx.AsyncClient) -> None:
-        self.node = node
-        self.http = http
-        self.others = others
-        self._admin = admin
-
-    async def answer(self, *, approve: bool = True) -> None:
-        """Answer the first request, once it waits."""
-        request = {"id": "1", "approve": approve}
-        with anyio.fail_after(10):
-            while True:
-                if (await self._admin.call("/gate/approve", request, "rwt_gate_msgs/Approve")).success:
-                    return
-                await anyio.sleep(0.01)
-
-
-@pytest.fixture
-async def approvals() -> AsyncIterator[Approvals]:
-    """A server whose rule requires approval of a service, an action and parameters."""
+@pytest.mark.anyio
+async def test_what_waits_for_approval_over_http() -> None:
+    """A call, one that waits for its answer, one that is denied, a parameter and a goal."""
     asked = {
         "services": ["/blink", "/rosapi/set_param"],
         "actions": ["/count"],
         "approval": {"roles": ["admin"], "seconds": 45},
     }
-    tokens = {"agent": {"token": "agent-token-of-the-test", "role": "agent"}}
-    rights = {act: ["*"] for act in ("call", "goals", "get_param", "set_param")}
-    auth = {"tokens": tokens, "default_role": "admin"}
-    async with Server(
-        "ws://127.0.0.1:0", gate={"rules": {"asked": asked}}, auth=auth, roles={"agent": rights}
-    ) as server:
+    settings = settings_of({"rules": {"asked": asked}}, gateways=("http",))
+    async with Server("ws://127.0.0.1:0", settings=settings) as server:
         node = server.node("base")
         node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True, "message": "done"})
         node.parameters.declare("speed", 1.0)
         node.advertise_action("/count", FIBONACCI, _count)
-        async with (
-            connect(server.urls[0]) as admin,
-            _http(server, Authorization="Bearer agent-token-of-the-test") as http,
-            _http(server) as others,
-        ):
-            yield Approvals(node, admin, http, others)
+        agent, other, admin = (
+            _http(server, Authorization=f"Bearer {token(role)}") for role in ("agent", "operator", "admin")
+        )
 
+        async def answer(id: str, *, approve: bool = True) -> None:
+            """Answer a request, once it waits."""
+            request = {"id": id, "approve": approve}
+            with anyio.fail_after(10):
+                while True:
+                    if (await admin.post("/api/services/gate/approve", json=request)).json()["success"]:
+                        return
+                    await anyio.sleep(0.01)
 
-@pytest.mark.anyio
-async def test_a_call_that_waits_for_approval_over_http_is_answered_at_once(approvals: Approvals) -> None:
-    http = approvals.http
-    waiting = await http.post("/api/services/blink", json={"data": True})
-    state = waiting.json()
-    assert (waiting.status_code, state["state"], state["approval"]["roles"]) == (202, "waiting", ["admin"])
-    assert re.fullmatch(
-        r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)", state["reason"]
-    )
-    where = waiting.headers["location"]
-    assert (await http.get(where)).status_code == 202
-    assert (await approvals.others.get(where)).status_code == 404, "another client's call"
-    await approvals.answer()
-    for _ in range(2):
-        done = await http.get(where)
-        assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
+        async with agent, other, admin:
+            waiting = await agent.post("/api/services/blink", json={"data": True})
+            state = waiting.json()
+            assert (waiting.status_code, state["state"]) == (202, "waiting")
+            assert state["approval"]["roles"] == ["admin"]
+            text = r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)"
+            assert re.fullmatch(text, state["reason"])
+            where = waiting.headers["location"]
+            assert (await agent.get(where)).status_code == 202
+            assert (await other.get(where)).status_code == 404, "another client's call"
+            await answer("1")
+            for _ in range(2):
+                done = await agent.get(where)
+                assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
 
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(answer, "2")
+                patient = {"Prefer": "wait=20"}
+                done = await agent.post("/api/services/blink", json={"data": True}, headers=patient)
+            assert (done.status_code, done.json()["message"]) == (200, "done")
 
-@pytest.mark.anyio
-async def test_a_client_may_wait_for_approval_over_http(approvals: Approvals) -> None:
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(approvals.answer)
-        patient = {"Prefer": "wait=20"}
-        done = await approvals.http.post("/api/services/blink", json={"data": True}, headers=patient)
-    assert (done.status_code, done.json()["message"]) == (200, "done")
+            where = (await agent.post("/api/services/blink", json={"data": True})).headers["location"]
+            await answer("3", approve=False)
+            denied = await agent.get(where)
+            assert (denied.status_code, "a person said no" in denied.text) == (502, True)
 
+            where = (await agent.put("/api/parameters/base:speed", json=2.0)).headers["location"]
+            assert node.parameters.get("speed") == 1.0
+            await answer("4")
+            assert (await agent.get(where)).status_code == 200
+            assert node.parameters.get("speed") == 2.0
 
-@pytest.mark.anyio
-async def test_a_call_over_http_that_is_denied(approvals: Approvals) -> None:
-    where = (await approvals.http.post("/api/services/blink", json={"data": True})).headers["location"]
-    await approvals.answer(approve=False)
-    denied = await approvals.http.get(where)
-    assert (denied.status_code, "a person said no" in denied.text) == (502, True)
-
-
-@pytest.mark.anyio
-async def test_a_parameter_is_set_over_http_once_it_is_approved(approvals: Approvals) -> None:
-    http, parameters = approvals.http, approvals.node.parameters
-    where = (await http.put("/api/parameters/base:speed", json=2.0)).headers["location"]
-    assert parameters.get("speed") == 1.0
-    await approvals.answer()
-    assert (await http.get(where)).status_code == 200
-    assert parameters.get("speed") == 2.0
-
-
-@pytest.mark.anyio
-async def test_a_goal_over_http_starts_once_it_is_approved(approvals: Approvals) -> None:
-    goal = await approvals.http.post("/api/actions/count/goals", json={"order": 1})
-    state = goal.json()
-    assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "1")
-    await approvals.answer()
-    with anyio.fail_after(10):
-        while state["state"] != "succeeded":
-            await anyio.sleep(0.01)
-            state = (await approvals.http.get(goal.headers["location"])).json()
+            goal = await agent.post("/api/actions/count/goals", json={"order": 1})
+            state = goal.json()
+            assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "5")
+            await answer("5")
+            with anyio.fail_after(10):
+                while state["state"] != "succeeded":
+                    await anyio.sleep(0.01)
+                    state = (await agent.get(goal.headers["location"])).json()
