@@ -109,8 +109,20 @@ def _exhaust(server: Server, client: Client) -> None:
     server.heard.clear()
 
 
-def test_all_work_is_counted_for_the_client_its_address_and_the_server() -> None:
-    server = Server()
+def _exhausted(server: Server, count: int) -> list[Client]:
+    """Clients that have caused more work than the rate allows."""
+    clients = [server.client() for _ in range(count)]
+    for client in clients:
+        _exhaust(server, client)
+    return clients
+
+
+@pytest.fixture
+def server() -> Server:
+    return Server()
+
+
+def test_all_work_is_counted_for_the_client_its_address_and_the_server(server: Server) -> None:
     client, other = server.client(), server.client()
     _read(client, "a")
     _read(other, "b", "c")
@@ -121,8 +133,7 @@ def test_all_work_is_counted_for_the_client_its_address_and_the_server() -> None
     assert server.access.work.seconds["messages"] == pytest.approx(3 * LONG)
 
 
-def test_small_work_is_counted_with_the_next_and_at_the_end() -> None:
-    server = Server()
+def test_small_work_is_counted_with_the_next_and_at_the_end(server: Server) -> None:
     client = server.client()
     _read(client, "short")
     assert client.peer.graph.work.seconds == 0.0
@@ -133,8 +144,7 @@ def test_small_work_is_counted_with_the_next_and_at_the_end() -> None:
     assert server.work_of(ADDRESS).seconds == pytest.approx(1.6 * MESSAGES.share)
 
 
-def test_beyond_its_rate_one_client_of_them_all_has_a_turn() -> None:
-    server = Server()
+def test_beyond_its_rate_one_client_of_them_all_has_a_turn(server: Server) -> None:
     clients = [server.client() for _ in range(4)]
     _exhaust(server, clients[0])
     honest = server.client("192.0.2.2")
@@ -155,8 +165,7 @@ def test_beyond_its_rate_one_client_of_them_all_has_a_turn() -> None:
     assert server.access.work.waits - waits == 3
 
 
-def test_a_client_alone_beyond_its_rate_loses_nothing() -> None:
-    server = Server()
+def test_a_client_alone_beyond_its_rate_loses_nothing(server: Server) -> None:
     client = server.client()
     _exhaust(server, client)
     for number in range(5):
@@ -166,11 +175,8 @@ def test_a_client_alone_beyond_its_rate_loses_nothing() -> None:
     assert server.access.work.waits == 0
 
 
-def test_what_came_first_is_done_first_by_those_who_wait() -> None:
-    server = Server()
-    clients = [server.client() for _ in range(3)]
-    for client in clients:
-        _exhaust(server, client)
+def test_what_came_first_is_done_first_by_those_who_wait(server: Server) -> None:
+    clients = _exhausted(server, 3)
     with _turn(server):
         for name, client in zip("abc", clients, strict=True):
             _read(client, *(f"short {name}{number}" for number in range(4)))
@@ -181,11 +187,8 @@ def test_what_came_first_is_done_first_by_those_who_wait() -> None:
         assert own == [f"short {name}{number}" for number in range(4)]
 
 
-def test_a_client_that_leaves_while_it_waits_does_nothing_more() -> None:
-    server = Server()
-    one, two = server.client(), server.client()
-    _exhaust(server, one)
-    _exhaust(server, two)
+def test_a_client_that_leaves_while_it_waits_does_nothing_more(server: Server) -> None:
+    one, two = _exhausted(server, 2)
     with _turn(server):
         _read(one, "one")
         _read(two, "two")
@@ -194,8 +197,7 @@ def test_a_client_that_leaves_while_it_waits_does_nothing_more() -> None:
     assert server.heard == ["one"]
 
 
-def test_clients_of_this_machine_have_a_rate_each_and_none_together() -> None:
-    server = Server()
+def test_clients_of_this_machine_have_a_rate_each_and_none_together(server: Server) -> None:
     one, two = server.client("127.0.0.1"), server.client("127.0.0.1")
     _exhaust(server, one)
     assert one.peer.graph.work.excess > 0.0
@@ -203,8 +205,7 @@ def test_clients_of_this_machine_have_a_rate_each_and_none_together() -> None:
     assert server.work_of("127.0.0.1").excess == 0.0
 
 
-def test_a_network_of_ipv6_is_one_address() -> None:
-    server = Server()
+def test_a_network_of_ipv6_is_one_address(server: Server) -> None:
     _exhaust(server, server.client("2001:db8::1"))
     assert server.work_of("2001:db8::2").excess > 0.0
     assert server.work_of("2001:db8:0:1::1").excess == 0.0
@@ -215,9 +216,7 @@ def test_a_network_of_ipv6_is_one_address() -> None:
 )
 def test_within_the_rate_nothing_waits(rate: float, seconds: float) -> None:
     server = Server(work_per_second=rate)
-    one, two = server.client(), server.client()
-    _exhaust(server, one)
-    _exhaust(server, two)
+    one, two = _exhausted(server, 2)
     server.clock.advance(seconds)
     with _turn(server):
         _read(one, "one")
@@ -226,8 +225,7 @@ def test_within_the_rate_nothing_waits(rate: float, seconds: float) -> None:
     assert server.access.work.seconds["messages"] == pytest.approx(8 * LONG)
 
 
-def test_pages_are_counted_and_refused_beyond_the_rate() -> None:
-    server = Server()
+def test_pages_are_counted_and_refused_beyond_the_rate(server: Server) -> None:
 
     def page(request: HttpRequest, reader: object) -> HttpResponse:
         server.clock.worked += 0.2
@@ -249,8 +247,7 @@ def test_pages_are_counted_and_refused_beyond_the_rate() -> None:
 
 
 @pytest.mark.anyio
-async def test_a_page_waits_for_a_turn_that_is_not_full() -> None:
-    server = Server()
+async def test_a_page_waits_for_a_turn_that_is_not_full(server: Server) -> None:
     scheduler = client_scheduler(server.clock)
     handler = guarded(
         server.access, lambda request, reader: HttpResponse(b"page"), Audience.ADMITTED, scheduler=scheduler
@@ -273,8 +270,7 @@ async def test_a_page_waits_for_a_turn_that_is_not_full() -> None:
     assert answers[0].body == b"page"
 
 
-def test_messages_and_pages_are_one_account() -> None:
-    server = Server()
+def test_messages_and_pages_are_one_account(server: Server) -> None:
     _exhaust(server, server.client())
     assert _ask(server).status == 429
 
