@@ -355,21 +355,27 @@ async def test_a_call_that_timed_out_is_charged_until_its_coroutine_has_ended() 
 
 
 @pytest.mark.anyio
-async def test_small_calls_whose_coroutines_never_end_are_counted() -> None:
+async def test_small_calls_are_counted_until_their_coroutines_end() -> None:
     graph, clock = _graph(REGISTRIES["jazzy"])
+    ends = anyio.Event()
 
-    async def never(asked: Message) -> dict[str, object]:
-        await anyio.sleep_forever()
-        raise AssertionError
+    async def slow(asked: Message) -> dict[str, object]:
+        await ends.wait()
+        return {}
 
     async with graph:
-        Node(graph, "robot").advertise_service("/never", "std_srvs/Trigger", never)
+        Node(graph, "robot").advertise_service("/slow", "std_srvs/Trigger", slow)
         client = _client(graph, calls=5)
         for number in range(6):
-            client.say("call_service", service="/never", id=str(number), timeout=0.5)
+            client.say("call_service", service="/slow", id=str(number), timeout=0.5)
             await _settled()
             clock.advance(1.0)
         assert "limits.calls" in str(client.heard())
+        ends.set()
+        await _settled()
+        client.say("call_service", service="/slow", id="again")
+        await _settled()
+        assert client.heard()[-1]["result"] is True
 
 
 class ActionRobot:
