@@ -278,7 +278,8 @@ def files_of(path: Path) -> list[Path]:
 
 def audit_files(path: Path) -> list[Path]:
     """Return the newest file of an audit and that of its traffic, if there is one."""
-    return [path, *filter(Path.exists, (traffic_file(path),))]
+    traffic = traffic_file(path)
+    return [path, traffic] if traffic.exists() else [path]
 
 
 def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
