@@ -22,6 +22,7 @@ from rwt.access.settings import AuditSettings, RoleSettings, SettingsError
 from rwt.rosapi import Rosapi
 from rwt_graph import SimulatedClock
 from rwt_transports.endpoint import PeerInfo
+from rwt_transports.errors import Refused
 from tests.core.access.gated_robot import DRIVE, GatedRobot, call, drive, token
 
 
@@ -231,7 +232,12 @@ def test_clients_without_credentials_do_not_use_up_the_budget_of_the_gate_itself
 
 def test_credentials_come_with_the_role() -> None:
     admission = GatedRobot({}).access.admission
-    info = PeerInfo("websocket", "192.0.2.7", 1, "/", {"authorization": f"Bearer {token('operator')}"})
+    info, unknown = (
+        PeerInfo("websocket", "192.0.2.7", 1, "/", {"authorization": f"Bearer {token(name)}"})
+        for name in ("operator", "nobody")
+    )
+    with pytest.raises(Refused, match="this bearer token is not known here"):
+        admission.role_of(unknown)
     role, plain = admission.role_of(info), admission.roles["operator"]
     assert role is not None
     assert (role.name, role.credential, plain.credential) == ("operator", "operator", "")
