@@ -127,13 +127,13 @@ def test_a_reload_never_releases_a_stop(rules: Mapping[str, Any], text: str) -> 
 
 
 def test_a_stop_after_the_reload_reaches_first_what_moved_before() -> None:
-    rule = {**STOPPED, "topics": ["/x/*", "/z"], "type": TWIST}
+    rule = {**STOPPED, "topics": ["/x/*", "/z/*"], "type": TWIST}
     robot = GatedRobot({"drive": rule})
     for number in range(400):
         robot.node.advertise(f"/x/{number}", TWIST)
     client = robot.client()
-    heard = robot.hear("/z")
-    drive(client, 0.5, "/z")
+    heard = robot.hear("/z/1")
+    drive(client, 0.5, "/z/1")
     reload(robot, {"drive": {**rule, "fields": SLOW}})
     call(client, "/gate/stop", reason="")
     assert [each.linear.x for each in heard] == [0.5, 0.0]
