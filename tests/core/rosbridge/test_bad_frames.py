@@ -97,22 +97,6 @@ def test_any_value_in_any_member_of_any_op(client: Client, op: str, member: str,
     assert client.close_code is None
 
 
-def test_good_objects_beside_bad_ones_are_run(client: Client) -> None:
-    client.say_raw(
-        '{"op":"subscribe","topic":"/x","type":"std_msgs/String"}'
-        '{"op":"publish","topic":"/x","msg":{"data":"a"}} {"op":"publish","topic":"/x","msg":{"data":"b"}}'
-    )
-    assert client.heard_of("/x") == [{"data": "a"}, {"data": "b"}]
-
-
-def test_half_a_message_is_not_glued_to_the_next(client: Client) -> None:
-    client.say("subscribe", topic="/x", type="std_msgs/String")
-    client.say_raw('{"op":"publish","topic":"/x","msg":{"data":')
-    client.say_raw('"glued"}}')
-    client.say("publish", topic="/x", msg={"data": "whole"})
-    assert client.heard_of("/x") == [{"data": "whole"}]
-
-
 @pytest.mark.parametrize("token", ["NaN", "Infinity", "-Infinity", "1e999999", "null"])
 def test_numbers_that_json_has_not_go_out_as_null(client: Client, token: str) -> None:
     client.say("subscribe", topic="/f", type="std_msgs/Float64")
