@@ -276,12 +276,8 @@ class HttpConnection(UnbufferedCallbacks):
         method, path = self._request.method.decode("latin-1"), self._request.target.decode("latin-1")
         if method in ("GET", "HEAD"):
             return self._limits.http_header_bytes
-        found = self._routes.find(method, path.partition("?")[0])
-        return (
-            self._limits.http_header_bytes
-            if isinstance(found, HttpResponse)
-            else self._limits.http_body_bytes
-        )
+        is_used = not isinstance(self._routes.find(method, path.partition("?")[0]), HttpResponse)
+        return self._limits.http_body_bytes if is_used else self._limits.http_header_bytes
 
     def _requested(self, raw: h11.Request) -> None:
         target = raw.target.decode("latin-1")
@@ -315,17 +311,11 @@ class HttpConnection(UnbufferedCallbacks):
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
-        subprotocols = self._listener.subprotocols
-        answer = (
-            answer_handshake(target, pairs, self._limits.deflate, subprotocols)
-            if request.method == "GET"
-            else None
-        )
-        if answer is None or answer.status != 101:
-            reason = answer.reason if answer else "a WebSocket is opened with GET"
-            self._respond_text(
-                answer.status if answer else 405, f"{reason}\n", {"Sec-WebSocket-Version": "13"}
-            )
+        answer = HandshakeAnswer(405, reason="a WebSocket is opened with GET")
+        if request.method == "GET":
+            answer = answer_handshake(target, pairs, self._limits.deflate, self._listener.subprotocols)
+        if answer.status != 101:
+            self._respond_text(answer.status, f"{answer.reason}\n", {"Sec-WebSocket-Version": "13"})
             return
         refusal = self._open(request, target, answer)
         if refusal is not None:

@@ -502,15 +502,16 @@ class WebSocketWire:
             return True
         # While CLOSING no answer can be sent, so a large message ends the connection at once.
         if self._state is not _WireState.OPEN or not self._events.oversized(total):
-            raise ProtocolViolation(
-                TOO_BIG,
-                f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
-            )
+            raise self._too_big(total)
         # Earlier fragments count as the head: the op and the id are usually in the first bytes.
         self._head = _SkippedHead(total, bytes(self._parts[:HEAD_BYTES]))
         self._begin(first, _Progress.SKIPPED)
         self._parts = bytearray()
         return False
+
+    def _too_big(self, size: int) -> ProtocolViolation:
+        text = f"a message of {size} bytes; the limit is {self._max_size} (max_message_size)"
+        return ProtocolViolation(TOO_BIG, text)
 
     def _skip_some(self, data: bytes, position: int, end: int) -> int:
         count = min(self._skip, end - position)

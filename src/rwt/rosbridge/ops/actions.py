@@ -11,10 +11,10 @@ from rwt.rosbridge.ops.payloads import (
     IN_STEPS,
     arguments_in_steps,
     arguments_of,
+    checked_values,
     failure_text,
+    now_or_in_steps,
     object_or_empty,
-    payload_in_steps,
-    payload_of,
 )
 from rwt.rosbridge.ops.services import split_suffix
 from rwt.rosbridge.reply import Replies
@@ -36,7 +36,7 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
-from rwt_protocol.payloads import Encodable, RawJson
+from rwt_protocol.payloads import Encodable
 
 #: Paths of the payloads in their ops, for errors.
 _FEEDBACK: Final = "action_feedback.values"
@@ -231,39 +231,29 @@ class PeerActions:
 
     def feedback(self, op: ActionFeedback) -> Steps | None:
         """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
-        type, goal = self._goal(op.op, op.action, op.id)
         values = object_or_empty(op.values)
-        if isinstance(values, RawJson) and values.size >= IN_STEPS:
-            return self._feedback_in_steps(op, type, values)
-        goal.feedback(payload_of(type.feedback, values, _FEEDBACK, self.now))
-        return None
+        return now_or_in_steps(values, self._pass_on(op, values))
 
-    def _feedback_in_steps(self, op: ActionFeedback, type: ActionType, values: RawJson) -> Steps:
-        feedback = yield from payload_in_steps(type.feedback, values, _FEEDBACK, self.now)
+    def _pass_on(self, op: ActionFeedback, values: Encodable) -> Steps:
+        type, _ = self._goal(op.op, op.action, op.id)
+        feedback = yield from checked_values(type.feedback, values, _FEEDBACK, self.now)
         _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
         goal.feedback(feedback)
 
     def result(self, op: ActionResult) -> Steps | None:
         """End a goal with the result of the client that offers the action (ACT-15, ACT-16); a large one is
         checked in steps."""
-        type, goal = self._goal(op.op, op.action, op.id)
         if not op.result:
+            type, goal = self._goal(op.op, op.action, op.id)
             abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
             return None
         values = object_or_empty(op.values)
-        steps = self._end_in_steps(op, type, values)
-        if isinstance(values, RawJson) and values.size >= IN_STEPS:
-            return steps
-        for _ in steps:
-            pass
-        return None
+        return now_or_in_steps(values, self._end(op, values))
 
-    def _end_in_steps(self, op: ActionResult, type: ActionType, values: Encodable) -> Steps:
+    def _end(self, op: ActionResult, values: Encodable) -> Steps:
+        type, _ = self._goal(op.op, op.action, op.id)
         try:
-            if isinstance(values, RawJson) and values.size >= IN_STEPS:
-                result = yield from payload_in_steps(type.result, values, _RESULT, self.now)
-            else:
-                result = payload_of(type.result, values, _RESULT, self.now)
+            result = yield from checked_values(type.result, values, _RESULT, self.now)
         except Refused as refused:
             _, goal = self._goal(op.op, op.action, op.id)
             abort(type, goal, f"the provider's result does not fit {type.name}: {refused.reason}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import Final
+from typing import Final, TypeGuard
 
 import msgspec
 
@@ -12,6 +12,7 @@ from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import MAX_LENIENT_VALUES, has_many_values
 from rwt_interfaces.steps import finished
 from rwt_interfaces.structs import MessageType
+from rwt_protocol.dispatcher import Steps
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import EMPTY, FEW_BYTES, Decoded, Encodable, RawJson
@@ -38,17 +39,9 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
         if raw.dense:
             return finished(Payload.from_json_in_steps(type, raw.data, now, is_dense=True))
         return Payload.from_json(type, raw.data, now)
-    except NotExact:
-        raise _too_dense(type, raw, where) from None
-    except TooManyValues as error:
-        raise refusal(where, error) from None
     except InvalidMessage as error:
-        if isinstance(raw, RawJson) and not raw.is_validated:
-            # A large payload was cut out of its frame unparsed; only a full parse finds the fault.
-            validated = raw.validated()
-            if validated.data != bytes(raw.data):
-                return payload_of(type, validated, where, now)
-        raise refusal(where, error) from None
+        validated = _validated(type, raw, where, error)
+    return payload_of(type, validated, where, now)
 
 
 def payload_in_steps(
@@ -62,18 +55,32 @@ def payload_in_steps(
                 return (yield from Payload.from_value_in_steps(type, raw.value, now))
             return _of_object(type, raw, where, now)
         return (yield from Payload.from_json_in_steps(type, raw.data, now, is_dense=bool(raw.dense)))
-    except NotExact:
-        raise _too_dense(type, raw, where) from None
-    except TooManyValues as error:
-        raise refusal(where, error) from None
     except InvalidMessage as error:
-        if (
-            isinstance(raw, RawJson)
-            and not raw.is_validated
-            and (validated := raw.validated()).data != bytes(raw.data)
-        ):
-            return (yield from payload_in_steps(type, validated, where, now))
-        raise refusal(where, error) from None
+        validated = _validated(type, raw, where, error)
+    return (yield from payload_in_steps(type, validated, where, now))
+
+
+def checked_values(
+    type: MessageType, values: Encodable, where: str, now: Callable[[], int]
+) -> Generator[None, None, Payload]:
+    """Check a provider's values, in steps if they are large."""
+    if is_large(values):
+        return (yield from payload_in_steps(type, values, where, now))
+    return payload_of(type, values, where, now)
+
+
+def is_large(values: Encodable) -> TypeGuard[RawJson]:
+    """Return True for a payload that is checked in steps."""
+    return isinstance(values, RawJson) and values.size >= IN_STEPS
+
+
+def now_or_in_steps(values: Encodable, steps: Steps) -> Steps | None:
+    """Take the steps that check `values` now, or return them if they are for later turns."""
+    if is_large(values):
+        return steps
+    for _ in steps:
+        pass
+    return None
 
 
 def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:
@@ -82,12 +89,22 @@ def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], in
     return Payload.from_value(type, raw.value, now)
 
 
-def _too_dense(type: MessageType, raw: Encodable, where: str) -> Refused:
-    reason = raw.dense if isinstance(raw, RawJson) else ""
-    return Refused(
-        f"{where}: {reason}: so many are taken only in a message that has every field of {type.name},"
-        " each as ROS writes it"
-    )
+def _validated(type: MessageType, raw: Encodable, where: str, error: InvalidMessage) -> RawJson:
+    """Return the validated form of a payload that does not fit, if it differs. Otherwise raises Refused.
+
+    A large payload was cut out of its frame unparsed; only a full parse finds the fault.
+    """
+    if isinstance(error, NotExact):
+        reason = raw.dense if isinstance(raw, RawJson) else ""
+        raise Refused(
+            f"{where}: {reason}: so many are taken only in a message that has every field of {type.name},"
+            " each as ROS writes it"
+        ) from None
+    if isinstance(raw, RawJson) and not (raw.is_validated or isinstance(error, TooManyValues)):
+        validated = raw.validated()
+        if validated.data != bytes(raw.data):
+            return validated
+    raise refusal(where, error) from None
 
 
 def arguments_of(

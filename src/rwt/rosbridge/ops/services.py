@@ -12,10 +12,10 @@ from rwt.rosbridge.ops.payloads import (
     IN_STEPS,
     arguments_in_steps,
     arguments_of,
+    checked_values,
     failure_text,
+    now_or_in_steps,
     object_or_empty,
-    payload_in_steps,
-    payload_of,
 )
 from rwt.rosbridge.reply import Replies
 from rwt_graph.api import ServiceCall
@@ -139,28 +139,18 @@ class PeerServices:
 
         Only the provider may respond, also over another connection.
         """
-        if op.result and isinstance(op.values, RawJson) and op.values.size >= IN_STEPS:
-            return self._answer_in_steps(op, op.values)
-        type, call = self._asked(op.service, op.id)
         if not op.result:
+            _, call = self._asked(op.service, op.id)
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
             return None
-        self._reply(type, call, object_or_empty(op.values))
-        return None
+        values = object_or_empty(op.values)
+        return now_or_in_steps(values, self._reply(op, values))
 
-    def _reply(self, type: ServiceType, call: ServiceCall, values: Encodable) -> None:
-        try:
-            response = payload_of(type.response, values, _ANSWER, self._now)
-        except Refused as refused:
-            call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
-            raise
-        call.reply(response)
-
-    def _answer_in_steps(self, op: ServiceResponse, values: RawJson) -> Steps:
+    def _reply(self, op: ServiceResponse, values: Encodable) -> Steps:
         # The call stays pending meanwhile, so that it ends with its provider or its timeout.
         type, _ = self._pending(op.service, op.id)[str(op.id)]
         try:
-            response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)
+            response = yield from checked_values(type.response, values, _ANSWER, self._now)
         except Refused as refused:
             _, call = self._asked(op.service, op.id)
             call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
