@@ -19,7 +19,7 @@ from typing import Final, cast
 
 from rwt_protocol.frames import Buffer, Burst, Frame, Framing
 from rwt_transports.background import ignore
-from rwt_transports.data_lane import DataLane, Queue
+from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
 
@@ -32,12 +32,12 @@ PIECES_BYTES = 256 * 1024
 """Frames from this size on are not joined with their own header."""
 
 
-class OutboxFlow:
+class _OutboxFlow:
     """Flow of one topic through an outbox; implements :class:`rwt_transports.endpoint.Flow`."""
 
     __slots__ = ("_outbox", "_queue")
 
-    def __init__(self, outbox: Outbox, queue: Queue) -> None:
+    def __init__(self, outbox: Outbox, queue: TopicQueue) -> None:
         self._outbox = outbox
         self._queue = queue
 
@@ -210,8 +210,8 @@ class Outbox:
         *,
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
-    ) -> OutboxFlow:
-        return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
+    ) -> _OutboxFlow:
+        return _OutboxFlow(self, TopicQueue(rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:
         """Add a frame to the ready bytes, even if there is no room."""
@@ -231,7 +231,7 @@ class Outbox:
         self.messages += frames
         self.room -= size
 
-    def is_too_large(self, queue: Queue, frame: Frame) -> bool:
+    def is_too_large(self, queue: TopicQueue, frame: Frame) -> bool:
         """Return True if a frame of the data lane is too large to be sent, and count and report the drop."""
         # Only the data lane has this limit: a reply that is too large still answers its request.
         if frame.size <= self._limits.outgoing_bytes:
@@ -239,17 +239,17 @@ class Outbox:
         self._data.count_drop(queue, DropReason.SIZE)
         return True
 
-    def send_later(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+    def send_later(self, queue: TopicQueue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue a message in the data lane."""
         if self._state is _OPEN:
             self._data.add(queue, pieces, expires_ns)
 
-    def send_rest_later(self, queue: Queue, pieces: Sequence[Frame]) -> None:
+    def send_rest_later(self, queue: TopicQueue, pieces: Sequence[Frame]) -> None:
         """Queue the rest of a message whose first frame is ready."""
         if self._state is _OPEN:
             self._data.add_begun(queue, pieces)
 
-    def configure(self, queue: Queue, rules: FlowRules) -> None:
+    def configure(self, queue: TopicQueue, rules: FlowRules) -> None:
         """Change the rules of a queue of the data lane."""
         queue.rules = rules
         if rules.depth is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
@@ -260,11 +261,8 @@ class SharedPublishers:
             self._end(topic, shared)
             shared = None
         if shared is None:
-            publisher = (
-                self._participant.advertise(topic, type)
-                if qos is None
-                else self._participant.advertise(topic, type, qos)
-            )
+            policies = () if qos is None else (qos,)
+            publisher = self._participant.advertise(topic, type, *policies)
             shared = self._by_topic[topic] = SharedPublisher(
                 publisher, self._participant.name, self._clock, self._counters, self._log
             )
@@ -329,19 +327,17 @@ _MAX_SAMPLES: Final = 100
 _MAX_BYTES: Final = 64 * 1024
 
 
+@dataclass(slots=True, eq=False)
 class _StartupBuffer:
     """Samples of a publisher's first second (ADV-08); only the newest if they are many or large.
 
     A program that publishes right after advertising cannot know whether its subscribers are connected yet.
     """
 
-    __slots__ = ("_kept", "_node", "_size", "_topic")
-
-    def __init__(self, topic: str, node: str) -> None:
-        self._topic = topic
-        self._node = node
-        self._kept: deque[tuple[Payload, int, int]] = deque()
-        self._size = 0
+    topic: str
+    node: str
+    _kept: deque[tuple[Payload, int, int]] = field(default_factory=deque)
+    _size: int = 0
 
     def add(self, payload: Payload, stamp_ns: int) -> None:
         """Keep a message, and drop older ones to make room; a message that is too large drops all.
@@ -361,6 +357,4 @@ class _StartupBuffer:
 
     def samples(self) -> tuple[Sample, ...]:
         """Return the kept samples, oldest first."""
-        return tuple(
-            Sample(self._topic, payload, stamp_ns, self._node) for payload, stamp_ns, _ in self._kept
-        )
+        return tuple(Sample(self.topic, payload, stamp_ns, self.node) for payload, stamp_ns, _ in self._kept)

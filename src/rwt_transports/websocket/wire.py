@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from struct import Struct
 from typing import Final
@@ -169,17 +170,15 @@ class ProtocolViolation(Exception):
         self.code = code
 
 
+@dataclass(slots=True, eq=False)
 class _Staged:
     """Frame whose payload is incomplete."""
 
-    __slots__ = ("buffer", "filled", "first", "key", "size")
-
-    def __init__(self, first: int, key: bytes, size: int, buffer: bytearray) -> None:
-        self.first = first
-        self.key = key
-        self.size = size
-        self.buffer = buffer
-        self.filled = 0
+    first: int
+    key: bytes
+    size: int
+    buffer: bytearray
+    filled: int = 0
 
     def grow(self) -> None:
         """Enlarge the buffer, in proportion to what has arrived and not to what was announced."""
