@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import Enum
 from time import time_ns
 from typing import Final, cast
 
 from rwt_protocol.frames import Buffer, Burst, Frame, Framing
+from rwt_protocol.states import StateEnum
 from rwt_transports.background import ignore
 from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
@@ -98,19 +98,13 @@ class _OutboxFlow:
         self._queue.on_drop = None
 
 
-class _OutboxState(Enum):
-    OPEN = "open"
-    STOPPED = "stopped"
-    LOST = "lost"
+class _OutboxState(StateEnum):
+    OPEN = "STOPPED"
+    STOPPED = "LOST"
+    LOST = ()
 
 
 _OPEN: Final = _OutboxState.OPEN
-
-_TRANSITIONS: Final = {
-    _OutboxState.OPEN: {_OutboxState.STOPPED},
-    _OutboxState.STOPPED: {_OutboxState.LOST},
-    _OutboxState.LOST: set[_OutboxState](),
-}
 
 
 class Outbox:
@@ -190,10 +184,6 @@ class Outbox:
         self.received = 0
         self.taken = 0
         self._on_empty: Callable[[], None] | None = None
-
-    def _become(self, state: _OutboxState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 
@@ -339,13 +329,13 @@ class Outbox:
         self._data.clear()
         self._settle_bursts()
         if self._state is _OPEN:
-            self._become(_OutboxState.STOPPED)
+            self._state = self._state.become(_OutboxState.STOPPED)
         self.room = 0
 
     def discard(self) -> None:
         """Drop everything: the connection is lost."""
         self.stop_sending()
-        self._become(_OutboxState.LOST)
+        self._state = self._state.become(_OutboxState.LOST)
         self.ready.clear()
         self._large = 0
         self._begun.clear()

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
 from rwt_graph.api import Participant, Publisher, Sample
 from rwt_graph.errors import GraphError, TypeConflict
 from rwt_participant.qos import Durability, History, QoS
+from rwt_protocol.states import StateEnum
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters
@@ -33,17 +33,10 @@ _LAST_SEQUENCE: Final = (1 << 32) - 1
 """Maximum of `header.seq`, which then restarts at zero."""
 
 
-class _PublisherState(Enum):
-    USED = "used"
-    LINGERING = "lingering"
-    CLOSED = "closed"
-
-
-_TRANSITIONS: Final = {
-    _PublisherState.USED: {_PublisherState.LINGERING, _PublisherState.CLOSED},
-    _PublisherState.LINGERING: {_PublisherState.USED, _PublisherState.CLOSED},
-    _PublisherState.CLOSED: set[_PublisherState](),
-}
+class _PublisherState(StateEnum):
+    USED = "LINGERING", "CLOSED"
+    LINGERING = "USED", "CLOSED"
+    CLOSED = ()
 
 
 class SharedPublisher:
@@ -106,20 +99,16 @@ class SharedPublisher:
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
 
-    def _become(self, state: _PublisherState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     def use(self, user: Hashable) -> None:
         """Add a user; the charges of former users end."""
         if self._state is _PublisherState.LINGERING:
-            self._become(_PublisherState.USED)
+            self._state = self._state.become(_PublisherState.USED)
             self._stop_lingering()
         self.users.add(user)
 
     def linger(self, seconds: float, charge: OpenCharge, close: Callable[[], None]) -> None:
         """Call `close` in a while, unless it is used again: the last user has left its charge."""
-        self._become(_PublisherState.LINGERING)
+        self._state = self._state.become(_PublisherState.LINGERING)
         self.lingers_for.append(charge)
         self.end_startup()
         self._linger = self._clock.call_later(seconds, close)
@@ -189,7 +178,7 @@ class SharedPublisher:
 
     def close(self) -> None:
         """Stop publishing on the topic."""
-        self._become(_PublisherState.CLOSED)
+        self._state = self._state.become(_PublisherState.CLOSED)
         self._stop_lingering()
         if self.deadline is not None:
             self.deadline.close()

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from struct import Struct
-from typing import Final
 
 try:
     from websockets.speedups import apply_mask
@@ -24,6 +23,7 @@ except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
 from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_protocol.states import StateEnum
 from rwt_transports.api import HEAD_BYTES, WireEvents, drop_message
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (
@@ -218,17 +218,10 @@ class _SkippedHead:
         return True
 
 
-class _WireState(Enum):
-    OPEN = "open"
-    CLOSING = "closing"
-    ENDED = "ended"
-
-
-_TRANSITIONS: Final = {
-    _WireState.OPEN: {_WireState.CLOSING, _WireState.ENDED},
-    _WireState.CLOSING: {_WireState.ENDED},
-    _WireState.ENDED: set[_WireState](),
-}
+class _WireState(StateEnum):
+    OPEN = "CLOSING", "ENDED"
+    CLOSING = "ENDED"
+    ENDED = ()
 
 
 class _Progress(Enum):
@@ -303,17 +296,13 @@ class WebSocketWire:
         self._skip_last = False
         self._is_held = False
 
-    def _become(self, state: _WireState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     # -- outgoing ------------------------------------------------------------------------------------------
 
     def close(self, code: int, reason: str) -> bytes:
         """Start the closing handshake (RFC 6455 section 7.1.2). Returns nothing if it has begun already."""
         if self._state is not _WireState.OPEN:
             return b""
-        self._become(_WireState.CLOSING)
+        self._state = self._state.become(_WireState.CLOSING)
         self.message = drop_message
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
@@ -415,7 +404,7 @@ class WebSocketWire:
         # Before the change of state, since `close` answers only in OPEN: a CLOSING connection has sent its
         # close frame.
         answer = self.close(code, reason)
-        self._become(_WireState.ENDED)
+        self._state = self._state.become(_WireState.ENDED)
         # The incomplete message is never delivered: it must not count towards the limit of the pool.
         self._buffers.release(self)
         self._staged = None
@@ -610,7 +599,7 @@ class WebSocketWire:
         """End the connection: the peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""
         code, reason = _parse_close(payload)
         answer = self.close(code, reason)
-        self._become(_WireState.ENDED)
+        self._state = self._state.become(_WireState.ENDED)
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)
