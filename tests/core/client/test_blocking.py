@@ -58,11 +58,11 @@ def test_events_and_the_end(url: str) -> None:
     robot.on_event(lambda event: kinds.append(event.kind))
     ended: list[str] = []
     robot.on_event(lambda event: ended.append(event.kind))()
-    assert robot.connected
+    connected = [robot.connected]
     robot.close()
     robot.close()
-    assert (kinds, ended) == (["closed"], [])
-    assert not robot.connected
+    connected.append(robot.connected)
+    assert (kinds, ended, connected) == (["closed"], [], [True, False])
     with pytest.raises(ConnectionClosed, match="was closed by this program"):
         robot.call("/add_two_ints")
 

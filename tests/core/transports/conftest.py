@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from rwt_transports.api import Wire, WireEvents
+from rwt_transports.api import WireEvents
+from rwt_transports.websocket.wire import WebSocketWire
+from rwt_transports.wires.stream import StreamWire
 
-W = TypeVar("W", bound=Wire)
+W = TypeVar("W", bound=WebSocketWire | StreamWire)
 
 
 class Heard(Generic[W]):

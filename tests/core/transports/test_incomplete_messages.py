@@ -7,21 +7,22 @@ from collections.abc import Callable
 
 import pytest
 
-from rwt_transports.api import Wire, WireEvents
+from rwt_transports.api import WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.bson_stream import BsonStreamWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.stream import StreamWire
 from tests.core.transports.conftest import Heard
 
 MOST = 2_000_000
 SIZE = 1_000_000
 
-Make = Callable[[WireEvents, ReceiveBufferPool], Wire]
+Make = Callable[[WireEvents, ReceiveBufferPool], WebSocketWire | StreamWire]
 
 
-def _sender(make: Make, pool: ReceiveBufferPool) -> Heard[Wire]:
+def _sender(make: Make, pool: ReceiveBufferPool) -> Heard[WebSocketWire | StreamWire]:
     return Heard(lambda events: make(events, pool))
 
 
