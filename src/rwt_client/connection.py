@@ -6,7 +6,7 @@ import ssl
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
-from typing import Final, Literal, Protocol, TypedDict
+from typing import Final, Literal, TypedDict
 
 import anyio
 import anyio.lowlevel
@@ -21,8 +21,9 @@ from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
+from rwt_transports.connect import OutgoingConnection
 from rwt_transports.connect import connect as connect_transport
-from rwt_transports.drivers.in_process import connect_in_process
+from rwt_transports.drivers.in_process import InProcessEnd, connect_in_process
 from rwt_transports.endpoint import Accept
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
@@ -35,12 +36,7 @@ _FAREWELL_SECONDS: Final = 2.0
 _FOREVER: Final = float("inf")
 
 
-class Dialled(Protocol):
-    """Open connection."""
-
-    async def drained(self) -> None:
-        """Wait until everything sent was handed to the network."""
-
+Dialled = OutgoingConnection | InProcessEnd
 
 Dial = Callable[[Accept], AbstractAsyncContextManager[Dialled]]
 """Opens one connection for the length of a block. Raises TransportError."""
