@@ -232,16 +232,6 @@ def test_order_within_a_topic_and_within_control(frames: list[tuple[str, int]]) 
     assert box.backlog == 0 and not box.drops
 
 
-def test_a_small_topic_does_not_wait_for_the_queue_of_a_fat_one() -> None:
-    box = stalled(Limits(data_bytes=1 << 30))
-    for at in range(5):
-        data(box, "/map", b"M%d" % at + bytes(1_000_000))
-    for at in range(10):
-        data(box, "/odom", b"odom%d" % at)
-    written = drain(box)
-    assert written.index(b"odom9") < written.index(b"M0")
-
-
 def test_topics_of_one_size_take_turns() -> None:
     box = stalled()
     for at in range(3):
