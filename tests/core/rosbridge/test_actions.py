@@ -104,3 +104,11 @@ def test_an_action_runs_a_thousand_goals_at_most(client: Client, other: Client) 
     assert client.heard()[0]["id"] == 0
     client.say("send_action_goal", **goal, id="again")
     assert client.heard() == []
+
+
+def test_a_malformed_result_ends_the_goal_that_it_names(client: Client, other: Client) -> None:
+    other.say("advertise_action", **FIBONACCI)
+    request = _send_goal(client, other)
+    other.say("action_result", action="/fibonacci", id=request["id"], values={}, status="done")
+    (result,) = client.heard()
+    assert (result["id"], result["status"]) == ("g", 6)
