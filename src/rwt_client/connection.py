@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial
 from typing import Final, Literal, TypedDict
 
 import anyio
@@ -20,8 +21,9 @@ from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
+from rwt_transports.connect import OutgoingConnection
 from rwt_transports.connect import connect as connect_transport
-from rwt_transports.drivers.in_process import connect_in_process
+from rwt_transports.drivers.in_process import InProcessEnd, connect_in_process
 from rwt_transports.endpoint import Accept
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
@@ -34,10 +36,9 @@ _FAREWELL_SECONDS: Final = 2.0
 _FOREVER: Final = float("inf")
 
 
-Drained = Callable[[], Awaitable[None]]
-"""Waits until everything sent on one connection was handed to the network."""
+Dialled = OutgoingConnection | InProcessEnd
 
-Dial = Callable[[Accept], AbstractAsyncContextManager[Drained]]
+Dial = Callable[[Accept], AbstractAsyncContextManager[Dialled]]
 """Opens one connection for the length of a block. Raises TransportError."""
 
 
@@ -99,11 +100,18 @@ async def connect(
     bounds = limits or Limits()
     wire_limits = WireLimits(bounds.message_bytes, fragment_characters=2 * bounds.message_bytes)
     session = ReconnectingSession(status_level, wire_limits)
-    dial = _dial(target, bounds, timeout, headers, tls, ice_servers)
+    dial: Dial
+    if isinstance(target, str):
+        name, binary = target, carries_binary(target)
+        patience = _FOREVER if timeout is None else timeout
+        dial = partial(
+            connect_transport, target, limits=bounds, tls=tls, headers=headers, timeout=patience,
+            ice_servers=ice_servers,
+        )  # fmt: skip
+    else:
+        name, binary, dial = "memory", True, partial(connect_in_process, target)
     reconnector = _Reconnector(session, dial, reconnect)
-    name = target if isinstance(target, str) else "memory"
     async with background_tasks() as tasks:
-        binary = not isinstance(target, str) or carries_binary(target)
         starter = TaskStarter()
         tasks.start_soon(starter.run, tasks)
         robot = Robot(
@@ -124,36 +132,6 @@ async def connect(
             session.close(ConnectionClosed("the connection was closed by this program"))
 
 
-def _dial(
-    target: str | Accept,
-    limits: Limits,
-    timeout: float | None,
-    headers: Mapping[str, str] | None,
-    tls: ssl.SSLContext | None,
-    ice_servers: Sequence[Mapping[str, str]] | None,
-) -> Dial:
-    patience = _FOREVER if timeout is None else timeout
-
-    @asynccontextmanager
-    async def dial(accept: Accept) -> AsyncIterator[Drained]:
-        if not isinstance(target, str):
-            async with connect_in_process(accept, target):
-                yield anyio.lowlevel.checkpoint
-            return
-        async with connect_transport(
-            target,
-            accept,
-            limits=limits,
-            tls=tls,
-            headers=headers,
-            timeout=patience,
-            ice_servers=ice_servers,
-        ) as outgoing:
-            yield outgoing.drained
-
-    return dial
-
-
 class _Reconnector:
     """Connects a session, and reconnects it whenever the connection is lost."""
 
@@ -161,7 +139,7 @@ class _Reconnector:
         self._session = session
         self._dial = dial
         self._backoff = backoff
-        self._drained: Drained | None = None
+        self._dialled: Dialled | None = None
 
     async def run(self, *, task_status: TaskStatus[None]) -> None:
         await self._stay_connected(task_status.started)
@@ -169,7 +147,7 @@ class _Reconnector:
             pass
 
     async def drain(self) -> None:
-        if self._drained is None or not self._session.backlog:
+        if self._dialled is None or not self._session.backlog:
             await anyio.lowlevel.checkpoint()
             return
         async with anyio.create_task_group() as tasks:
@@ -180,14 +158,14 @@ class _Reconnector:
                 scope.cancel()
 
             tasks.start_soon(cancel_when_lost)
-            await self._drained()
+            await self._dialled.drained()
             scope.cancel()
 
     async def _stay_connected(self, begun: Callable[[], object]) -> None:
-        async with self._dial(self._session.accept) as self._drained:
+        async with self._dial(self._session.accept) as self._dialled:
             begun()
             await self._session.ended()
-        self._drained = None
+        self._dialled = None
 
     async def _come_back(self) -> bool:
         text = "the connection was lost"

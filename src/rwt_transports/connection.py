@@ -7,7 +7,6 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -15,6 +14,7 @@ import anyio
 
 from rwt_protocol.extensions import imported_on_call
 from rwt_protocol.frames import Framing
+from rwt_protocol.states import StateEnum
 from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
@@ -210,19 +210,11 @@ class ListenerState:
             self.ended.set()
 
 
-class _ConnectionState(Enum):
-    OPENING = "opening"
-    OPEN = "open"
-    CLOSING = "closing"
-    LOST = "lost"
-
-
-_TRANSITIONS: Final = {
-    _ConnectionState.OPENING: {_ConnectionState.OPEN, _ConnectionState.CLOSING, _ConnectionState.LOST},
-    _ConnectionState.OPEN: {_ConnectionState.CLOSING, _ConnectionState.LOST},
-    _ConnectionState.CLOSING: {_ConnectionState.CLOSING, _ConnectionState.LOST},
-    _ConnectionState.LOST: set[_ConnectionState](),
-}
+class _ConnectionState(StateEnum):
+    OPENING = "OPEN", "CLOSING", "LOST"
+    OPEN = "CLOSING", "LOST"
+    CLOSING = "CLOSING", "LOST"
+    LOST = ()
 
 
 class Connection:
@@ -290,10 +282,6 @@ class Connection:
         self._is_paused = False
         self._is_probed = False
 
-    def _become(self, state: _ConnectionState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     @property
     def _is_ending(self) -> bool:
         return self._state in (_ConnectionState.CLOSING, _ConnectionState.LOST)
@@ -339,7 +327,7 @@ class Connection:
     def eof(self) -> None:
         """Begin to close: the peer has closed its sending side."""
         self._end_endpoint(ABNORMAL, "the peer went away without a word")
-        self._become(_ConnectionState.CLOSING)
+        self._state = self._state.become(_ConnectionState.CLOSING)
         # A peer that only closed its sending side still gets the pending answers.
         self.outbox.when_empty(self._link.close)
 
@@ -347,7 +335,7 @@ class Connection:
         self._listener.detach(self)
         self._listener.buffers.release(self._wire)
         self._listener.buffers.is_read(self._wire)
-        self._become(_ConnectionState.LOST)
+        self._state = self._state.become(_ConnectionState.LOST)
         # Before the endpoint is told, so that what it sends in `closed` is dropped.
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
@@ -360,7 +348,7 @@ class Connection:
     def close(self, code: int = 1000, reason: str = "") -> None:
         if self._is_ending:
             return
-        self._become(_ConnectionState.CLOSING)
+        self._state = self._state.become(_ConnectionState.CLOSING)
         self._closed_with = (code, reason)
         last = self._wire.close(code, reason)
         self.outbox.finish(last)
@@ -424,7 +412,7 @@ class Connection:
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """Close; half-close if the peer broke the protocol, so that it can still read why."""
-        self._become(_ConnectionState.CLOSING)
+        self._state = self._state.become(_ConnectionState.CLOSING)
         if not agreed:
             logger.info("closing %s: %s", self, reason)
         self._end_endpoint(*(self._closed_with or (code, reason)))
@@ -436,7 +424,7 @@ class Connection:
         """Get an endpoint from the accept function, and raise what it raises."""
         endpoint = self._listener.accept(self.outbox, peer)
         if self._state is _ConnectionState.OPENING:  # The accept function may have closed the connection.
-            self._become(_ConnectionState.OPEN)
+            self._state = self._state.become(_ConnectionState.OPEN)
         self._set_endpoint(endpoint)
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
@@ -499,22 +487,24 @@ class Connection:
             # The peer may have closed only its sending side. If its process was killed, its system answers
             # the ping with a reset.
             self._is_probed = True
-            ping = self._wire.ping()
-            if ping:
-                self.outbox.push(ping)
+            self._send_ping()
 
     def _ping(self, silent: float) -> None:
         limits = self._listener.limits
         if not self._is_pinged:
-            ping = self._wire.ping()
             # In a protocol without pings, silence means nothing (TCP-04): the system's keep-alive finds peers
             # that are gone.
-            self._is_pinged = bool(ping)
-            if ping:
-                self.outbox.push(ping)
+            self._is_pinged = self._send_ping()
         elif silent >= limits.ping_seconds + limits.pong_seconds:
             logger.info("%s answers no ping, counted as gone", self)
             self._forget(f"no sign of life for {silent:.0f} s")
+
+    def _send_ping(self) -> bool:
+        """Send a ping. Returns False if the protocol has none."""
+        ping = self._wire.ping()
+        if ping:
+            self.outbox.push(ping)
+        return bool(ping)
 
     def _forget(self, why: str) -> None:
         self._end_endpoint(ABNORMAL, why)

@@ -1,9 +1,9 @@
 """Samples queued for a slow reader: fair queueing of topics, and drops.
 
-Each topic has a :class:`Queue`. The lane serves them by start-time fair queueing with finish tags: the tag of
-a frame is the position of its queue, or of the lane if that is further, plus the frame's size, and the
-smallest tag goes first. So topics share the connection by bytes, and a small message waits for at most one
-large one: the one being written.
+Each topic has a :class:`TopicQueue`. The lane serves them by start-time fair queueing with finish tags: the
+tag of a frame is the position of its queue, or of the lane if that is further, plus the size of the frame,
+and the smallest tag goes first. So topics share the connection by bytes, and a small message waits for at
+most one large one: the one being written.
 
 Beyond a bound, the oldest message of the same topic is dropped. Only a message of an empty topic takes the
 place of other topics: of the largest queue, which keeps its newest. Order holds within a topic, and a message
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 
 from rwt_protocol.frames import Frame
@@ -24,7 +25,8 @@ _Message = tuple[Frame, tuple[Frame, ...], int]
 """Queued message: its first frame, the other frames, and its expiry time in nanoseconds (0: never)."""
 
 
-class Queue:
+@dataclass(slots=True, eq=False)
+class TopicQueue:
     """Queue of one topic, oldest message first.
 
     Attributes:
@@ -34,24 +36,14 @@ class Queue:
         scheduled: True if the queue is in the lane's schedule.
     """
 
-    __slots__ = ("begun", "finish", "on_drop", "rules", "scheduled", "size", "time_ns", "topic", "waiting")
-
-    def __init__(
-        self,
-        topic: str,
-        rules: FlowRules,
-        on_drop: Callable[[DropReason], None] | None,
-        time_ns: Callable[[], int],
-    ) -> None:
-        self.topic = topic
-        self.rules = rules
-        self.on_drop = on_drop
-        self.time_ns = time_ns
-        self.waiting: deque[_Message] = deque()
-        self.begun: deque[Frame] = deque()
-        self.size = 0
-        self.finish = 0
-        self.scheduled = False
+    rules: FlowRules
+    on_drop: Callable[[DropReason], None] | None
+    time_ns: Callable[[], int]
+    waiting: deque[_Message] = field(default_factory=deque)
+    begun: deque[Frame] = field(default_factory=deque)
+    size: int = 0
+    finish: int = 0
+    scheduled: bool = False
 
     def next_size(self) -> int:
         return self.begun[0].size if self.begun else self.waiting[0][0].size if self.waiting else 0
@@ -73,7 +65,7 @@ class DataLane:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self.schedule: list[tuple[int, int, Queue]] = []
+        self.schedule: list[tuple[int, int, TopicQueue]] = []
         self._entered = 0
         self._position = 0
         self._last = 0
@@ -81,7 +73,7 @@ class DataLane:
         self.messages = 0
         self.dropped: dict[DropReason, int] = {}
 
-    def add(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int) -> None:
+    def add(self, queue: TopicQueue, pieces: Sequence[Frame], expires_ns: int) -> None:
         """Queue a message, and drop others that exceed a bound."""
         size = sum(frame.size for frame in pieces)
         # The depth first: what it drops makes room, so that fewer messages of other topics are displaced.
@@ -99,7 +91,7 @@ class DataLane:
         self.messages += 1
         self._schedule(queue)
 
-    def add_begun(self, queue: Queue, pieces: Sequence[Frame]) -> None:
+    def add_begun(self, queue: TopicQueue, pieces: Sequence[Frame]) -> None:
         """Queue the rest of a message whose first frame is sent."""
         size = sum(frame.size for frame in pieces)
         queue.begun.extend(pieces)
@@ -107,7 +99,7 @@ class DataLane:
         self.size += size
         self._schedule(queue)
 
-    def cut(self, queue: Queue, depth: int) -> None:
+    def cut(self, queue: TopicQueue, depth: int) -> None:
         """Drop all but the newest `depth` messages of a queue."""
         while len(queue.waiting) > depth:
             self._drop_oldest(queue, DropReason.QUEUE)
@@ -150,7 +142,7 @@ class DataLane:
         self.size = 0
         self.messages = 0
 
-    def _schedule(self, queue: Queue) -> None:
+    def _schedule(self, queue: TopicQueue) -> None:
         if not queue.scheduled:
             queue.scheduled = True
             self._entered += 1
@@ -159,19 +151,19 @@ class DataLane:
             tag = max(self._position, queue.finish) + queue.next_size()
             heappush(self.schedule, (tag, self._entered, queue))
 
-    def _begin(self, queue: Queue) -> Frame:
+    def _begin(self, queue: TopicQueue) -> Frame:
         first, further, _ = queue.waiting.popleft()
         self.messages -= 1
         queue.begun.extend(further)
         return first
 
-    def _drop_expired(self, queue: Queue) -> None:
+    def _drop_expired(self, queue: TopicQueue) -> None:
         waiting = queue.waiting
         # Only the front: later messages expire later, or wait until they are in front.
         while waiting and waiting[0][2] and waiting[0][2] < queue.time_ns():
             self._drop_oldest(queue, DropReason.LIFESPAN)
 
-    def _make_room(self, queue: Queue, size: int) -> None:
+    def _make_room(self, queue: TopicQueue, size: int) -> None:
         """Drop old messages of at least `size` bytes: of this queue, or of the largest if this one is
         empty."""
         # Of its own queue a topic may lose all: the new message becomes its newest.
@@ -180,19 +172,19 @@ class DataLane:
         while victim is not None and len(victim.waiting) > keep and freed < max(size, 1):
             freed += self._drop_oldest(victim, DropReason.BACKLOG)
 
-    def _largest_queue(self) -> Queue | None:
+    def _largest_queue(self) -> TopicQueue | None:
         """Return the largest queue with more than one message; one with `keep_all` only if there is no
         other."""
         # Each topic keeps its newest message, whatever the others queue.
         rich = [queue for _, _, queue in self.schedule if len(queue.waiting) > 1]
         return max(rich, key=lambda queue: (not queue.rules.keep_all, queue.size), default=None)
 
-    def count_drop(self, queue: Queue, reason: DropReason) -> None:
+    def count_drop(self, queue: TopicQueue, reason: DropReason) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         if queue.on_drop is not None:
             queue.on_drop(reason)
 
-    def _drop_oldest(self, queue: Queue, reason: DropReason) -> int:
+    def _drop_oldest(self, queue: TopicQueue, reason: DropReason) -> int:
         first, further, _ = queue.waiting.popleft()
         size = first.size + sum(frame.size for frame in further)
         queue.size -= size

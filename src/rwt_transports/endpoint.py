@@ -142,7 +142,7 @@ class Sink(Protocol):
         """Return a flow of the data lane for samples: slow readers lose the oldest of the same topic.
 
         Args:
-            topic: name of the flow for logs.
+            topic: name of the flow.
             rules: rules of its queue while the reader is slow.
             on_drop: called for each message that is dropped.
             time_ns: clock of `expires_ns`.

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import Enum
 from time import time_ns
 from typing import Final, cast
 
 from rwt_protocol.frames import Buffer, Burst, Frame, Framing
+from rwt_protocol.states import StateEnum
 from rwt_transports.background import ignore
-from rwt_transports.data_lane import DataLane, Queue
+from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
 
@@ -32,12 +32,12 @@ PIECES_BYTES = 256 * 1024
 """Frames from this size on are not joined with their own header."""
 
 
-class OutboxFlow:
+class _OutboxFlow:
     """Flow of one topic through an outbox; implements :class:`rwt_transports.endpoint.Flow`."""
 
     __slots__ = ("_outbox", "_queue")
 
-    def __init__(self, outbox: Outbox, queue: Queue) -> None:
+    def __init__(self, outbox: Outbox, queue: TopicQueue) -> None:
         self._outbox = outbox
         self._queue = queue
 
@@ -98,19 +98,13 @@ class OutboxFlow:
         self._queue.on_drop = None
 
 
-class _OutboxState(Enum):
-    OPEN = "open"
-    STOPPED = "stopped"
-    LOST = "lost"
+class _OutboxState(StateEnum):
+    OPEN = "STOPPED"
+    STOPPED = "LOST"
+    LOST = ()
 
 
 _OPEN: Final = _OutboxState.OPEN
-
-_TRANSITIONS: Final = {
-    _OutboxState.OPEN: {_OutboxState.STOPPED},
-    _OutboxState.STOPPED: {_OutboxState.LOST},
-    _OutboxState.LOST: set[_OutboxState](),
-}
 
 
 class Outbox:
@@ -191,10 +185,6 @@ class Outbox:
         self.taken = 0
         self._on_empty: Callable[[], None] | None = None
 
-    def _become(self, state: _OutboxState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
@@ -210,8 +200,8 @@ class Outbox:
         *,
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
-    ) -> OutboxFlow:
-        return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
+    ) -> _OutboxFlow:
+        return _OutboxFlow(self, TopicQueue(rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:
         """Add a frame to the ready bytes, even if there is no room."""
@@ -231,7 +221,7 @@ class Outbox:
         self.messages += frames
         self.room -= size
 
-    def is_too_large(self, queue: Queue, frame: Frame) -> bool:
+    def is_too_large(self, queue: TopicQueue, frame: Frame) -> bool:
         """Return True if a frame of the data lane is too large to be sent, and count and report the drop."""
         # Only the data lane has this limit: a reply that is too large still answers its request.
         if frame.size <= self._limits.outgoing_bytes:
@@ -239,17 +229,17 @@ class Outbox:
         self._data.count_drop(queue, DropReason.SIZE)
         return True
 
-    def send_later(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+    def send_later(self, queue: TopicQueue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue a message in the data lane."""
         if self._state is _OPEN:
             self._data.add(queue, pieces, expires_ns)
 
-    def send_rest_later(self, queue: Queue, pieces: Sequence[Frame]) -> None:
+    def send_rest_later(self, queue: TopicQueue, pieces: Sequence[Frame]) -> None:
         """Queue the rest of a message whose first frame is ready."""
         if self._state is _OPEN:
             self._data.add_begun(queue, pieces)
 
-    def configure(self, queue: Queue, rules: FlowRules) -> None:
+    def configure(self, queue: TopicQueue, rules: FlowRules) -> None:
         """Change the rules of a queue of the data lane."""
         queue.rules = rules
         if rules.depth is not None:
@@ -339,13 +329,13 @@ class Outbox:
         self._data.clear()
         self._settle_bursts()
         if self._state is _OPEN:
-            self._become(_OutboxState.STOPPED)
+            self._state = self._state.become(_OutboxState.STOPPED)
         self.room = 0
 
     def discard(self) -> None:
         """Drop everything: the connection is lost."""
         self.stop_sending()
-        self._become(_OutboxState.LOST)
+        self._state = self._state.become(_OutboxState.LOST)
         self.ready.clear()
         self._large = 0
         self._begun.clear()

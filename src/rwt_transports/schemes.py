@@ -236,24 +236,21 @@ def parse_connect_url(url: str) -> ConnectUrl:
     Raises:
         BadUrl: the URL is invalid; the text gives the fault and an example.
     """
+
+    def bad(what: str) -> BadUrl:
+        return BadUrl(f"cannot connect to {url!r}: {what}")
+
     name, colon, rest = url.partition(":")
     name = name.lower()
     scheme = scheme_of(url)
     if scheme is None or scheme.client_wire is None or not colon:
-        forms = _known_forms(connect=True)
-        raise BadUrl(f"cannot connect to {url!r}: use one of {forms}, for example ws://127.0.0.1:9090")
-    path = rest.strip() if scheme.single else rest.removeprefix("//")
-    if scheme.single:
-        if not path:
-            raise BadUrl(
-                f"cannot connect to {url!r}: it names no command; for example {name}:my_robot --serve"
-            )
-        return ConnectUrl(name, scheme, scheme.client_wire, RemoteAddress(path=path))
-    if scheme.unix:
-        if not path.startswith("/"):
-            raise BadUrl(
-                f"cannot connect to {url!r}: it names no absolute path; for example {name}:///run/r.sock"
-            )
+        raise bad(f"use one of {_known_forms(connect=True)}, for example ws://127.0.0.1:9090")
+    if scheme.single or scheme.unix:
+        path = rest.strip() if scheme.single else rest.removeprefix("//")
+        if scheme.single and not path:
+            raise bad(f"it names no command; for example {name}:my_robot --serve")
+        if scheme.unix and not path.startswith("/"):
+            raise bad(f"it names no absolute path; for example {name}:///run/r.sock")
         return ConnectUrl(name, scheme, scheme.client_wire, RemoteAddress(path=path))
     try:
         parts = urlsplit(url)
@@ -261,9 +258,7 @@ def parse_connect_url(url: str) -> ConnectUrl:
     except ValueError:
         host, port = None, None
     if not host or parts.fragment or parts.username is not None:
-        raise BadUrl(
-            f"cannot connect to {url!r}: expected {name}://HOST:PORT, for example {name}://robot:9090"
-        )
+        raise bad(f"expected {name}://HOST:PORT, for example {name}://robot:9090")
     address = RemoteAddress(host, scheme.connect_port if port is None else port)
     path = f"{parts.path or '/'}?{parts.query}" if parts.query else parts.path or "/"
     return ConnectUrl(name, scheme, scheme.client_wire, address, path)

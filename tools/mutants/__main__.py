@@ -111,8 +111,8 @@ def _try(root: Path, tests: Path, mutant: Mutant, chosen: Sequence[str]) -> int:
     os.chdir(tests)
     sys.path[:0] = [str(root / "src"), str(root / "conformance"), str(tests)]
     options = ["-x", "-q", "-p", "no:cacheprovider", f"--timeout={TEST_SECONDS}", f"--rootdir={tests}"]
-    # The packages of WARM are imported already.
-    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+    # The hook that rewrites assertions would find the modules of `rwt`, which has a plugin, before `_Finder`.
+    options += ["--assert=plain"]
     return int(pytest.main([*options, *chosen]))
 
 

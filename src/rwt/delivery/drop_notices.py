@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from rwt.delivery.counters import Counters, TopicCounts
@@ -115,20 +116,18 @@ def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
+@dataclass(slots=True, eq=False)
 class NoticeFlow:
     """Notices to one client about one topic, in a flow of depth one: at most one waits for a slow client."""
 
-    __slots__ = ("_flow", "_sink", "_topic")
-
-    def __init__(self, sink: Sink, topic: str) -> None:
-        self._sink = sink
-        self._topic = topic
-        self._flow: Flow | None = None
+    sink: Sink
+    topic: str
+    _flow: Flow | None = None
 
     def send(self, frame: Frame) -> None:
         """Send a notice in place of a queued one."""
         if self._flow is None:
-            self._flow = self._sink.flow(f"status of {self._topic}", FlowRules(depth=1, notes=True))
+            self._flow = self.sink.flow(f"status of {self.topic}", FlowRules(depth=1, notes=True))
         self._flow.send(frame)
 
     def close(self) -> None:
@@ -139,7 +138,7 @@ class NoticeFlow:
 
 SHORTEST: Final = 0.01
 """Minimum deadline in seconds; shorter ones count as this."""
-_SAME_MOMENT: Final = 1e-6
+SAME_MOMENT: Final = 1e-6
 """Tolerance of clock readings in seconds, because sums of floats round."""
 
 
@@ -168,7 +167,7 @@ class DeadlineWatch:
     def _look(self) -> None:
         now = self._clock.monotonic()
         left = self._last + self._seconds - now
-        if left <= _SAME_MOMENT:
+        if left <= SAME_MOMENT:
             self._last = now
             left = self._seconds
             self._on_missed()

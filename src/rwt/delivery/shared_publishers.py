@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
-from enum import Enum
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
 from rwt_graph.api import Participant, Publisher, Sample
 from rwt_graph.errors import GraphError, TypeConflict
 from rwt_participant.qos import Durability, History, QoS
+from rwt_protocol.states import StateEnum
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters
@@ -32,17 +33,10 @@ _LAST_SEQUENCE: Final = (1 << 32) - 1
 """Maximum of `header.seq`, which then restarts at zero."""
 
 
-class _PublisherState(Enum):
-    USED = "used"
-    LINGERING = "lingering"
-    CLOSED = "closed"
-
-
-_TRANSITIONS: Final = {
-    _PublisherState.USED: {_PublisherState.LINGERING, _PublisherState.CLOSED},
-    _PublisherState.LINGERING: {_PublisherState.USED, _PublisherState.CLOSED},
-    _PublisherState.CLOSED: set[_PublisherState](),
-}
+class _PublisherState(StateEnum):
+    USED = "LINGERING", "CLOSED"
+    LINGERING = "USED", "CLOSED"
+    CLOSED = ()
 
 
 class SharedPublisher:
@@ -105,20 +99,16 @@ class SharedPublisher:
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
 
-    def _become(self, state: _PublisherState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     def use(self, user: Hashable) -> None:
         """Add a user; the charges of former users end."""
         if self._state is _PublisherState.LINGERING:
-            self._become(_PublisherState.USED)
+            self._state = self._state.become(_PublisherState.USED)
             self._stop_lingering()
         self.users.add(user)
 
     def linger(self, seconds: float, charge: OpenCharge, close: Callable[[], None]) -> None:
         """Call `close` in a while, unless it is used again: the last user has left its charge."""
-        self._become(_PublisherState.LINGERING)
+        self._state = self._state.become(_PublisherState.LINGERING)
         self.lingers_for.append(charge)
         self.end_startup()
         self._linger = self._clock.call_later(seconds, close)
@@ -188,7 +178,7 @@ class SharedPublisher:
 
     def close(self) -> None:
         """Stop publishing on the topic."""
-        self._become(_PublisherState.CLOSED)
+        self._state = self._state.become(_PublisherState.CLOSED)
         self._stop_lingering()
         if self.deadline is not None:
             self.deadline.close()
@@ -260,11 +250,8 @@ class SharedPublishers:
             self._end(topic, shared)
             shared = None
         if shared is None:
-            publisher = (
-                self._participant.advertise(topic, type)
-                if qos is None
-                else self._participant.advertise(topic, type, qos)
-            )
+            policies = () if qos is None else (qos,)
+            publisher = self._participant.advertise(topic, type, *policies)
             shared = self._by_topic[topic] = SharedPublisher(
                 publisher, self._participant.name, self._clock, self._counters, self._log
             )
@@ -329,19 +316,17 @@ _MAX_SAMPLES: Final = 100
 _MAX_BYTES: Final = 64 * 1024
 
 
+@dataclass(slots=True, eq=False)
 class _StartupBuffer:
     """Samples of a publisher's first second (ADV-08); only the newest if they are many or large.
 
     A program that publishes right after advertising cannot know whether its subscribers are connected yet.
     """
 
-    __slots__ = ("_kept", "_node", "_size", "_topic")
-
-    def __init__(self, topic: str, node: str) -> None:
-        self._topic = topic
-        self._node = node
-        self._kept: deque[tuple[Payload, int, int]] = deque()
-        self._size = 0
+    topic: str
+    node: str
+    _kept: deque[tuple[Payload, int, int]] = field(default_factory=deque)
+    _size: int = 0
 
     def add(self, payload: Payload, stamp_ns: int) -> None:
         """Keep a message, and drop older ones to make room; a message that is too large drops all.
@@ -361,6 +346,4 @@ class _StartupBuffer:
 
     def samples(self) -> tuple[Sample, ...]:
         """Return the kept samples, oldest first."""
-        return tuple(
-            Sample(self._topic, payload, stamp_ns, self._node) for payload, stamp_ns, _ in self._kept
-        )
+        return tuple(Sample(self.topic, payload, stamp_ns, self.node) for payload, stamp_ns, _ in self._kept)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from rwt.delivery.drop_notices import DeadlineWatch
+from rwt.delivery.drop_notices import SAME_MOMENT, DeadlineWatch
 from rwt_graph.api import EndpointInfo, Sample
 from rwt_graph.clock import Clock
 from rwt_participant.qos import History, Reliability
@@ -15,9 +15,6 @@ from rwt_participant.timers import Timer
 from rwt_protocol.fragments import cut
 from rwt_protocol.frames import Burst, Frame
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Flow, FlowRules
-
-#: Tolerance of clock readings in seconds, because sums of floats round.
-_SAME_MOMENT = 1e-6
 
 
 def _refuse(_burst: Burst) -> bool:
@@ -171,7 +168,7 @@ class Throttle:
         self.watch(0, None)
 
     def _due(self) -> bool:
-        return self._clock.monotonic() - self._last >= self._throttle - _SAME_MOMENT
+        return self._clock.monotonic() - self._last >= self._throttle - SAME_MOMENT
 
     def _send_due(self) -> None:
         while self._queue and self._due():

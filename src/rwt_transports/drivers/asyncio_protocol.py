@@ -10,7 +10,6 @@ import socket
 import traceback
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import ExitStack, asynccontextmanager, nullcontext
-from enum import Enum
 from functools import partial
 from time import monotonic
 from typing import Final, cast
@@ -20,6 +19,7 @@ import anyio
 from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Buffer
+from rwt_protocol.states import StateEnum
 from rwt_transports.api import (
     NO_CALLBACKS,
     Attach,
@@ -96,21 +96,12 @@ def _share_of(is_held_back: Callable[[], bool]) -> _LoopShare:
     return _shares.setdefault((asyncio.get_running_loop(), is_held_back), _LoopShare(is_held_back))
 
 
-class _LinkState(Enum):
-    NEW = "new"
-    OPEN = "open"
-    ENDING = "ending"
-    CUT = "cut"
-    LOST = "lost"
-
-
-_TRANSITIONS: Final = {
-    _LinkState.NEW: {_LinkState.OPEN},
-    _LinkState.OPEN: {_LinkState.ENDING, _LinkState.LOST},
-    _LinkState.ENDING: {_LinkState.OPEN, _LinkState.CUT},
-    _LinkState.CUT: {_LinkState.LOST},
-    _LinkState.LOST: set[_LinkState](),
-}
+class _LinkState(StateEnum):
+    NEW = "OPEN"
+    OPEN = "ENDING", "LOST"
+    ENDING = "OPEN", "CUT"
+    CUT = "LOST"
+    LOST = ()
 
 
 class _SocketLink(asyncio.BufferedProtocol):
@@ -166,10 +157,6 @@ class _SocketLink(asyncio.BufferedProtocol):
         self._writable = False
         self._resuming = False
 
-    def _become(self, state: _LinkState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     # -- asyncio's callbacks -------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -181,7 +168,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         # Only here: on a link that never connects, it would be a reference cycle.
         self.wake = partial(self._share.writing.wait, self.flush)
         self._tls = transport.get_extra_info("sslcontext") is not None
-        self._become(_LinkState.OPEN)
+        self._state = self._state.become(_LinkState.OPEN)
         self._writable = True
         if self._tls:
             spare_buffers(transport)
@@ -251,7 +238,7 @@ class _SocketLink(asyncio.BufferedProtocol):
     def eof_received(self) -> bool:
         """Report the end of stream, after pending bytes. Returns True (keep open), except under TLS."""
         if self._late or self._is_paused:  # Under TLS the end can arrive together with the last bytes.
-            self._become(_LinkState.ENDING)
+            self._state = self._state.become(_LinkState.ENDING)
         else:
             self._callbacks.eof()
         return not self._tls
@@ -259,7 +246,7 @@ class _SocketLink(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._writable = False
         if self._state is _LinkState.ENDING:
-            self._become(_LinkState.CUT)
+            self._state = self._state.become(_LinkState.CUT)
         else:
             self._late = 0
             self._lose()
@@ -268,7 +255,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         if self._late or self._is_paused:
             return
         if self._state is _LinkState.ENDING:
-            self._become(_LinkState.OPEN)
+            self._state = self._state.become(_LinkState.OPEN)
             self._callbacks.eof()
         elif self._state is _LinkState.CUT:
             self._callbacks.eof()
@@ -276,7 +263,7 @@ class _SocketLink(asyncio.BufferedProtocol):
 
     def _lose(self) -> None:
         """Report the loss and drop all references: a cycle would live until a full garbage collection."""
-        self._become(_LinkState.LOST)
+        self._state = self._state.become(_LinkState.LOST)
         callbacks, self._callbacks = self._callbacks, NO_CALLBACKS
         self.wake = ignore
         if self._tls:

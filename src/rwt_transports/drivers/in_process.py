@@ -24,7 +24,7 @@ from rwt_transports.endpoint import (
 )
 
 
-class _End:
+class InProcessEnd:
     """Sink of one of the two endpoints. Implements :class:`rwt_transports.endpoint.Sink`."""
 
     __slots__ = ("_closing", "_frames", "_size", "awake", "opposite", "other", "received")
@@ -73,6 +73,10 @@ class _End:
     def traffic(self) -> Traffic:
         return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
 
+    async def drained(self) -> None:
+        """Return at once: there is no network."""
+        await anyio.lowlevel.checkpoint()
+
     def deliver(self) -> tuple[int, str] | None:
         """Deliver sent frames; return code and reason once this side is closed."""
         self.opposite.received += self._size
@@ -89,7 +93,7 @@ class _EndFlow:
 
     __slots__ = ("_end",)
 
-    def __init__(self, end: _End) -> None:
+    def __init__(self, end: InProcessEnd) -> None:
         self._end = end
 
     def send(self, frame: Frame) -> None:
@@ -110,33 +114,33 @@ class _EndFlow:
 
 
 @asynccontextmanager
-async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
+async def connect_in_process(far: Accept, near: Accept) -> AsyncIterator[InProcessEnd]:
     """Connect the endpoints of two accept functions for the length of the block.
 
     The block continues when a side closes, which calls the `closed` of both endpoints. Leaving it closes with
     1000.
 
     Args:
-        near: factory of the connecting side's endpoint.
-        far: the side that is connected to; it is asked first, and may raise
+        far: factory of the endpoint that is connected to; it is asked first, and may raise
             :exc:`~rwt_transports.errors.Refused`.
+        near: factory of the connecting side's endpoint.
     """
     awake = anyio.Event()
-    ours, theirs = _End(awake), _End(awake)
+    ours, theirs = InProcessEnd(awake), InProcessEnd(awake)
     ours.opposite, theirs.opposite = theirs, ours
     ours.other = far(theirs, PeerInfo("memory"))
     theirs.other = near(ours, PeerInfo("memory"))
     async with background_tasks() as tasks:
         tasks.start_soon(_pump, ours, theirs)
         try:
-            yield
+            yield ours
         finally:
             ours.close(1000, "")
             # The other side still receives frames sent before the close.
             _end(ours, theirs, ours.deliver() or (1000, ""))
 
 
-async def _pump(ours: _End, theirs: _End) -> None:
+async def _pump(ours: InProcessEnd, theirs: InProcessEnd) -> None:
     while True:
         awake = anyio.Event()
         ours.awake = theirs.awake = awake
@@ -151,7 +155,7 @@ async def _pump(ours: _End, theirs: _End) -> None:
             await anyio.lowlevel.checkpoint()
 
 
-def _end(ours: _End, theirs: _End, closing: tuple[int, str]) -> None:
+def _end(ours: InProcessEnd, theirs: InProcessEnd, closing: tuple[int, str]) -> None:
     for end in (ours, theirs):
         end.close(*closing)
         endpoint, end.other = end.other, None

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager
 from email.utils import formatdate
-from enum import Enum
 from http import HTTPStatus
 from typing import Final
 
@@ -13,6 +13,7 @@ import anyio
 import h11
 
 from rwt_protocol.frames import Buffer
+from rwt_protocol.states import StateEnum
 from rwt_transports.api import DeliveryAware, Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import PeerInfo
@@ -33,20 +34,12 @@ LIVE_PART: Final = 0.25
 LIVE_POLL_SECONDS: Final = 0.01
 
 
-class _HttpState(Enum):
-    READING = "reading"
-    WAITING = "waiting"
-    ANSWERING = "answering"
-    STREAMING = "streaming"
-    ENDED = "ended"
-
-
-_TRANSITIONS: Final = {
-    _HttpState.READING: {_HttpState.READING, _HttpState.WAITING, _HttpState.ANSWERING},
-    _HttpState.WAITING: {_HttpState.READING},
-    _HttpState.ANSWERING: {_HttpState.READING, _HttpState.STREAMING},
-    _HttpState.STREAMING: {_HttpState.ANSWERING},
-}
+class _HttpState(StateEnum):
+    READING = "READING", "WAITING", "ANSWERING", "ENDED"
+    WAITING = "READING", "ENDED"
+    ANSWERING = "READING", "STREAMING", "ENDED"
+    STREAMING = "ANSWERING", "ENDED"
+    ENDED = ()
 
 
 class HttpConnection(UnbufferedCallbacks):
@@ -105,10 +98,7 @@ class HttpConnection(UnbufferedCallbacks):
 
     def _become(self, state: _HttpState) -> None:
         if not self._is_over:
-            assert state is _HttpState.ENDED or state in _TRANSITIONS[self._state], (
-                f"{self._state} -> {state}"
-            )
-            self._state = state
+            self._state = self._state.become(state)
 
     @property
     def _is_over(self) -> bool:
@@ -129,13 +119,10 @@ class HttpConnection(UnbufferedCallbacks):
             if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
                 self._overflow("too many requests before the answer to the first (http_body_bytes)")
                 return
-        try:
+        with self._cutting("a route or the handshake"):
             self._h11.receive_data(data)
             if self._state is _HttpState.READING:
                 self._go_on()
-        except Exception:
-            log_exception("a route or the handshake failed; cutting %s", self)
-            self.abort()
 
     def eof(self) -> None:
         """Handle the end of the peer's stream.
@@ -204,6 +191,15 @@ class HttpConnection(UnbufferedCallbacks):
                     self._fail(408)
                 self._end()
 
+    @contextmanager
+    def _cutting(self, what: str) -> Iterator[None]:
+        """Cut the connection if `what` fails."""
+        try:
+            yield
+        except Exception:
+            log_exception("%s failed; cutting %s", what, self)
+            self.abort()
+
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
         self.abort()
@@ -222,13 +218,10 @@ class HttpConnection(UnbufferedCallbacks):
         if self._is_over:
             return
         self._become(_HttpState.READING)
-        try:
+        with self._cutting("a route"):
             self._take_requests()
             if self._half_closed and self._state is _HttpState.READING:
                 self._end()  # The end of stream arrived before, see eof().
-        except Exception:
-            log_exception("a route failed; cutting %s", self)
-            self.abort()
 
     def _take_requests(self) -> None:
         try:
@@ -276,12 +269,8 @@ class HttpConnection(UnbufferedCallbacks):
         method, path = self._request.method.decode("latin-1"), self._request.target.decode("latin-1")
         if method in ("GET", "HEAD"):
             return self._limits.http_header_bytes
-        found = self._routes.find(method, path.partition("?")[0])
-        return (
-            self._limits.http_header_bytes
-            if isinstance(found, HttpResponse)
-            else self._limits.http_body_bytes
-        )
+        is_used = not isinstance(self._routes.find(method, path.partition("?")[0]), HttpResponse)
+        return self._limits.http_body_bytes if is_used else self._limits.http_header_bytes
 
     def _requested(self, raw: h11.Request) -> None:
         target = raw.target.decode("latin-1")
@@ -315,17 +304,11 @@ class HttpConnection(UnbufferedCallbacks):
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
-        subprotocols = self._listener.subprotocols
-        answer = (
-            answer_handshake(target, pairs, self._limits.deflate, subprotocols)
-            if request.method == "GET"
-            else None
-        )
-        if answer is None or answer.status != 101:
-            reason = answer.reason if answer else "a WebSocket is opened with GET"
-            self._respond_text(
-                answer.status if answer else 405, f"{reason}\n", {"Sec-WebSocket-Version": "13"}
-            )
+        answer = HandshakeAnswer(405, reason="a WebSocket is opened with GET")
+        if request.method == "GET":
+            answer = answer_handshake(target, pairs, self._limits.deflate, self._listener.subprotocols)
+        if answer.status != 101:
+            self._respond_text(answer.status, f"{answer.reason}\n", {"Sec-WebSocket-Version": "13"})
             return
         refusal = self._open(request, target, answer)
         if refusal is not None:
@@ -410,25 +393,18 @@ class HttpConnection(UnbufferedCallbacks):
 
     def _taken_whole(self) -> None:
         self._become(_HttpState.READING)
-        try:
+        with self._cutting("an HTTP answer"):
             self._responded()
-        except Exception:
-            log_exception("an HTTP answer failed; cutting %s", self)
-            self.abort()
-            return
-        self._become(_HttpState.WAITING)
-        self._listener.requests.wait(self._take_waiting)
+            self._become(_HttpState.WAITING)
+            self._listener.requests.wait(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         with anyio.CancelScope() as self._scope:
             # Ended between start_soon() and the start of the task: nothing else would cancel it.
             if self._is_over:
                 self._scope.cancel()
-            try:
+            with self._cutting("an HTTP answer"):
                 await self._respond_later(response)
-            except Exception:
-                log_exception("an HTTP answer failed; cutting %s", self)
-                self.abort()
         self._scope = None
 
     async def _respond_later(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:

@@ -205,10 +205,7 @@ class DeflateWire(WebSocketWire):
         total = len(self._parts) + size
         if (first & _COMPRESSED or self._compressed) and total > self._max_size:
             # Not skipped, as an uncompressed one is: the context of later messages would be incomplete.
-            raise ProtocolViolation(
-                TOO_BIG,
-                f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
-            )
+            raise self._too_big(total)
         return super()._admit(first, size)
 
     def _data_frame(self, first: int, payload: bytes) -> None:

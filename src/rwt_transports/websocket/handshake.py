@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from websockets.datastructures import Headers
@@ -55,8 +55,12 @@ def answer_handshake(
     subprotocols: Collection[str] = (),
 ) -> HandshakeAnswer:
     """Check an upgrade request and return the response (RFC 6455 section 4.2)."""
+
+    def select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
+        chosen = choose_subprotocol(offered, subprotocols)
+        return None if chosen is None else Subprotocol(chosen)
+
     extensions = extension_factories(deflate)
-    select = _selector(subprotocols)
     protocol = ServerProtocol(logger=_quiet, select_subprotocol=select, extensions=extensions)
     try:
         given = Headers(list(headers))
@@ -77,20 +81,8 @@ def answer_handshake(
     return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
 
 
-def _selector(
-    spoken: Collection[str],
-) -> Callable[[ServerProtocol, Sequence[Subprotocol]], Subprotocol | None]:
-    """Return a function that selects the first supported subprotocol, or none (RFC 6455 section 4.2.2)."""
-
-    def select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
-        chosen = choose_subprotocol(offered, spoken)
-        return None if chosen is None else Subprotocol(chosen)
-
-    return select
-
-
 def choose_subprotocol(offered: Iterable[str], spoken: Collection[str]) -> str | None:
-    """Return the first offered subprotocol that is supported; None if there is none."""
+    """Return the first offered subprotocol that is supported (RFC 6455 section 4.2.2); None without one."""
     return next((each for each in offered if each == SUBPROTOCOL or each in spoken), None)
 
 

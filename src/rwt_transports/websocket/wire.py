@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from struct import Struct
-from typing import Final
 
 try:
     from websockets.speedups import apply_mask
@@ -23,6 +23,7 @@ except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
 from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_protocol.states import StateEnum
 from rwt_transports.api import HEAD_BYTES, WireEvents, drop_message
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (
@@ -169,17 +170,15 @@ class ProtocolViolation(Exception):
         self.code = code
 
 
+@dataclass(slots=True, eq=False)
 class _Staged:
     """Frame whose payload is incomplete."""
 
-    __slots__ = ("buffer", "filled", "first", "key", "size")
-
-    def __init__(self, first: int, key: bytes, size: int, buffer: bytearray) -> None:
-        self.first = first
-        self.key = key
-        self.size = size
-        self.buffer = buffer
-        self.filled = 0
+    first: int
+    key: bytes
+    size: int
+    buffer: bytearray
+    filled: int = 0
 
     def grow(self) -> None:
         """Enlarge the buffer, in proportion to what has arrived and not to what was announced."""
@@ -219,17 +218,10 @@ class _SkippedHead:
         return True
 
 
-class _WireState(Enum):
-    OPEN = "open"
-    CLOSING = "closing"
-    ENDED = "ended"
-
-
-_TRANSITIONS: Final = {
-    _WireState.OPEN: {_WireState.CLOSING, _WireState.ENDED},
-    _WireState.CLOSING: {_WireState.ENDED},
-    _WireState.ENDED: set[_WireState](),
-}
+class _WireState(StateEnum):
+    OPEN = "CLOSING", "ENDED"
+    CLOSING = "ENDED"
+    ENDED = ()
 
 
 class _Progress(Enum):
@@ -304,17 +296,13 @@ class WebSocketWire:
         self._skip_last = False
         self._is_held = False
 
-    def _become(self, state: _WireState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     # -- outgoing ------------------------------------------------------------------------------------------
 
     def close(self, code: int, reason: str) -> bytes:
         """Start the closing handshake (RFC 6455 section 7.1.2). Returns nothing if it has begun already."""
         if self._state is not _WireState.OPEN:
             return b""
-        self._become(_WireState.CLOSING)
+        self._state = self._state.become(_WireState.CLOSING)
         self.message = drop_message
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
@@ -416,7 +404,7 @@ class WebSocketWire:
         # Before the change of state, since `close` answers only in OPEN: a CLOSING connection has sent its
         # close frame.
         answer = self.close(code, reason)
-        self._become(_WireState.ENDED)
+        self._state = self._state.become(_WireState.ENDED)
         # The incomplete message is never delivered: it must not count towards the limit of the pool.
         self._buffers.release(self)
         self._staged = None
@@ -502,15 +490,16 @@ class WebSocketWire:
             return True
         # While CLOSING no answer can be sent, so a large message ends the connection at once.
         if self._state is not _WireState.OPEN or not self._events.oversized(total):
-            raise ProtocolViolation(
-                TOO_BIG,
-                f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
-            )
+            raise self._too_big(total)
         # Earlier fragments count as the head: the op and the id are usually in the first bytes.
         self._head = _SkippedHead(total, bytes(self._parts[:HEAD_BYTES]))
         self._begin(first, _Progress.SKIPPED)
         self._parts = bytearray()
         return False
+
+    def _too_big(self, size: int) -> ProtocolViolation:
+        text = f"a message of {size} bytes; the limit is {self._max_size} (max_message_size)"
+        return ProtocolViolation(TOO_BIG, text)
 
     def _skip_some(self, data: bytes, position: int, end: int) -> int:
         count = min(self._skip, end - position)
@@ -610,7 +599,7 @@ class WebSocketWire:
         """End the connection: the peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""
         code, reason = _parse_close(payload)
         answer = self.close(code, reason)
-        self._become(_WireState.ENDED)
+        self._state = self._state.become(_WireState.ENDED)
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)

@@ -10,12 +10,12 @@ import logging
 import struct
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
+from rwt_transports.websocket.close_codes import PROTOCOL_ERROR
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.stream import StreamWire
+from rwt_transports.wires.stream import StreamWire, framing_of
 
 logger = logging.getLogger("rwt_transports.bson_stream")
 
@@ -32,7 +32,7 @@ def _pieces(frame: Frame) -> tuple[Buffer, ...]:
     return ()
 
 
-DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
+DOCUMENTS = framing_of(_pieces)
 
 
 class BsonStreamWire(StreamWire):
@@ -70,13 +70,9 @@ class BsonStreamWire(StreamWire):
         return True
 
     def _skip(self, length: int) -> bool:
-        if self._events.oversized(length):
-            self._events.oversized_head(length, bytes(self._buffer[:HEAD_BYTES]))
-            # Includes the four bytes of the length, which are still in the buffer.
-            self._to_skip = length
-            return True
-        self._end(
-            TOO_BIG,
-            f"a message of {length} bytes; the limit is {self._max_size} (max_message_size)",
-        )
-        return False
+        if not self._may_skip(length):
+            return False
+        self._events.oversized_head(length, bytes(self._buffer[:HEAD_BYTES]))
+        # Includes the four bytes of the length, which are still in the buffer.
+        self._to_skip = length
+        return True

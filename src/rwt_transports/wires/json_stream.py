@@ -19,9 +19,9 @@ import re
 from rwt_protocol.frames import Buffer, Frame, Framing
 from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import DATAGRAM_BYTES, Limits
-from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
+from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.stream import StreamWire
+from rwt_transports.wires.stream import StreamWire, framing_of
 
 logger = logging.getLogger("rwt_transports.json_stream")
 
@@ -39,38 +39,29 @@ _IN_STRING = re.compile(rb'["\\]')
 _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
 
 
-def _framing(end: bytes) -> Framing:
+def _framing(end: bytes = b"", place: str = "on a JSON stream", most: int | None = None) -> Framing:
     def pieces(frame: Frame) -> tuple[Buffer, ...]:
         if frame.binary:
-            logger.warning("a binary message of %d bytes has no place on a JSON stream; left out", frame.size)
-            return ()
-        return (*frame.parts, end) if end else frame.parts
+            logger.warning("a binary message of %d bytes has no place %s; left out", frame.size, place)
+        elif most is not None and frame.size > most:
+            logger.warning(
+                "a message of %d bytes does not fit a datagram and was left out: the limit is %d; ask for "
+                "`fragment_size`, or connect by tcp://",
+                frame.size,
+                most,
+            )
+        else:
+            return (*frame.parts, end) if end else frame.parts
+        return ()
 
-    return Framing(lambda frame: b"".join(pieces(frame)), pieces)
+    return framing_of(pieces)
 
 
-PLAIN = _framing(b"")
+PLAIN = _framing()
 """Objects with nothing between them, as clients of ROS 1's TCP server expect (TCP-02)."""
 LINES = _framing(b"\n")
 """One object per line, for programs that read lines."""
-
-
-def _datagram(frame: Frame) -> tuple[Buffer, ...]:
-    if frame.binary:
-        logger.warning("a binary message of %d bytes has no place in a JSON datagram; left out", frame.size)
-    elif frame.size > DATAGRAM_BYTES:
-        logger.warning(
-            "a message of %d bytes does not fit a datagram and was left out: the limit is %d; ask for "
-            "`fragment_size`, or connect by tcp://",
-            frame.size,
-            DATAGRAM_BYTES,
-        )
-    else:
-        return (*frame.parts, END)
-    return ()
-
-
-DATAGRAMS = Framing(lambda frame: b"".join(_datagram(frame)), _datagram)
+DATAGRAMS = _framing(END, "in a JSON datagram", DATAGRAM_BYTES)
 """One frame, and where it ends."""
 
 
@@ -169,11 +160,8 @@ class JsonStreamWire(StreamWire):
         self._scanned = 0
 
     def _report(self, size: int, message: bytes) -> None:
-        if self._events.oversized(size):
+        if self._may_skip(size):
             self._events.oversized_head(size, message[:HEAD_BYTES])
-        else:
-            reason = f"a message of {size} bytes or more; the limit is {self._max_size} (max_message_size)"
-            self._end(TOO_BIG, reason)
 
 
 class JsonLinesWire(JsonStreamWire):

@@ -6,14 +6,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar
 
-from rwt_protocol.frames import Framing
+from rwt_protocol.frames import Buffer, Frame, Framing
 from rwt_transports.api import WireEvents, drop_message
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.close_codes import POLICY
+from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
 PART_BYTES = 64 * 1024
 """Maximum size of one read of a large message."""
+
+
+def framing_of(pieces: Callable[[Frame], tuple[Buffer, ...]]) -> Framing:
+    """Return a framing that joins the pieces of a frame where it needs the whole."""
+    return Framing(lambda frame: b"".join(pieces(frame)), pieces)
 
 
 class StreamWire(ABC):
@@ -45,6 +50,13 @@ class StreamWire(ABC):
     def _end(self, code: int, reason: str) -> None:
         self._over = True
         self._events.ended(code, reason, agreed=False)
+
+    def _may_skip(self, size: int) -> bool:
+        """Report a message over the limit. Returns False if it cannot be skipped: the connection ends."""
+        if self._events.oversized(size):
+            return True
+        self._end(TOO_BIG, f"a message of {size} bytes; the limit is {self._max_size} (max_message_size)")
+        return False
 
     def _count_held(self) -> None:
         size = len(self._buffer)

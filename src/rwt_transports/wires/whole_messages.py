@@ -14,12 +14,11 @@ from collections.abc import Callable, Sequence
 from struct import Struct
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame, Framing
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.close_codes import TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.stream import StreamWire
+from rwt_transports.wires.stream import StreamWire, framing_of
 
 HEADER: Final = Struct(">BI")
 """Header of a message: its kind, and its size in bytes."""
@@ -32,7 +31,7 @@ def _pieces(frame: Frame) -> tuple[Buffer, ...]:
     return (HEADER.pack(BINARY if frame.binary else TEXT, frame.size), *frame.parts)
 
 
-WHOLE_MESSAGES = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
+WHOLE_MESSAGES = framing_of(_pieces)
 """One frame after its header."""
 
 
@@ -69,9 +68,7 @@ class MessageWire(StreamWire):
         if self._size > self._max_size:
             # The driver has dropped the rest, see the module.
             self._wanted = min(self._size, HEAD_BYTES)
-            if not self._events.oversized(self._size):
-                reason = f"a message of {self._size} bytes; the limit is {self._max_size} (max_message_size)"
-                self._end(TOO_BIG, reason)
+            self._may_skip(self._size)
         return True
 
     def _finish(self, data: bytes) -> None:

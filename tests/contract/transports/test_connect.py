@@ -14,7 +14,7 @@ import anyio
 import pytest
 
 from rwt_protocol.frames import Frame
-from rwt_transports import BadUrl, HttpRequest, HttpResponse, Limits, Refused, Routes, TransportError, listen
+from rwt_transports import BadUrl, Limits, Refused, TransportError, listen
 from rwt_transports.connect import connect
 from rwt_transports.drivers.in_process import connect_in_process
 from rwt_transports.endpoint import PeerInfo, Sink
@@ -179,13 +179,10 @@ async def test_a_refusal_carries_the_servers_words() -> None:
                 pass
 
 
-async def test_a_binary_message_and_a_page_beside_it() -> None:
-    async def page(request: HttpRequest) -> HttpResponse:
-        return HttpResponse(b"a page")
-
+async def test_a_binary_message() -> None:
     place = Place("ws", Path(), Path())
     async with (
-        listen(place.listen_url, place.accept_far, routes=Routes()) as listener,
+        listen(place.listen_url, place.accept_far) as listener,
         connect(listener.url, place.accept_near),
     ):
         await until(lambda: place.far)
@@ -320,7 +317,7 @@ async def test_a_program_that_is_not_there() -> None:
 
 async def test_a_pair_in_memory() -> None:
     place = Place("ws", Path(), Path())
-    async with connect_in_process(place.accept_near, place.accept_far):
+    async with connect_in_process(place.accept_far, place.accept_near):
         near, far = place.near[0], place.far[0]
         for text in (b"1", b"2"):
             near.sink.send(Frame(text))
@@ -347,7 +344,7 @@ async def test_a_pair_that_is_refused() -> None:
 
     place = Place("ws", Path(), Path())
     with pytest.raises(TransportError, match="not you"):
-        async with connect_in_process(place.accept_near, refuse):
+        async with connect_in_process(refuse, place.accept_near):
             pass
     assert place.near == []
 

@@ -37,9 +37,12 @@ from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refus
 from rwt_transports.api import Driver, FlowControl
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
+from rwt_transports.drivers.sockets import UNSENT_BYTES
 from rwt_transports.drivers.standard_streams import DescriptorStream, StandardStreamsDriver
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.limits import READY_BYTES
 from rwt_transports.listener import Listener
+from rwt_transports.outbox import TAKE_BYTES
 from rwt_transports.scheduler import Budget
 
 pytestmark = pytest.mark.anyio
@@ -385,6 +388,8 @@ over_tcp = pytest.mark.parametrize("scheme", ["ws", "tcp"])
 over_secure_ws = pytest.mark.parametrize("scheme", ["ws", "wss"])
 over_ws = pytest.mark.parametrize("scheme", ["ws"])
 
+
+MAP_BYTES = 1 << 20
 
 # -- messages ----------------------------------------------------------------------------------------------
 
@@ -740,6 +745,29 @@ async def test_a_stopped_reader_costs_bounded_memory_and_hurts_nobody(site: Site
             message = await stopped.receive()
             assert isinstance(message, dict)
             last = message["at"]
+
+
+@every_stack
+@over_ws
+async def test_behind_many_maps_a_small_message_waits_for_the_one_being_written(site: Site) -> None:
+    limits = Limits(data_bytes=1 << 30, close_seconds=0)
+    async with site.listen(limits) as listener, site.client(listener) as client:
+        sink = (await site.endpoint(client)).sink
+        maps = sink.flow("/map")
+        for _ in range(50):
+            maps.send(Frame(b'{"map":"%s"}' % (b"x" * MAP_BYTES)))
+        before = -1
+        while before != sink.backlog:  # Until the network takes nothing more.
+            before = sink.backlog
+            await anyio.wait_all_tasks_blocked()
+            await anyio.sleep(0.02)
+        assert sink.traffic.queued_messages > 40
+        sink.flow("/odom").send(Frame(b'{"odom":1}'))
+        whole = 0
+        while await client.receive() != {"odom": 1}:
+            whole += 1
+    in_kernels = 2 * UNSENT_BYTES + 512 * 1024  # Ours, and what the peer's takes in before it is read.
+    assert whole * MAP_BYTES < MAP_BYTES + READY_BYTES + TAKE_BYTES + in_kernels
 
 
 # -- datagrams: no connection, so sessions by address ------------------------------------------------------

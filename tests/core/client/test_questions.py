@@ -15,7 +15,7 @@ from rwt_client.endpoints.remote_types import definition_texts
 from rwt_client.rosapi import TypeDef
 from rwt_interfaces import JAZZY, NOETIC, Registry
 from rwt_participant.api import Listed
-from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound, UnknownType
+from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, UnknownType
 from tests.core.client.worlds import World, scripted, world
 
 pytestmark = pytest.mark.anyio
@@ -137,22 +137,6 @@ async def test_parameters(distro: str, name: str) -> None:
         assert name in await params.names()
 
 
-async def test_a_parameter_that_is_refused_says_why() -> None:
-    async with world() as it:
-
-        def check(value: object) -> None:
-            raise ParameterRejected("too fast for this floor")
-
-        it.node.parameters.declare("speed", 0.5, on_change=check)
-        with pytest.raises(ParameterRejected, match="too fast for this floor"):
-            await it.robot.params.set("/test_robot:speed", 9.0)
-        with pytest.raises(NotFound):
-            await it.robot.params.get("/test_robot:nothing")
-        assert await it.robot.params.get("/test_robot:nothing", "otherwise") == "otherwise"
-        with pytest.raises(ParameterRejected):
-            await it.robot.params.delete("/test_robot:speed")
-
-
 async def test_without_rosapi_the_servers_words_are_told() -> None:
     async with scripted() as (server, robot):
         server.answers["/rosapi/get_param"] = "Service /rosapi/get_param does not exist"
@@ -245,18 +229,6 @@ def test_typedefs_tell_the_same_fields_as_the_definition(name: str) -> None:
     assert [(field.name, str(field.type)) for field in found.fields] == [
         (field.name, str(field.type)) for field in wanted.fields
     ]
-
-
-async def test_a_name_that_is_misspelled_is_told_with_the_nearest() -> None:
-    async with world() as it:
-        it.node.advertise("/odom", "nav_msgs/Odometry")
-        it.node.advertise_service("/reset", "std_srvs/Empty", lambda _: None)
-        with pytest.raises(NotFound, match=r"no topic /odm; did you mean /odom\?$"):
-            await it.robot.once("/odm")
-        with pytest.raises(ProviderNotFound, match=r"no service /rset; did you mean /reset\?$"):
-            await it.robot.call("/rset")
-        with pytest.raises(ProviderNotFound, match=r"no action /nothing; name its type if"):
-            await it.robot.send_goal("/nothing")
 
 
 async def test_a_parameter_that_is_misspelled_is_told_with_the_nearest() -> None:

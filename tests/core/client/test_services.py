@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import anyio
@@ -13,7 +12,6 @@ from rwt_client import ConnectionLost, NotConnected
 from rwt_participant.errors import (
     CallFailed,
     InvalidMessage,
-    ProviderNotFound,
     ServiceFailed,
     TimedOut,
     WrongType,
@@ -32,18 +30,6 @@ async def test_a_call_is_answered(transport: str) -> None:
         assert response.sum == 3
         by_class = it.robot.types["example_interfaces/AddTwoInts_Request"](a=3, b=4)
         assert (await it.robot.call("/add", by_class, ADD)).sum == 7
-
-
-async def test_a_failure_carries_the_servers_words() -> None:
-    async with world() as it:
-        with pytest.raises(CallFailed, match=r"^Service /nope does not exist$"):
-            await it.robot.call("/nope", {}, "std_srvs/Empty")
-
-
-async def test_a_service_that_nobody_knows_needs_a_type() -> None:
-    async with world() as it:
-        with pytest.raises(ProviderNotFound, match="the robot knows no service /nope"):
-            await it.robot.call("/nope")
 
 
 async def test_a_type_that_the_service_does_not_have() -> None:
@@ -72,30 +58,6 @@ async def test_the_type_of_a_service_that_is_offered_anew() -> None:
         first.close()
         it.node.advertise_service("/s", "std_srvs/Trigger", lambda request: {"success": True})
         assert (await it.robot.call("/s", {}, "std_srvs/Trigger")).success
-
-
-async def test_a_misfit_is_told_before_anything_is_sent() -> None:
-    async with scripted() as (server, robot):
-        with pytest.raises(InvalidMessage, match='a: expected int64, got "x"'):
-            await robot.call("/add", {"a": "x"}, ADD)
-        assert server.ops("call_service") == []
-
-
-async def test_calls_are_told_apart_by_their_id() -> None:
-    async with scripted() as (server, robot):
-        sums: dict[int, int] = {}
-
-        async def add(number: int) -> None:
-            sums[number] = (await robot.call("/add", {"a": number}, ADD)).sum
-
-        async with anyio.create_task_group() as tasks:
-            for number in range(3):
-                tasks.start_soon(add, number)
-            await server.hears("call_service", 3)
-            for op in reversed(server.ops("call_service")):
-                values = {"sum": op["args"]["a"] * 10}
-                server.say({"op": "service_response", "service": "/add", "values": values, "id": op["id"]})
-        assert sums == {0: 0, 1: 10, 2: 20}
 
 
 async def test_an_answer_that_does_not_fit_is_told() -> None:
@@ -153,14 +115,6 @@ class TestInVirtualTime:
 # -- offering ------------------------------------------------------------------------------------------------
 
 
-async def test_a_service_is_offered(transport: str) -> None:
-    async with world(transport) as it:
-        with await it.robot.advertise_service("/add", ADD, lambda request: {"sum": request.a + request.b}):
-            await it.arrives(lambda: it.graph.service("/add"))
-            assert (await it.node.call("/add", {"a": 1, "b": 2})).sum == 3
-        await it.arrives(lambda: it.graph.service("/add") is None)
-
-
 async def test_a_coroutine_may_answer_and_calls_run_side_by_side() -> None:
     async with world() as it:
         both = 0
@@ -206,14 +160,6 @@ async def test_the_caller_is_told_why_there_is_no_answer(handler: Any, reason: s
         await it.arrives(lambda: it.graph.service("/beep"))
         with pytest.raises(CallFailed, match=reason):
             await it.node.call("/beep")
-
-
-async def test_a_call_of_something_that_is_not_offered_is_refused() -> None:
-    async with scripted() as (server, _):
-        server.say({"op": "call_service", "service": "/other", "id": "c1", "args": {}})
-        answer = await server.hears("service_response")
-        assert (answer["id"], answer["result"]) == ("c1", False)
-        assert "this client does not offer /other" in json.dumps(answer["values"])
 
 
 async def test_arguments_by_position_are_understood() -> None:

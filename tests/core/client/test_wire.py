@@ -6,9 +6,6 @@ import json
 
 import pytest
 
-from rwt_protocol.codecs import png
-from rwt_protocol.fragments import cut
-from rwt_protocol.frames import Frame
 from tests.core.client.worlds import scripted
 
 pytestmark = pytest.mark.anyio
@@ -25,23 +22,9 @@ async def _received(*frames: bytes) -> str:
         return str((await texts.get(timeout=5)).data)
 
 
-async def test_fragments_are_put_together_in_any_order() -> None:
-    pieces = [frame.data for frame in cut(Frame(PUBLISHED), 5_000, "f1")]
-    assert len(pieces) > 5
-    assert await _received(*reversed(pieces)) == TEXT
-
-
-async def test_a_message_in_a_picture_is_read() -> None:
-    assert await _received(png.encode(Frame(PUBLISHED)).data) == TEXT
-
-
 async def test_a_large_message_is_read() -> None:
     assert len(PUBLISHED) > 100_000
     assert await _received(PUBLISHED) == TEXT
-
-
-async def test_members_in_any_order_and_with_spaces() -> None:
-    assert await _received(b' { "msg" : { "data" : "a" } , "topic":"/text", "op" : "publish" } ') == "a"
 
 
 PADDING = b'"data":"' + b"x" * 400 + b'"'

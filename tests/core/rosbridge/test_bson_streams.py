@@ -43,15 +43,6 @@ async def test_publish_and_call_over_tcp() -> None:
             assert (reply["id"], reply["values"], reply["result"]) == ("1", {"sum": 2**40 + 1}, True)
 
 
-async def test_what_is_no_document_ends_the_connection() -> None:
-    async with Server("tcp://127.0.0.1:0", bson_only_mode=True) as server:
-        port = int(server.urls[0].rpartition(":")[2])
-        async with await anyio.connect_tcp("127.0.0.1", port) as stream:
-            await stream.send(b"\x00\x00\x00\x00")
-            with pytest.raises(anyio.EndOfStream):
-                await stream.receive()
-
-
 async def test_datagrams_carry_no_bson() -> None:
     with pytest.raises(BadUrl, match="BSON is not spoken over udp"):
         async with Server("udp://127.0.0.1:0", bson_only_mode=True):

@@ -11,14 +11,6 @@ from rwt_graph.memory.graph import MemoryGraph
 from tests.core.rosbridge.recording_client import Client
 
 
-def test_the_client_that_connects_is_itself_counted(bridge: Bridge) -> None:
-    client = Client(bridge)
-    client.say("subscribe", topic="/client_count", type="std_msgs/Int32")
-    second = Client(bridge)
-    second.leave()
-    assert client.heard_of("/client_count") == [{"data": 1}, {"data": 2}, {"data": 1}]
-
-
 def test_before_the_first_client_there_are_none(bridge: Bridge, graph: MemoryGraph) -> None:
     seen: list[Sample] = []
     participant = graph.participant("/late")
@@ -60,11 +52,3 @@ def test_clients_that_come_together_are_told_of_together(bridge: Bridge, clock: 
     clock.advance(0)
     (message,) = client.heard_of("/connected_clients")
     assert len(message["clients"]) == 51
-
-
-def test_there_is_one_publisher_of_each(bridge: Bridge, graph: MemoryGraph) -> None:
-    Client(bridge)
-    for name in ("/client_count", "/connected_clients"):
-        topic = graph.topic(name)
-        assert topic is not None
-        assert [endpoint.node for endpoint in topic.publishers] == ["/rosbridge_websocket"]

@@ -172,76 +172,12 @@ def test_each_encoding_carries_the_same_message(distro: str, type_name: str) -> 
     assert message.header.frame_id == said["msg"]["header"]["frame_id"]
 
 
-def test_a_picture_holds_nothing_beyond_ascii(client: Client) -> None:
-    client.say("subscribe", topic="/text", type="std_msgs/String", compression="png")
-    client.say("publish", topic="/text", msg={"data": 'ä \N{ROBOT FACE} "\\'})
-    (frame,) = frames_of(client)
-    assert json.loads(text_in_picture(frame)) == {
-        "op": "publish",
-        "topic": "/text",
-        "msg": {"data": 'ä \N{ROBOT FACE} "\\'},
-    }
-
-
-@pytest.mark.parametrize(
-    ("wishes", "expected"),
-    [
-        (["none", "png"], "png"),
-        (["png", "cbor"], "cbor"),
-        (["cbor-raw", "cbor", "png", "none"], "cbor-raw"),
-        (["gzip", "none"], "none"),
-        (["gzip", "cbor"], "cbor"),
-    ],
-)
-def test_the_strongest_of_a_clients_wishes_wins(client: Client, wishes: list[str], expected: str) -> None:
-    for number, wish in enumerate(wishes):
-        client.say("subscribe", id=f"{number}", topic="/s", type="std_msgs/String", compression=wish)
-    client.say("publish", topic="/s", msg={"data": "x"})
-    (frame,) = frames_of(client)
-    message = decoded(expected, frame)
-    assert message["topic"] == "/s"
-    assert ("bytes" in message["msg"]) is (expected == "cbor-raw")
-
-
-def test_when_the_strongest_wish_ends_the_next_one_counts(client: Client) -> None:
-    client.say("subscribe", id="a", topic="/s", type="std_msgs/String", compression="cbor-raw")
-    client.say("subscribe", id="b", topic="/s", compression="cbor")
-    client.say("unsubscribe", id="a", topic="/s")
-    client.say("publish", topic="/s", msg={"data": "x"})
-    (frame,) = frames_of(client)
-    assert decoded("cbor", frame)["msg"] == {"data": "x"}
-
-
-@pytest.mark.parametrize("order", [1, -1])
-def test_one_client_that_wants_it_raw_changes_nothing_for_others(
-    client: Client, other: Client, order: int
-) -> None:
-    asks: list[Callable[[], None]] = [
-        lambda: client.say("subscribe", topic="/s", type="std_msgs/String", compression="cbor-raw"),
-        lambda: other.say("subscribe", topic="/s", type="std_msgs/String"),
-    ]
-    for ask in asks[::order]:
-        ask()
-    other.say("publish", topic="/s", msg={"data": "x"})
-    assert [message["msg"] for message in other.heard()] == [{"data": "x"}]
-    (frame,) = frames_of(client)
-    assert decoded("cbor-raw", frame)["msg"]["bytes"] == b"\0\1\0\0\2\0\0\0x\0"
-
-
 def test_a_latched_message_comes_in_the_encoding_that_was_asked_for(client: Client, other: Client) -> None:
     other.say("advertise", topic="/s", type="std_msgs/String", latch=True)
     other.say("publish", topic="/s", msg={"data": "kept"})
     client.say("subscribe", topic="/s", compression="cbor")
     (frame,) = frames_of(client)
     assert decoded("cbor", frame)["msg"] == {"data": "kept"}
-
-
-def test_throttling_applies_to_every_encoding(client: Client, clock: SimulatedClock) -> None:
-    client.say("subscribe", topic="/n", type="std_msgs/Int32", compression="cbor", throttle_rate=100)
-    for number in range(10):
-        client.say("publish", topic="/n", msg={"data": number})
-        clock.advance(0.05)
-    assert [decoded("cbor", frame)["msg"]["data"] for frame in frames_of(client)] == [0, 2, 4, 6, 8]
 
 
 def test_one_encode_for_each_encoding_whatever_the_number_of_clients(

@@ -102,33 +102,6 @@ def test_control_passes_what_waits_and_order_holds(slow: Callable[..., SlowClien
     assert places[-1] < 20 and _of(got, "/t") == list(range(40))
 
 
-def test_a_small_topic_does_not_wait_for_fat_ones(slow: Callable[..., SlowClient], client: Client) -> None:
-    reader = slow(data_bytes=1 << 30)
-    for topic in ("/map", "/cloud", "/odom"):
-        reader.say("subscribe", topic=topic, type=TEXT)
-    reader.stop()
-    for topic in ("/map", "/cloud"):
-        _fill(client, topic, 5, 500_000)
-    _fill(client, "/odom", 10, 20)
-    order = [message["topic"] for message in reader.read()]
-    assert order[:11] == ["/map", *["/odom"] * 10] and sorted(order[11:]) == ["/cloud"] * 5 + ["/map"] * 4
-
-
-def test_replies_unread_without_end_disconnect_and_say_why(
-    slow: Callable[..., SlowClient], caplog: pytest.LogCaptureFixture
-) -> None:
-    reader = slow(control_bytes=50_000, close_seconds=1)
-    reader.stop()
-    for at in range(3000):
-        reader.say("call_service", service="/nowhere/" + "x" * 200, id=at)
-        if "control_bytes" in caplog.text:
-            break
-    assert "control_bytes" in caplog.text
-    for now in (0.0, 0.5, 2.0):
-        reader.state.tick(now)
-    assert reader.pipe.closed
-
-
 # -- being told --------------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import struct
 import tracemalloc
@@ -155,34 +154,3 @@ def test_a_document_of_bson_is_bounded_before_it_is_decoded(graph: MemoryGraph) 
     assert "(limits.structure_bytes)" in answer({str(number): None for number in range(100_000)})
     assert "(limits.structure_bytes)" in answer([bson.Timestamp(1, 1)] * 100_000)
     assert "not BSON" in answer([bson.Code("")] * 10_000)
-
-
-def test_an_image_without_a_stamp_is_decoded_and_encoded_once_for_everybody(bridge: Bridge) -> None:
-    """And copied but once, from base64 to the octets that both binary encodings share."""
-    pixels = bytes(range(256)) * 3600
-    text = base64.b64encode(pixels).decode()
-    data = _publish("sensor_msgs/Image", f'{{"height":480,"width":640,"step":1920,"data":"{text}"}}')
-    publisher = Client(bridge)
-    readers = {name: [Client(bridge) for _ in range(10)] for name in ("none", "cbor", "cbor-raw")}
-    for compression, clients in readers.items():
-        for client in clients:
-            client.say("subscribe", topic="/large", type="sensor_msgs/Image", compression=compression)
-    publisher.say_raw(data)
-    for clients in readers.values():
-        for client in clients:
-            client.frames.clear()
-    tracemalloc.start()
-    try:
-        publisher.say_raw(data)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < len(pixels) + 300_000
-    frames = {name: {id(each.frames[0][0]) for each in clients} for name, clients in readers.items()}
-    assert [len(same) for same in frames.values()] == [1, 1, 1]
-    large = [
-        next(part for part in clients[0].frames[0][0].parts if len(part) > 64 * 1024)
-        for clients in readers.values()
-    ]
-    assert bytes(large[0]) == text.encode() and isinstance(large[0], memoryview)
-    assert large[1] is large[2] and large[1] == pixels

@@ -37,24 +37,6 @@ def _steps(count: int) -> Steps:
         yield
 
 
-def test_what_is_quick_is_sent_at_once() -> None:
-    sent: list[int] = []
-    late = _fanout(SimulatedClock()).late
-    late.add(_steps(100), lambda: sent.append(1))
-    assert sent == [1] and not late.waiting
-
-
-def test_a_turn_takes_its_share_and_keeps_the_order() -> None:
-    clock, sent = SlowClock(), list[int]()
-    late = _fanout(clock).late
-    late.add(_steps(30), lambda: sent.append(1))
-    late.add(_steps(0), lambda: sent.append(2))
-    assert sent == [], "the rest waits for a later turn"
-    while late.waiting:
-        clock.advance(0.0)
-    assert sent == [1, 2]
-
-
 def test_whoever_caused_it_may_take_the_steps() -> None:
     clock, sent = SlowClock(), list[int]()
     late = _fanout(clock).late

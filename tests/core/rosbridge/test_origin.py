@@ -32,6 +32,10 @@ from rwt_transports.http.routes import (
 from tests.core.rosbridge.recording_client import Client
 
 TOKEN = "a-token-of-some-length"
+GUEST: dict[str, object] = {
+    "auth": {"tokens": {"mine": {"token": TOKEN, "role": "guest"}}},
+    "roles": {"guest": {"subscribe": ["/open"]}},
+}
 
 
 @pytest.mark.parametrize(
@@ -176,6 +180,18 @@ async def _works(url: str, **options: Any) -> Subprotocol | None:
         return wire.subprotocol
 
 
+async def _answer(url: str, target: str, *headers: bytes) -> bytes:
+    """Answer to a request with these headers; the host is that of the URL if none is given."""
+    host = url.removeprefix("ws://")
+    if not any(header.startswith(b"Host:") for header in headers):
+        headers = (f"Host: {host}".encode(), *headers)
+    hop = b"Connection: upgrade" if b"Upgrade: websocket" in headers else b"Connection: close"
+    name, _, port = host.rpartition(":")
+    async with await anyio.connect_tcp(name, int(port)) as stream:
+        await stream.send(b"\r\n".join([f"GET {target} HTTP/1.1".encode(), hop, *headers, b"", b""]))
+        return b"".join([part async for part in stream])
+
+
 async def _is_refused(url: str, **options: object) -> tuple[int, str, Mapping[str, str]]:
     with pytest.raises(InvalidStatus) as refused:
         await _works(url, **options)
@@ -202,10 +218,10 @@ async def test_a_sandboxed_frame_of_any_site_is_kept_out_until_pages_from_files_
         status, text, _ = await _is_refused(url, origin=null)
         assert status == 403
         assert "serve the page over http://" in text and "(origins.allow)" in text
-        assert b"Access-Control" not in await _index_of(url, b"Host: localhost", b"Origin: null")
+        assert b"Access-Control" not in await _answer(url, "/index", b"Host: localhost", b"Origin: null")
     async with _served(origins={"allow": ["null"]}) as url:
         await _works(url, origin=null)
-        answer = await _index_of(url, b"Host: localhost", b"Origin: null")
+        answer = await _answer(url, "/index", b"Host: localhost", b"Origin: null")
         assert b"Access-Control-Allow-Origin: null\r\n" in answer
 
 
@@ -214,19 +230,19 @@ async def test_a_name_that_was_made_to_lead_here_opens_nothing() -> None:
     """DNS rebinding: for the browser, evil.example is this server now, and its pages are of one origin."""
     evil = b"Host: evil.example:9090"
     async with _served() as url:
-        for target in (b"/", b"/healthz", b"/metrics", b"/nothing"):
+        for target in ("/", "/healthz", "/metrics", "/nothing"):
             answer = await _answer(url, target, evil)
             assert answer.startswith(b"HTTP/1.1 403 ")
             assert answer.endswith(b"does not answer to the name evil.example:9090 (origins.hosts)\n")
         upgrade = (b"Upgrade: websocket", b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==")
-        answer = await _answer(url, b"/", evil, *upgrade, b"Sec-WebSocket-Version: 13")
+        answer = await _answer(url, "/", evil, *upgrade, b"Sec-WebSocket-Version: 13")
         assert answer.startswith(b"HTTP/1.1 403 ") and b"origins.hosts" in answer
         for host in (b"localhost", b"app.localhost:80", b"127.0.0.1:9090", b"[::1]:9090", b"LOCALHOST.:1"):
-            assert (await _answer(url, b"/", b"Host: " + host)).startswith(b"HTTP/1.1 200 ")
+            assert (await _answer(url, "/", b"Host: " + host)).startswith(b"HTTP/1.1 200 ")
     async with _served(origins={"hosts": ["robot.local", "*.example.com"]}) as url:
-        assert (await _answer(url, b"/", b"Host: Robot.local:9090")).startswith(b"HTTP/1.1 200 ")
-        assert (await _answer(url, b"/", b"Host: a.example.com")).startswith(b"HTTP/1.1 200 ")
-        assert (await _answer(url, b"/", evil)).startswith(b"HTTP/1.1 403 ")
+        assert (await _answer(url, "/", b"Host: Robot.local:9090")).startswith(b"HTTP/1.1 200 ")
+        assert (await _answer(url, "/", b"Host: a.example.com")).startswith(b"HTTP/1.1 200 ")
+        assert (await _answer(url, "/", evil)).startswith(b"HTTP/1.1 403 ")
 
 
 @pytest.mark.parametrize(
@@ -312,21 +328,16 @@ async def test_an_http_request_to_a_port_of_plain_json_runs_nothing(head: bytes)
 
 @pytest.mark.anyio
 async def test_the_page_of_the_port_shows_what_its_reader_may_see() -> None:
-    tables: dict[str, object] = {
-        "auth": {"tokens": {"mine": {"token": TOKEN, "role": "guest"}}},
-        "roles": {"guest": {"subscribe": ["/open"]}},
-    }
-    async with _served(**tables) as url:
-        host = url.removeprefix("ws://")
-        anonymous = await _get(host, "/index")
-        assert anonymous.startswith("HTTP/1.1 401 ")
-        assert "/rosout" not in anonymous
-        assert (await _get(host, "/index?token=wrong")).startswith("HTTP/1.1 401 ")
-        page = await _get(host, f"/index?token={TOKEN}")
-        assert page.startswith("HTTP/1.1 200 ")
-        assert "A robot is here" in page
-        assert "Content-Security-Policy: default-src 'none'; " in page and "<script" not in page
-        assert (await _get(host, "/healthz")).startswith("HTTP/1.1 200 ")
+    async with _served(**GUEST) as url:
+        anonymous = await _answer(url, "/index")
+        assert anonymous.startswith(b"HTTP/1.1 401 ")
+        assert b"/rosout" not in anonymous
+        assert (await _answer(url, "/index?token=wrong")).startswith(b"HTTP/1.1 401 ")
+        page = await _answer(url, f"/index?token={TOKEN}")
+        assert page.startswith(b"HTTP/1.1 200 ")
+        assert b"A robot is here" in page
+        assert b"Content-Security-Policy: default-src 'none'; " in page and b"<script" not in page
+        assert (await _answer(url, "/healthz")).startswith(b"HTTP/1.1 200 ")
 
 
 @pytest.mark.anyio
@@ -341,22 +352,16 @@ async def test_the_counters_are_for_those_who_may_see_every_topic() -> None:
         "roles": {"guest": {"subscribe": ["/open/*"]}},
     }
     async with _served(**tables) as url:
-        host = url.removeprefix("ws://")
-        assert (await _get(host, "/metrics")).startswith("HTTP/1.1 401 ")
-        refused = await _get(host, f"/metrics?token={TOKEN}")
-        assert refused.startswith("HTTP/1.1 403 ")
-        assert "roles.guest.subscribe" in refused
-        assert (await _get(host, f"/metrics?token={TOKEN}-2")).startswith("HTTP/1.1 200 ")
+        assert (await _answer(url, "/metrics")).startswith(b"HTTP/1.1 401 ")
+        refused = await _answer(url, f"/metrics?token={TOKEN}")
+        assert refused.startswith(b"HTTP/1.1 403 ")
+        assert b"roles.guest.subscribe" in refused
+        assert (await _answer(url, f"/metrics?token={TOKEN}-2")).startswith(b"HTTP/1.1 200 ")
 
 
 @pytest.mark.anyio
 async def test_a_nodes_page_is_for_those_who_may_come_in_and_knows_what_they_may_hear() -> None:
-    settings = Settings.model_validate(
-        {
-            "auth": {"tokens": {"mine": {"token": TOKEN, "role": "guest"}}},
-            "roles": {"guest": {"subscribe": ["/open"]}},
-        }
-    )
+    settings = Settings.model_validate(GUEST)
 
     async def page(request: HttpRequest, reader: Reader) -> HttpResponse:
         heard = [topic for topic in ("/open", "/shut") if reader.may_subscribe(topic)]
@@ -364,19 +369,9 @@ async def test_a_nodes_page_is_for_those_who_may_come_in_and_knows_what_they_may
 
     http = [HttpExtension((Route("/stream", page, Audience.ADMITTED),))]
     async with Server("ws://127.0.0.1:0", settings=settings, http=http) as server:
-        host = server.urls[0].removeprefix("ws://")
-        assert (await _get(host, "/stream")).startswith("HTTP/1.1 401 ")
-        assert (await _get(host, f"/stream?token={TOKEN}")).endswith("\r\n\r\n/open")
-
-
-async def _get(host: str, target: str) -> str:
-    name, _, port = host.rpartition(":")
-    answer = b""
-    async with await anyio.connect_tcp(name, int(port)) as stream:
-        await stream.send(f"GET {target} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
-        async for part in stream:
-            answer += part
-    return answer.decode()
+        url = server.urls[0]
+        assert (await _answer(url, "/stream")).startswith(b"HTTP/1.1 401 ")
+        assert (await _answer(url, f"/stream?token={TOKEN}")).endswith(b"\r\n\r\n/open")
 
 
 def _plain_page(request: HttpRequest, reader: Reader) -> HttpResponse:
@@ -409,31 +404,12 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
     settings = Settings.model_validate({"origins": {"allow": allow}})
     for route in _PAGES.routes:
         async with Server("ws://127.0.0.1:0", settings=settings, http=[_PAGES]) as server:
-            host, port = server.urls[0].removeprefix("ws://").split(":")
-            head = f"GET {route.path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n"
-            if origin is not None:
-                head += f"Origin: {origin}\r\n"
-            async with await anyio.connect_tcp(host, int(port)) as stream:
-                await stream.send(f"{head}\r\n".encode())
-                answer = b"".join([part async for part in stream])
+            headers = () if origin is None else (f"Origin: {origin}".encode(),)
+            answer = await _answer(server.urls[0], route.path, *headers)
         assert answer.endswith(b"a mesh")
         assert b'ETag: "1"\r\n' in answer
         assert (f"Access-Control-Allow-Origin: {origin}\r\n".encode() in answer) is named
         assert (b"Access-Control-Allow-Origin" in answer) is named
-
-
-async def _index_of(url: str, *headers: bytes) -> bytes:
-    """The index page as it comes, for a request with these headers."""
-    return await _answer(url, b"/index", *headers)
-
-
-async def _answer(url: str, target: bytes, *headers: bytes) -> bytes:
-    port = int(url.rpartition(":")[2])
-    async with await anyio.connect_tcp("127.0.0.1", port) as stream:
-        head = b"GET " + target + b" HTTP/1.1"
-        hop = b"Connection: upgrade" if b"Upgrade: websocket" in headers else b"Connection: close"
-        await stream.send(b"\r\n".join([head, hop, *headers, b"", b""]))
-        return b"".join([part async for part in stream])
 
 
 @pytest.mark.anyio
@@ -448,7 +424,7 @@ async def _answer(url: str, target: bytes, *headers: bytes) -> bytes:
 )
 async def test_the_index_says_how_to_connect(host: str, url: str, address: str) -> None:
     async with _served(origins={"hosts": ["robot.local"]}) as served:
-        page = (await _index_of(served, f"Host: {host}".encode())).decode()
+        page = (await _answer(served, "/index", f"Host: {host}".encode())).decode()
         assert f"new ROSLIB.Ros({{ {url} }})" in page
         assert f"roslibpy.Ros({address})" in page
 
@@ -456,8 +432,8 @@ async def test_the_index_says_how_to_connect(host: str, url: str, address: str) 
 @pytest.mark.anyio
 async def test_an_origin_that_is_no_ascii_is_answered_too() -> None:
     async with _served(origins={"allow": ["*"], "hosts": ["robot"]}) as url:
-        answer = await _index_of(url, b"Host: robot:9090", b"Origin: http://\xfcber")
+        answer = await _answer(url, "/index", b"Host: robot:9090", b"Origin: http://\xfcber")
         assert answer.startswith(b"HTTP/1.1 200 OK")
         assert b"Access-Control" not in answer
-        answer = await _index_of(url, b"Host: robot:9090", b"Origin: http://a")
+        answer = await _answer(url, "/index", b"Host: robot:9090", b"Origin: http://a")
         assert b"access-control-allow-origin: http://a\r\n" in answer.lower()

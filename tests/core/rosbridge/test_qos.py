@@ -55,13 +55,6 @@ def test_what_is_not_said_is_the_default(client: Client, graph: MemoryGraph, qos
     assert _offered(graph) == QoS()
 
 
-def test_late_joiners_get_the_newest_up_to_the_depth(client: Client, other: Client) -> None:
-    _advertise(client, durability="transient_local", depth=3)
-    _publish(client, *range(5))
-    other.say("subscribe", topic="/n")
-    assert _numbers(other) == [2, 3, 4]
-
-
 @pytest.mark.parametrize(
     ("wish", "problem"),
     [
@@ -117,11 +110,12 @@ def test_a_publisher_that_nobody_else_uses_is_replaced(
     assert _offered(graph).depth == 7
 
 
-@pytest.mark.parametrize("qos", [{"depth": -1}, {"history": "last"}, {"lifespan": -1}, "reliable"])
-def test_what_is_no_policy_is_refused(client: Client, graph: MemoryGraph, qos: object) -> None:
+@pytest.mark.parametrize("op", ["advertise", "publish"])
+@pytest.mark.parametrize("qos", [{"depth": -1}, {"history": "last"}, {"lifespan": -1}, "reliable"], ids=str)
+def test_what_is_no_policy_is_refused(client: Client, graph: MemoryGraph, op: str, qos: object) -> None:
     client.say("set_level", level="error")
-    client.say("advertise", topic="/n", type=INT, qos=qos)
-    assert "advertise.qos" in client.heard()[0]["msg"]
+    client.say(op, topic="/n", type=INT, qos=qos, **({"msg": {"data": 1}} if op == "publish" else {}))
+    assert f"{op}.qos" in client.heard()[0]["msg"]
     assert graph.topic("/n") is None
 
 
@@ -317,11 +311,3 @@ def test_publish_with_other_qos_replaces_a_publisher_that_only_its_client_uses(
     client.say("publish", topic="/n", msg={"data": 3})
     assert _offered(graph).depth == 7
     assert _numbers(client) == [3]
-
-
-@pytest.mark.parametrize("qos", [{"depth": -1}, {"history": "last"}, "reliable"])
-def test_publish_with_what_is_no_policy_is_refused(client: Client, graph: MemoryGraph, qos: object) -> None:
-    client.say("set_level", level="error")
-    client.say("publish", topic="/n", type=INT, msg={"data": 1}, qos=qos)
-    assert "publish.qos" in client.heard()[0]["msg"]
-    assert graph.topic("/n") is None

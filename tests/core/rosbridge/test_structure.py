@@ -7,7 +7,6 @@ import json
 import os
 import re
 from asyncio import selector_events
-from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from typing import Any
@@ -52,18 +51,6 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[PublishedMessage]:
 def _publish(client: Client, count: int) -> None:
     for number in range(count):
         client.say("publish", topic="/n", type="std_msgs/Int32", msg={"data": number})
-
-
-def test_one_encode_per_publish_whatever_the_number_of_clients(
-    encoded: list[PublishedMessage], client: Client, connect: Callable[[], Client]
-) -> None:
-    listeners = [connect() for _ in range(20)]
-    for number, listener in enumerate(listeners):
-        throttle = 10 if number % 2 else 0
-        listener.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=throttle, queue_length=1)
-    _publish(client, 5)
-    assert len(encoded) == 5
-    assert all(len(listener.frames) == 5 for listener in listeners[::2])
 
 
 def test_nothing_is_encoded_when_nobody_listens(encoded: list[PublishedMessage], client: Client) -> None:

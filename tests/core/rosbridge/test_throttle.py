@@ -45,29 +45,6 @@ def test_schedule(
     assert got == expected
 
 
-def test_each_client_has_its_own_throttle(client: Client, other: Client, clock: SimulatedClock) -> None:
-    other.say("subscribe", topic="/n", type="std_msgs/Int32")
-    assert _run(client, clock, throttle=1000, queue=0, count=5, every_ms=10) == [0]
-    assert len(other.heard_of("/n")) == 5
-
-
-def test_the_smallest_throttle_of_a_clients_subscriptions_counts(
-    client: Client, clock: SimulatedClock
-) -> None:
-    client.say("subscribe", id="slow", topic="/n", type="std_msgs/Int32", throttle_rate=1000)
-    client.say("subscribe", id="fast", topic="/n", throttle_rate=0)
-    for number in range(3):
-        client.say("publish", topic="/n", msg={"data": number})
-    assert len(client.heard_of("/n")) == 3
-    client.say("unsubscribe", id="fast", topic="/n")
-    client.say("publish", topic="/n", msg={"data": 3})
-    assert client.heard_of("/n") == []  # what passed unthrottled counts as the last sending (THR-06)
-    clock.advance(1.0)
-    for number in range(4, 7):
-        client.say("publish", topic="/n", msg={"data": number})
-    assert client.heard_of("/n") == [{"data": 4}]
-
-
 def test_a_throttle_set_on_a_quiet_topic_lets_the_first_sample_pass(
     client: Client, clock: SimulatedClock
 ) -> None:
@@ -99,29 +76,3 @@ def test_the_largest_throttle_rates_are_rates(client: Client, rate: int) -> None
     for number in (1, 2):
         client.say("publish", topic="/n", msg={"data": number})
     assert len(client.heard_of("/n")) == (1 if rate > 0 else 2)
-
-
-def test_a_changed_queue_keeps_the_newest(client: Client, clock: SimulatedClock) -> None:
-    wish = {"topic": "/n", "type": "std_msgs/Int32", "id": "x", "throttle_rate": 1000}
-    client.say("subscribe", **wish, queue_length=5)
-    for number in range(6):
-        client.say("publish", topic="/n", msg={"data": number})
-    client.say("subscribe", **wish, queue_length=2)
-    clock.advance(10)
-    assert [message["data"] for message in client.heard_of("/n")] == [0, 4, 5]
-
-
-def test_unsubscribe_drops_what_is_queued(client: Client, clock: SimulatedClock) -> None:
-    client.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=100, queue_length=5)
-    for number in range(4):
-        client.say("publish", topic="/n", msg={"data": number})
-    client.say("unsubscribe", topic="/n")
-    clock.advance(10)
-    assert [message["data"] for message in client.heard_of("/n")] == [0]
-
-
-@pytest.mark.parametrize("value", [None, 0.0, 100.0])
-def test_null_and_integral_floats_are_numbers_too(client: Client, value: float | None) -> None:
-    client.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=value, queue_length=value)
-    client.say("publish", topic="/n", msg={"data": 1})
-    assert client.heard_of("/n") == [{"data": 1}]

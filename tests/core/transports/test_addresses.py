@@ -15,6 +15,7 @@ from rwt_transports.api import Attach, BindAddress, Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers import sockets
 from rwt_transports.drivers.anyio_stream import AnyioDriver
+from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import AddressCount
@@ -173,20 +174,24 @@ class _Watched(AddressCount):
         return address
 
 
-def _asyncio_driver() -> Driver:
-    from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
-
+@pytest.fixture(params=["own", "streams"])
+def driver(request: pytest.FixtureRequest, anyio_backend_name: str) -> Driver:
+    if request.param == "streams":
+        return AnyioDriver()
+    if anyio_backend_name != "asyncio":
+        pytest.skip("asyncio's own sockets")
     return AsyncioDriver()
 
 
-@pytest.mark.anyio
-@pytest.mark.parametrize("kind", ["own", "streams"])
-async def test_handshakes_in_tls_count_and_end(kind: str, certificate: Path, anyio_backend_name: str) -> None:
-    if kind == "own" and anyio_backend_name != "asyncio":
-        pytest.skip("asyncio's own sockets")
-    driver = _asyncio_driver() if kind == "own" else AnyioDriver()
+@pytest.fixture
+def context(certificate: Path) -> ssl.SSLContext:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)
+    return context
+
+
+@pytest.mark.anyio
+async def test_handshakes_in_tls_count_and_end(driver: Driver, context: ssl.SSLContext) -> None:
     addresses = _Watched(2)
     bound = BindAddress("127.0.0.1", 0, tls=context, handshake_seconds=0.3, addresses=addresses)
     state = _http(addresses)
@@ -207,16 +212,10 @@ async def test_handshakes_in_tls_count_and_end(kind: str, certificate: Path, any
 
 
 @pytest.mark.anyio
-@pytest.mark.parametrize("kind", ["own", "streams"])
 async def test_the_oldest_handshake_in_tls_gives_way(
-    kind: str, certificate: Path, anyio_backend_name: str, monkeypatch: pytest.MonkeyPatch
+    driver: Driver, context: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if kind == "own" and anyio_backend_name != "asyncio":
-        pytest.skip("asyncio's own sockets")
     monkeypatch.setattr(sockets, "MAX_HANDSHAKES", 2)
-    driver = _asyncio_driver() if kind == "own" else AnyioDriver()
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate)
     bound = BindAddress("127.0.0.1", 0, tls=context, handshake_seconds=60.0)
     state = _http(AddressCount())
     async with driver.serve(bound, state.attach) as port:

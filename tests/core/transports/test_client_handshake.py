@@ -31,13 +31,6 @@ def acceptance(request: bytes) -> bytes:
     )
 
 
-def test_the_request() -> None:
-    request = handshake().request
-    assert request.startswith(b"GET /path?x=1 HTTP/1.1\r\n")
-    assert b"\r\nX-Robot: seven\r\n" in request
-    assert request.endswith(b"\r\n\r\n")
-
-
 @pytest.mark.parametrize("behind", [b"", b"\x81\x02{}"])
 def test_an_acceptance_whole_and_with_more_behind_it(behind: bytes) -> None:
     it = handshake()
@@ -48,17 +41,6 @@ def test_an_acceptance_byte_by_byte() -> None:
     it = handshake()
     answers = [it.feed(bytes((byte,))) for byte in acceptance(it.request)]
     assert answers == [None] * (len(answers) - 1) + [b""]
-
-
-REFUSAL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 6\r\n\r\nno bed"
-
-
-@pytest.mark.parametrize("step", [1, 10, 1000])
-def test_a_refusal_in_pieces(step: int) -> None:
-    it = handshake()
-    with pytest.raises(ConnectError, match=r"^robot:9090 answers 503: no bed$"):
-        for at in range(0, len(REFUSAL), step):
-            assert it.feed(REFUSAL[at : at + step]) is None
 
 
 def test_a_refusal_without_a_length_ends_with_the_connection() -> None:

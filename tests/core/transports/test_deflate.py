@@ -22,7 +22,8 @@ from rwt_transports.websocket.deflate import LARGEST_BYTES, DeflateWire, shared_
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.handshake import answer_handshake
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from tests.core.transports.test_websocket_wire import Heard, frame
+from tests.core.transports.conftest import Heard
+from tests.core.transports.test_websocket_wire import frame
 
 LIMIT = 100_000
 TEXT, BINARY, CONTINUATION, CLOSE, PING = 0x81, 0x82, 0x80, 0x88, 0x89
@@ -30,7 +31,7 @@ RSV1 = 0x40
 TAIL = b"\0\0\xff\xff"
 
 
-class Peer(Heard):
+class Peer(Heard[DeflateWire]):
     """Events reported by a wire with compression."""
 
     def __init__(
@@ -42,12 +43,9 @@ class Peer(Heard):
         limit: int = LIMIT,
         buffers: ReceiveBufferPool | None = None,
     ) -> None:
-        super().__init__(skip=True)
         terms = DeflateTerms(keeps_context=keeps, peer_keeps_context=peer_keeps, window_bits=12)
-        self.wire = self.inflating = DeflateWire(
-            terms, self, Limits(message_bytes=limit, strict_utf8=strict), buffers or ReceiveBufferPool()
-        )
-        self.wire.message = lambda data, binary: self.messages.append((data, binary))
+        limits, pool = Limits(message_bytes=limit, strict_utf8=strict), buffers or ReceiveBufferPool()
+        super().__init__(lambda events: DeflateWire(terms, events, limits, pool), skip=True)
 
 
 class Packer:
@@ -62,68 +60,10 @@ class Packer:
         return packed[:-4]
 
 
-def test_the_examples_of_the_rfc() -> None:
-    # RFC 7692 sections 7.2.3.1 to 7.2.3.5: a shared window, no compression, a final block, two blocks.
-    for payloads in (
-        ["f248cdc9c90700", "f200110000"],
-        ["000500faff48656c6c6f00"],
-        ["f348cdc9c9070000"],
-        ["f24805000000ffffcac9c90700"],
-    ):
-        peer = Peer()
-        for payload in payloads:
-            peer.wire.feed(frame(RSV1 | TEXT, bytes.fromhex(payload)))
-        assert peer.messages == [(b"Hello", False)] * len(payloads)
-
-
-@pytest.mark.parametrize("step", [1, 7, 10_000])
-@pytest.mark.parametrize("keeps", [True, False])
-def test_messages_are_inflated_however_they_arrive(step: int, keeps: bool) -> None:
-    peer = Peer(peer_keeps=keeps)
-    texts = [b"hello hello hello", b"hello hello hello", b"", b"x" * 50_000, bytes(range(256)) * 20]
-    shared = Packer()
-    data = b"".join(frame(RSV1 | BINARY, (shared if keeps else Packer())(text)) for text in texts)
-    for start in range(0, len(data), step):
-        peer.wire.feed(data[start : start + step])
-    assert peer.messages == [(text, True) for text in texts]
-
-
-def test_pieces_control_frames_between_them_and_plain_messages() -> None:
-    peer = Peer()
-    pack = Packer()
-    packed = pack(b"compressed " * 100)
-    peer.wire.feed(
-        frame(RSV1 | 0x01, packed[:5])
-        + frame(PING, b"?")
-        + frame(0x00, packed[5:9])
-        + frame(CONTINUATION, packed[9:])
-        + frame(TEXT, b"plain")
-        + frame(RSV1 | TEXT, pack(b"compressed "))
-    )
-    assert [data for data, _ in peer.messages] == [b"compressed " * 100, b"plain", b"compressed "]
-    assert peer.answers == [b"\x8a\x01?"]
-
-
-@pytest.mark.parametrize("first", [RSV1 | CONTINUATION, RSV1 | PING, RSV1 | CLOSE, 0x20 | TEXT, 0x10 | TEXT])
-def test_the_bit_belongs_to_the_first_frame_of_a_message(first: int) -> None:
-    peer = Peer()
-    if first == RSV1 | CONTINUATION:
-        peer.wire.feed(frame(RSV1 | 0x01, b"\xf2"))
-    peer.wire.feed(frame(first, b""))
-    assert peer.codes == [1002]
-
-
-def test_a_bomb_ends_the_connection() -> None:
-    peer = Peer()
-    peer.wire.feed(frame(RSV1 | TEXT, Packer()(bytes(50_000_000))))
-    assert peer.codes == [1009]
-    assert peer.messages == []
-
-
 def test_a_large_message_is_inflated_in_steps_and_what_follows_waits_for_it() -> None:
     peer = Peer(limit=10_000_000)
     taken: list[Iterator[None]] = []
-    peer.inflating.take_steps = lambda steps, _: taken.append(steps)
+    peer.wire.take_steps = lambda steps, _: taken.append(steps)
     text = bytes(range(256)) * 30_000
     packer = Packer()
     peer.wire.feed(
@@ -133,7 +73,7 @@ def test_a_large_message_is_inflated_in_steps_and_what_follows_waits_for_it() ->
     assert peer.messages == []
     assert len([*steps]) > len(text) // 100_000
     assert peer.messages == [(text, True)]
-    peer.inflating.go_on()
+    peer.wire.go_on()
     assert peer.messages == [(text, True), (b"after", False), (b"x", False)]
 
 
@@ -143,7 +83,7 @@ def test_one_large_message_is_inflated_after_the_other_where_there_is_no_room_fo
     peers = [Peer(limit=10_000_000, buffers=pool) for _ in range(3)]
     text = bytes(range(256)) * 30_000
     for peer in peers:
-        peer.inflating.take_steps = lambda *steps: taken.append(steps)
+        peer.wire.take_steps = lambda *steps: taken.append(steps)
         peer.wire.feed(frame(RSV1 | BINARY, Packer()(text)))
     first, second, third = taken
     assert first[1]()
@@ -161,7 +101,7 @@ def test_one_large_message_is_inflated_after_the_other_where_there_is_no_room_fo
 def test_a_bomb_ends_the_connection_in_steps() -> None:
     peer = Peer(limit=10_000_000)
     taken: list[Iterator[None]] = []
-    peer.inflating.take_steps = lambda steps, _: taken.append(steps)
+    peer.wire.take_steps = lambda steps, _: taken.append(steps)
     peer.wire.feed(frame(RSV1 | TEXT, Packer()(bytes(20_000_000))))
     (steps,) = taken
     assert peer.codes == []
@@ -196,13 +136,6 @@ def test_a_plain_message_that_is_too_large_is_skipped_as_ever() -> None:
     peer.wire.feed(frame(RSV1 | TEXT, pack(b"one")))
     assert peer.sizes == [LIMIT + 1]
     assert peer.messages == [(b"one", False)] * 2
-
-
-@pytest.mark.parametrize("payload", [b"\xff\xff", b"\x07", b"\x03\x00" * 100])
-def test_damaged_messages_end_the_connection(payload: bytes) -> None:
-    peer = Peer()
-    peer.wire.feed(frame(RSV1 | TEXT, payload))
-    assert peer.codes == [1007]
 
 
 def test_text_is_checked_after_it_is_inflated() -> None:

@@ -7,42 +7,23 @@ from collections.abc import Callable
 
 import pytest
 
-from rwt_transports.api import Wire, WireEvents
+from rwt_transports.api import WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.bson_stream import BsonStreamWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.stream import StreamWire
+from tests.core.transports.conftest import Heard
 
 MOST = 2_000_000
 SIZE = 1_000_000
 
-Make = Callable[[WireEvents, ReceiveBufferPool], Wire]
+Make = Callable[[WireEvents, ReceiveBufferPool], WebSocketWire | StreamWire]
 
 
-class Sender:
-    """Bytes that one peer has sent, and events of its wire."""
-
-    def __init__(self, make: Make, pool: ReceiveBufferPool) -> None:
-        self.messages: list[bytes] = []
-        self.ends: list[tuple[int, str]] = []
-        self.wire = make(self, pool)
-        self.wire.message = lambda data, binary: self.messages.append(data)
-
-    def oversized(self, size: int) -> bool:
-        return False
-
-    def oversized_head(self, size: int, head: bytes) -> None:
-        raise AssertionError
-
-    def pong(self, data: bytes) -> None:
-        raise AssertionError
-
-    def answer(self, data: bytes) -> None:
-        """A close frame; what it says is in `ends`, too."""
-
-    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
-        self.ends.append((code, reason))
+def _sender(make: Make, pool: ReceiveBufferPool) -> Heard[WebSocketWire | StreamWire]:
+    return Heard(lambda events: make(events, pool))
 
 
 def _frame(first: int, size: int) -> bytes:
@@ -78,14 +59,14 @@ WIRES: dict[str, tuple[Make, bytes, bytes]] = {
 def test_the_message_that_began_first_gives_way(kind: str) -> None:
     make, start, end = WIRES[kind]
     pool = ReceiveBufferPool(MOST)
-    senders = [Sender(make, pool) for _ in range(4)]
+    senders = [_sender(make, pool) for _ in range(4)]
     for sender in senders:
         for at in range(0, len(start), 100_000):
             sender.wire.feed(start[at : at + 100_000])
     given_up = [sender for sender in senders if sender.ends]
     assert given_up == senders[: len(given_up)] and 1 <= len(given_up) <= 3
     for sender in given_up:
-        ((code, reason),) = sender.ends
+        ((code, reason, _),) = sender.ends
         assert code == 1008 and "(limits.incoming_bytes)" in reason
     for sender in senders:
         sender.wire.feed(end)
@@ -96,10 +77,10 @@ def test_the_message_that_began_first_gives_way(kind: str) -> None:
 def test_what_is_whole_counts_no_more(kind: str) -> None:
     make, start, end = WIRES[kind]
     pool = ReceiveBufferPool(MOST)
-    waiting = Sender(make, pool)
+    waiting = _sender(make, pool)
     waiting.wire.feed(start)
     for _ in range(5):
-        sender = Sender(make, pool)
+        sender = _sender(make, pool)
         for _ in range(3):
             sender.wire.feed(start)
             sender.wire.feed(end)
@@ -112,10 +93,10 @@ def test_what_is_whole_counts_no_more(kind: str) -> None:
 def test_who_is_gone_counts_no_more(kind: str) -> None:
     make, start, end = WIRES[kind]
     pool = ReceiveBufferPool(MOST)
-    first = Sender(make, pool)
+    first = _sender(make, pool)
     first.wire.feed(start)
     for _ in range(5):
-        gone = Sender(make, pool)
+        gone = _sender(make, pool)
         gone.wire.feed(start)
         pool.release(gone.wire)
     first.wire.feed(end)
@@ -125,7 +106,7 @@ def test_who_is_gone_counts_no_more(kind: str) -> None:
 @pytest.mark.parametrize("kind", WIRES)
 def test_one_alone_may_have_as_much_as_a_message_may(kind: str) -> None:
     make, start, end = WIRES[kind]
-    sender = Sender(make, ReceiveBufferPool(1024))
+    sender = _sender(make, ReceiveBufferPool(1024))
     sender.wire.feed(start)
     sender.wire.feed(end)
     assert len(sender.messages) == 1
@@ -134,7 +115,7 @@ def test_one_alone_may_have_as_much_as_a_message_may(kind: str) -> None:
 def test_a_large_message_is_received_directly_up_to_its_last_byte() -> None:
     size = 3 * SIZE
     pool = ReceiveBufferPool()
-    sender = Sender(lambda events, pool: WebSocketWire(events, Limits(message_bytes=size), pool), pool)
+    sender = _sender(lambda events, pool: WebSocketWire(events, Limits(message_bytes=size), pool), pool)
     sent = memoryview(_frame(0x82, size))
     sender.wire.feed(bytes(sent[:20_000]))
     place, views = 20_000, []
@@ -145,4 +126,4 @@ def test_a_large_message_is_received_directly_up_to_its_last_byte() -> None:
         place += count
         sender.wire.buffer_updated(count)
     assert place == len(sent)
-    assert sender.messages == [b"x" * size]
+    assert sender.texts == [b"x" * size]

@@ -13,38 +13,15 @@ from rwt_protocol.frames import Frame
 from rwt_transports.limits import Limits
 from rwt_transports.wires.json_stream import LINES, PLAIN, JsonStreamWire
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from tests.core.transports.conftest import Heard
 
 LIMIT = 2000
 Feed = Callable[[JsonStreamWire, bytes], None]
 
 
-class Heard:
-    """Events reported by a wire."""
-
-    def __init__(self, *, skip: bool = False, limit: int = LIMIT) -> None:
-        self.messages: list[bytes] = []
-        self.sizes: list[int] = []
-        self.heads: list[bytes] = []
-        self.ends: list[tuple[int, str]] = []
-        self.skip = skip
-        self.wire = JsonStreamWire(self, Limits(message_bytes=limit), ReceiveBufferPool())
-        self.wire.message = lambda data, binary: self.messages.append(data)
-
-    def oversized_head(self, size: int, head: bytes) -> None:
-        self.heads.append(head)
-
-    def oversized(self, size: int) -> bool:
-        self.sizes.append(size)
-        return self.skip
-
-    def pong(self, data: bytes) -> None:
-        self.answer(data)
-
-    def answer(self, data: bytes) -> None:
-        raise AssertionError("this protocol answers nothing")
-
-    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
-        self.ends.append((code, reason))
+def listening(*, skip: bool = False, limit: int = LIMIT) -> Heard[JsonStreamWire]:
+    limits = Limits(message_bytes=limit)
+    return Heard(lambda events: JsonStreamWire(events, limits, ReceiveBufferPool()), skip=skip)
 
 
 def whole(wire: JsonStreamWire, data: bytes) -> None:
@@ -73,23 +50,23 @@ def byte_by_byte(wire: JsonStreamWire, data: bytes) -> None:
     ],
 )
 def test_objects_are_found(feed: Feed, data: bytes, messages: list[bytes]) -> None:
-    heard = Heard()
+    heard = listening()
     feed(heard.wire, data)
-    assert heard.messages == messages and not heard.ends
+    assert heard.texts == messages and not heard.ends
 
 
 def test_what_is_not_an_object_is_handed_over_to_be_refused() -> None:
-    heard = Heard()
+    heard = listening()
     heard.wire.feed(b'42 {"a":1}true\n[1,2]\n{"b":2}')
-    assert heard.messages == [b"42 ", b'{"a":1}', b"true\n", b"[1,2]\n", b'{"b":2}']
+    assert heard.texts == [b"42 ", b'{"a":1}', b"true\n", b"[1,2]\n", b'{"b":2}']
 
 
 def test_endless_junk_does_not_pile_up() -> None:
-    heard = Heard()
+    heard = listening()
     for _ in range(100):
         heard.wire.feed(b"x" * 1000)
-    assert 90_000 < sum(map(len, heard.messages)) <= 100_000
-    assert max(map(len, heard.messages)) <= 1024
+    assert 90_000 < sum(map(len, heard.texts)) <= 100_000
+    assert max(map(len, heard.texts)) <= 1024
 
 
 values = st.recursive(
@@ -105,27 +82,27 @@ values = st.recursive(
 )
 def test_cuts_do_not_matter(objects: list[dict[str, object]], cuts: list[int]) -> None:
     data = b"".join(json.dumps(each, ensure_ascii=False).encode() for each in objects)
-    heard = Heard(limit=1 << 20)
+    heard = listening(limit=1 << 20)
     for cut in cuts:
         heard.wire.feed(data[:cut])
         data = data[cut:]
     heard.wire.feed(data)
-    assert [json.loads(each) for each in heard.messages] == objects
+    assert [json.loads(each) for each in heard.texts] == objects
 
 
 @given(st.lists(st.binary(max_size=60), max_size=20))
 def test_any_bytes_are_taken(chunks: list[bytes]) -> None:
-    heard = Heard(skip=True)
+    heard = listening(skip=True)
     for chunk in chunks:
         heard.wire.feed(chunk)
-    assert len(b"".join(heard.messages)) <= sum(map(len, chunks))
+    assert len(b"".join(heard.texts)) <= sum(map(len, chunks))
 
 
 @pytest.mark.parametrize("feed", [whole, byte_by_byte])
 def test_too_large_an_object_is_skipped(feed: Feed) -> None:
-    heard = Heard(skip=True)
+    heard = listening(skip=True)
     feed(heard.wire, b'{"a":"' + b"x{" * LIMIT + b'\\"}","b":{}}' + b'{"after":1}')
-    assert heard.messages == [b'{"after":1}']
+    assert heard.texts == [b'{"after":1}']
     assert len(heard.sizes) == 1 and heard.sizes[0] > LIMIT
 
 
@@ -133,24 +110,24 @@ def test_too_large_an_object_is_skipped(feed: Feed) -> None:
 def test_too_large_an_object_ends_the_connection_when_nobody_wants_to_know(
     feed: Feed,
 ) -> None:
-    heard = Heard()
+    heard = listening()
     feed(heard.wire, b'{"a":"' + b"x" * LIMIT + b'"}{"after":1}')
-    assert heard.messages == []
-    ((code, reason),) = heard.ends
+    assert heard.texts == []
+    ((code, reason, _),) = heard.ends
     assert code == 1009 and "max_message_size" in reason
 
 
 def test_an_endpoint_that_closes_hears_nothing_more() -> None:
-    heard = Heard()
+    heard = listening()
 
     def once(data: bytes, binary: bool) -> None:
-        heard.messages.append(data)
+        heard.messages.append((data, binary))
         heard.wire.close(1000, "")
 
     heard.wire.message = once
     heard.wire.feed(b'{"a":1}{"b":2}')
     heard.wire.feed(b'{"c":3}')
-    assert heard.messages == [b'{"a":1}']
+    assert heard.texts == [b'{"a":1}']
 
 
 def test_outgoing_objects() -> None:

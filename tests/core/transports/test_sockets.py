@@ -27,13 +27,10 @@ from rwt_transports.drivers.sockets import (
     hang_up_of,
 )
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from tests.core.transports.rfc6455.handshake import REQUEST
 
 pytestmark = pytest.mark.anyio
 
-REQUEST = (
-    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
-)
 SECONDS = 20.0
 
 
