@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
+from rosbridge_conformance.case_player import Played
 from rosbridge_conformance.client_player import play_as_server
-from rosbridge_conformance.player import Played
 from rosbridge_conformance.runner import Conditions, Run, judge_cases, select
 from rosbridge_conformance.suite.case import Case
 from rosbridge_conformance.suite.target import Target, find_client_target

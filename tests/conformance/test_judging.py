@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from rosbridge_conformance.case_player import Fault, Line, Played
 from rosbridge_conformance.command import main
-from rosbridge_conformance.player import Fault, Line, Played
 from rosbridge_conformance.reports import expected, html, junit
 from rosbridge_conformance.reports.counts import grade
 from rosbridge_conformance.reports.json_file import ReportError, read_results, render
