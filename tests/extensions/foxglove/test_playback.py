@@ -76,7 +76,7 @@ def states(viewer: Viewer) -> list[State]:
 
 
 def test_the_first_text_says_how_long_the_recording_is(stand: Stand) -> None:
-    info, *_, state = Viewer(stand.gateway).heard()
+    info, *_, state = Viewer(stand.gateway).welcome
     assert {"time", "playbackControl"} < set(info["capabilities"])
     assert info["dataStartTime"] == {"sec": START_NS // SECOND, "nsec": 0}
     assert info["dataEndTime"] == {"sec": START_NS // SECOND + 6, "nsec": 0}
@@ -114,7 +114,6 @@ def test_everybody_hears_what_others_do_and_the_end(stand: Stand) -> None:
 
 def test_what_is_not_possible_is_told_and_the_state_comes_nevertheless(stand: Stand) -> None:
     viewer = Viewer(stand.gateway)
-    viewer.heard()
     viewer.control(play=False, speed=0.0, seek_ns=0, request="x")
     heard = viewer.heard()
     assert "set_rate" in str([each for each in heard if isinstance(each, dict)])
@@ -130,7 +129,6 @@ def test_what_is_not_possible_is_told_and_the_state_comes_nevertheless(stand: St
 def test_who_may_not_call_the_player_only_watches(file: Path) -> None:
     stand = Stand(file, **guest(subscribe=["*"]))
     viewer = Viewer(stand.gateway)
-    viewer.heard()
     viewer.control(play=True)
     heard = viewer.heard()
     assert "roles.guest.call" in str(heard)
@@ -139,6 +137,5 @@ def test_who_may_not_call_the_player_only_watches(file: Path) -> None:
 
 
 def test_where_nothing_is_played_there_is_nothing_to_control(viewer: Viewer) -> None:
-    viewer.heard()
     viewer.control(play=True)
     assert viewer.statuses() == ["playback control: no recording is played here (rwt bag play)"]
