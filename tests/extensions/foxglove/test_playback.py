@@ -7,15 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from rwt import MemoryGraph, Node, Settings, SimulatedClock
-from rwt.access.access import Access
-from rwt.extensions.foxglove.gateway import FoxgloveGateway
-from rwt.extensions.recording import open_recording, record_graph
+from rwt import MemoryGraph, SimulatedClock
+from rwt.extensions.recording import open_recording
 from rwt.extensions.recording.playback import PlaybackClock, Player, PlayOptions
 from rwt_interfaces.registry import Registry
 from tests.conftest import START_NS
-from tests.extensions.foxglove.conftest import guest
+from tests.extensions.foxglove.conftest import gateway_of, guest
 from tests.extensions.foxglove.viewer import State, Viewer
+from tests.extensions.recording.robots import record_seconds
 
 SECOND = 10**9
 PLAYING, PAUSED, ENDED = 0, 1, 3
@@ -34,15 +33,8 @@ class SteppedPlayback(PlaybackClock):
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """Six seconds, a message each."""
     path = tmp_path / "run.mcap"
-    clock = SimulatedClock(START_NS)
-    graph = MemoryGraph(clock=clock)
-    topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
-    with record_graph(graph, path):
-        for number in range(6):
-            topic.publish({"data": number})
-            clock.advance(1.0)
+    record_seconds(path, START_NS)
     return path
 
 
@@ -55,8 +47,7 @@ class Stand:
         self.clock = SteppedPlayback(opened.start_ns)
         self.graph = MemoryGraph(Registry(opened.distro), self.clock)
         self.player = Player(self.graph, opened, PlayOptions(paused=True))
-        given = Settings.model_validate(settings)
-        self.gateway = FoxgloveGateway(self.graph, Access(self.graph, given))
+        self.gateway = gateway_of(self.graph, **settings)
 
     def close(self) -> None:
         self.gateway.close()

@@ -18,7 +18,6 @@ from tests.waiting import until
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 ASKED: dict[str, Any] = {"gateways": ["mcp"], "mcp": {"default_role": "admin", "confirm": ["/cmd_*"]}}
-ERAS: tuple[Era, ...] = ("legacy", "auto")
 DRIVE: dict[str, Any] = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}}
 
 
@@ -46,7 +45,6 @@ NO = (
 )
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_a_givenis_for_one_act(era: Era) -> None:
     person = yes()
     async with (
@@ -64,7 +62,6 @@ async def test_a_givenis_for_one_act(era: Era) -> None:
     assert person.questions[0] == 'May the agent publish {"linear":{"x":0.5}} on /cmd_vel?'
 
 
-@pytest.mark.parametrize("era", ERAS)
 @pytest.mark.parametrize("answer", NO, ids=["decline", "cancel", "accept without permission"])
 async def test_without_permission_nothing_happens(era: Era, answer: ElicitResult) -> None:
     person = Person(answer)
@@ -75,7 +72,6 @@ async def test_without_permission_nothing_happens(era: Era, answer: ElicitResult
         assert server.graph.topic("/cmd_vel") is not None
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_a_program_that_cannot_ask_is_refused(era: Era) -> None:
     async with small_robot(**ASKED) as (server, robot):
         async with agent_at(url_of(server), era) as agent:
@@ -175,7 +171,6 @@ GATED: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_the_user_grants_the_approval_that_the_gate_requires(era: Era) -> None:
     person = yes()
     async with (
@@ -193,7 +188,6 @@ async def test_the_user_grants_the_approval_that_the_gate_requires(era: Era) -> 
         assert len(person.questions) == 4
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_without_the_approval_that_the_gate_requires_nothing_happens(era: Era) -> None:
     for options in ({}, {"elicitation_callback": Person(NO[0]).ask}):
         async with (

@@ -24,7 +24,6 @@ from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
-ERAS: tuple[Era, ...] = ("legacy", "auto")
 PILOT, GUEST = "the-token-of-a-pilot", "the-token-of-a-guest"
 GUARDED: dict[str, Any] = {
     "gateways": ["mcp"],
@@ -68,7 +67,6 @@ INITIALIZE = {
 LISTING = {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_an_agent_without_a_token_only_looks(era: Era) -> None:
     async with small_robot(gateways=["mcp"]) as (server, robot):
         async with agent_at(url_of(server), era) as agent:
@@ -81,7 +79,6 @@ async def test_an_agent_without_a_token_only_looks(era: Era) -> None:
         assert robot.heard == []
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_each_agent_has_the_role_of_its_token_and_no_more(era: Era) -> None:
     async with small_robot(Settings.model_validate(GUARDED)) as (server, robot):
         async with agent_at(url_of(server), era, PILOT) as agent:
@@ -159,7 +156,6 @@ async def test_requests_under_way_are_bounded() -> None:
         await until(lambda: "rwt_mcp_requests 0" in server.metrics.text().decode())
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_the_robot_stops_when_whoever_drives_it_is_gone(era: Era) -> None:
     async with small_robot(**OPEN) as (server, robot):
         async with anyio.create_task_group() as tasks:
@@ -243,14 +239,13 @@ async def test_results_are_bounded_in_size() -> None:
         node.close()
 
 
-async def test_nothing_is_left_of_agents_that_have_gone() -> None:
+async def test_nothing_is_left_of_agents_that_have_gone(era: Era) -> None:
     async with small_robot(**OPEN) as (server, _):
         before = {(each.name, len(each.subscribers)) for each in server.graph.topics()}
-        for era in ERAS:
-            async with agent_at(url_of(server), era) as agent:
-                await done(agent, "read_topic", topic="/battery")
-                await done(agent, "list_frames", seconds=0.05)
-                await done(agent, "watch_numbers", topic="/number", seconds=0.05)
+        async with agent_at(url_of(server), era) as agent:
+            await done(agent, "read_topic", topic="/battery")
+            await done(agent, "list_frames", seconds=0.05)
+            await done(agent, "watch_numbers", topic="/number", seconds=0.05)
         assert {(each.name, len(each.subscribers)) for each in server.graph.topics()} == before
         assert "rwt_mcp_sessions 0" in server.metrics.text().decode()
 
@@ -266,7 +261,6 @@ async def test_a_session_that_takes_its_time_to_begin_is_one(monkeypatch: pytest
         assert 'rwt_connections_total{gateway="mcp"} 1' in metrics
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_a_stop_names_the_program_and_is_answered_by_its_tool(era: Era) -> None:
     drive = {"topics": ["/cmd_vel"], "type": "geometry_msgs/Twist", "stop": {}, "emergency": True}
     gate = {"rules": {"drive": drive}}

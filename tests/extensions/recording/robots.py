@@ -7,10 +7,9 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from rwt.extensions.recording import EVERYTHING, Encoding, RecordingOptions, TopicSelection, record_graph
+from rwt.extensions.recording import Encoding, RecordingOptions, TopicSelection, record_graph
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import DISTROS, Registry
-from rwt_participant.qos import LATCHED
 
 START_NS = 1_700_000_000_123_456_789
 
@@ -42,6 +41,16 @@ def record_robot(path: Path, distro: str = "jazzy", encoding: Encoding = "ros", 
         odom.publish({})  # After the recording.
 
 
+def record_seconds(path: Path, start_ns: int = START_NS) -> None:
+    """A recording of six seconds, with a number each."""
+    graph, clock = graph_at(start_ns)
+    topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
+    with record_graph(graph, path):
+        for number in range(6):
+            topic.publish({"data": number})
+            clock.advance(1.0)
+
+
 def rows(path: Path) -> list[Row]:
     """Every message of an MCAP file, as an independent reader reads it."""
     with path.open("rb") as file:
@@ -61,6 +70,3 @@ def rows(path: Path) -> list[Row]:
 
 def of_topic(found: Iterable[Row], topic: str) -> list[Row]:
     return [row for row in found if row[0] == topic]
-
-
-__all__ = ["EVERYTHING", "LATCHED", "OWN", "START_NS", "graph_at", "of_topic", "record_robot", "rows"]
