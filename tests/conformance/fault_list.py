@@ -9,38 +9,10 @@ from collections.abc import Callable
 from functools import partial
 
 from rosbridge_conformance.suite.values import Json
-from tests.conformance.faults import Alter, Fault, Memory, Message
+from tests.conformance.faults import Alter, Fault, Memory, Message, drop, on, put, twice, without
 
 Change = Callable[[str, Json], Json]
 """Alters a value inside a payload, of a key."""
-
-
-def _on(op: str, change: Callable[[Message], Message | None]) -> Alter:
-    """Alter messages of one op; None drops them."""
-
-    def alter(message: Message, memory: Memory) -> list[Message] | None:
-        if message.get("op") != op:
-            return None
-        changed = change(dict(message))
-        return [] if changed is None else [changed]
-
-    return alter
-
-
-def _put(op: str, **fields: Json) -> Alter:
-    return _on(op, lambda message: {**message, **fields})
-
-
-def _without(op: str, key: str) -> Alter:
-    return _on(op, lambda message: {name: value for name, value in message.items() if name != key})
-
-
-def _drop(op: str, when: Callable[[Message], bool]) -> Alter:
-    return _on(op, lambda message: None if when(message) else message)
-
-
-def _twice(op: str) -> Alter:
-    return lambda message, memory: [message, message] if message.get("op") == op else None
 
 
 def _in_payload(op: str, key: str, change: Change) -> Alter:
@@ -53,7 +25,7 @@ def _in_payload(op: str, key: str, change: Change) -> Alter:
             return change(name, [walk(name, item) for item in value])
         return change(name, value)
 
-    return _on(op, lambda message: {**message, key: walk("", message.get(key))})
+    return on(op, lambda message: {**message, key: walk("", message.get(key))})
 
 
 def _message(change: Change) -> Alter:
@@ -65,11 +37,11 @@ def _values(change: Change) -> Alter:
 
 
 def _reply(change: Callable[[Message], Message | None]) -> Alter:
-    return _on("service_response", change)
+    return on("service_response", change)
 
 
 def _call(change: Callable[[Message], Message | None]) -> Alter:
-    return _on("call_service", change)
+    return on("call_service", change)
 
 
 def _every_third_lost(message: Message, memory: Memory) -> list[Message] | None:
@@ -185,7 +157,7 @@ def _option(key: str, change: Callable[[int], int]) -> Alter:
         number = message.get(key)
         return {**message, key: change(number)} if isinstance(number, int) and number > 0 else message
 
-    return _on("subscribe", alter)
+    return on("subscribe", alter)
 
 
 def _slash(key: str) -> Callable[[Message], Message]:
@@ -197,7 +169,7 @@ def _failed(change: Callable[[Message], Message]) -> Alter:
 
 
 def _fragment(change: Callable[[Message], Message]) -> Alter:
-    return _on("fragment", change)
+    return on("fragment", change)
 
 
 def _number(message: Message, key: str) -> int:
@@ -252,7 +224,7 @@ def _says_bytes(name: str, cases: str, alter: Callable[[bytes], bytes]) -> Fault
 
 
 _REPLIES = (
-    _says("loses the id of replies", "SRV-01 ENV-02", _without("service_response", "id")),
+    _says("loses the id of replies", "SRV-01 ENV-02", without("service_response", "id")),
     _says(
         "turns the id of replies into text",
         "ENV-02 SRV-01",
@@ -268,15 +240,15 @@ _REPLIES = (
         _failed(lambda m: {**m, "values": {"error": m.get("values")}}),
     ),
     _says("leaves out empty values", "JSN-09", _reply(lambda m: {k: v for k, v in m.items() if v != {}})),
-    _says("answers twice", "SRV-14", _twice("service_response")),
+    _says("answers twice", "SRV-14", twice("service_response")),
     _says(
         "never answers calls to unknown services",
         "SRV-04",
-        _drop("service_response", lambda m: not m.get("result")),
+        drop("service_response", lambda m: not m.get("result")),
     ),
     _says("asks providers without args", "SVP-02", _call(lambda m: {k: v for k, v in m.items() if v != {}})),
-    _says("asks providers without id", "SVP-02", _without("call_service", "id")),
-    _says("asks providers under one id", "SVP-02", _put("call_service", id="request")),
+    _says("asks providers without id", "SVP-02", without("call_service", "id")),
+    _says("asks providers under one id", "SVP-02", put("call_service", id="request")),
     _says(
         "calls the args of a request data",
         "SVP-01",
@@ -292,8 +264,8 @@ _REPLIES = (
         "SRV-02",
         _call(lambda m: {**m, "args": {}} if isinstance(m.get("args"), list) else m),
     ),
-    _hears("needs args", "SRV-02", _drop("call_service", lambda m: "args" not in m)),
-    _hears("ignores the timeout of calls", "SRV-10", _without("call_service", "timeout")),
+    _hears("needs args", "SRV-02", drop("call_service", lambda m: "args" not in m)),
+    _hears("ignores the timeout of calls", "SRV-10", without("call_service", "timeout")),
     _hears(
         "takes timeouts for milliseconds",
         "services/timeout*",
@@ -307,7 +279,7 @@ _REPLIES = (
     _hears(
         "does not resolve relative service names",
         "SRV-12",
-        _drop("call_service", lambda m: not str(m.get("service")).startswith("/")),
+        drop("call_service", lambda m: not str(m.get("service")).startswith("/")),
     ),
     _hears(
         "takes a provider's failure for success",
@@ -320,45 +292,43 @@ _REPLIES = (
             )
         ),
     ),
-    _hears(
-        "refuses answers without values", "SVP-05", _drop("service_response", lambda m: "values" not in m)
-    ),
+    _hears("refuses answers without values", "SVP-05", drop("service_response", lambda m: "values" not in m)),
     _hears(
         "refuses answers whose values are text",
         "SVP-05",
-        _drop("service_response", lambda m: isinstance(m.get("values"), str)),
+        drop("service_response", lambda m: isinstance(m.get("values"), str)),
     ),
-    _hears("does not withdraw services", "SVP-09", _drop("unadvertise_service", lambda m: True)),
+    _hears("does not withdraw services", "SVP-09", drop("unadvertise_service")),
 )
 
 _TOPICS = (
-    _says("delivers with an id", "PUB-10", _put("publish", id="p")),
-    _says("delivers with a type", "PUB-10", _put("publish", type="std_msgs/String")),
-    _says("names the topic as resolved", "PUB-09", _on("publish", _slash("topic"))),
-    _says("delivers twice", "PUB-01 SUB-04", _twice("publish")),
+    _says("delivers with an id", "PUB-10", put("publish", id="p")),
+    _says("delivers with a type", "PUB-10", put("publish", type="std_msgs/String")),
+    _says("names the topic as resolved", "PUB-09", on("publish", _slash("topic"))),
+    _says("delivers twice", "PUB-01 SUB-04", twice("publish")),
     _says("loses every third message", "PUB-11", _every_third_lost),
     _says("swaps messages", "PUB-11", _pairs_swapped),
-    _hears("ignores throttle_rate", "THR-02", _without("subscribe", "throttle_rate")),
+    _hears("ignores throttle_rate", "THR-02", without("subscribe", "throttle_rate")),
     _hears("takes throttle_rate for seconds", "THR-09", _throttle(lambda rate: rate * 1000)),
     _hears("throttles a little too much", "THR-02 THR-03", _throttle(lambda rate: rate * 2)),
     _hears("throttles a little too little", "THR-02 THR-03", _throttle(lambda rate: rate // 2)),
     _hears("follows the first throttle_rate", "SUB-05 SUB-09", _first_throttle),
-    _hears("ignores queue_length", "THR-03", _without("subscribe", "queue_length")),
+    _hears("ignores queue_length", "THR-03", without("subscribe", "queue_length")),
     _hears("queues one too many", "THR-03 THR-05", _queue(lambda length: length + 1)),
     _hears("queues one too few", "THR-03 THR-05", _queue(lambda length: length - 1)),
-    _hears("ends all subscriptions at once", "UNS-01", _without("unsubscribe", "id")),
-    _hears("never unsubscribes", "UNS-01 UNS-03", _drop("unsubscribe", lambda m: True)),
-    _hears("needs an id to unsubscribe", "UNS-04", _drop("unsubscribe", lambda m: "id" not in m)),
+    _hears("ends all subscriptions at once", "UNS-01", without("unsubscribe", "id")),
+    _hears("never unsubscribes", "UNS-01 UNS-03", drop("unsubscribe")),
+    _hears("needs an id to unsubscribe", "UNS-04", drop("unsubscribe", lambda m: "id" not in m)),
     _hears("keeps one subscription for all ids", "SUB-05 UNS-01", _one_subscription_id),
-    _hears("needs a type to subscribe", "SUB-01", _drop("subscribe", lambda m: "type" not in m)),
-    _hears("ignores the type of subscribe", "SUB-02", _without("subscribe", "type")),
+    _hears("needs a type to subscribe", "SUB-01", drop("subscribe", lambda m: "type" not in m)),
+    _hears("ignores the type of subscribe", "SUB-02", without("subscribe", "type")),
     _hears(
-        "refuses unknown compressions", "SUB-10", _drop("subscribe", lambda m: m.get("compression") == "zip")
+        "refuses unknown compressions", "SUB-10", drop("subscribe", lambda m: m.get("compression") == "zip")
     ),
-    _hears("refuses null options", "SUB-11", _drop("subscribe", lambda m: None in m.values())),
-    _hears("ignores latch", "SUB-13 ADV-07", _without("advertise", "latch")),
-    _hears("refuses latch and queue_size", "ADV-06", _drop("advertise", lambda m: "queue_size" in m)),
-    _hears("refuses publish without msg", "PUB-04", _drop("publish", lambda m: "msg" not in m)),
+    _hears("refuses null options", "SUB-11", drop("subscribe", lambda m: None in m.values())),
+    _hears("ignores latch", "SUB-13 ADV-07", without("advertise", "latch")),
+    _hears("refuses latch and queue_size", "ADV-06", drop("advertise", lambda m: "queue_size" in m)),
+    _hears("refuses publish without msg", "PUB-04", drop("publish", lambda m: "msg" not in m)),
     _hears(
         "takes any op in capitals",
         "ENV-05",
@@ -433,7 +403,7 @@ _CONVERSION = (
         _message(_objects(lambda v: {n: i for n, i in v.items() if i is not None})),
     ),
     _hears("wraps bytes around", "JSN-24", _message(_integers_as(lambda n: n % 256 if n < 1000 else n))),
-    _hears("skips unknown fields", "JSN-25", _on("publish", lambda m: {**m, "msg": _no_extra(m.get("msg"))})),
+    _hears("skips unknown fields", "JSN-25", on("publish", lambda m: {**m, "msg": _no_extra(m.get("msg"))})),
     _hears(
         "publishes the fields that fit",
         "PUB-03",
@@ -448,7 +418,7 @@ _CONVERSION = (
     _hears(
         "takes no base64",
         "JSN-20",
-        _drop(
+        drop(
             "publish",
             lambda m: (
                 isinstance(b := m.get("msg"), dict) and "layout" in b and isinstance(b.get("data"), str)
@@ -466,8 +436,8 @@ _WRAPPINGS = (
     ),
     _hears("keeps one table of fragments", "FRG-08", _shared_lists),
     _says("sends a float total", "FRG-23", _fragment(lambda m: {**m, "total": _number(m, "total") + 0.5})),
-    _says("sends fragments under the id 0", "FRG-24", _put("fragment", id=0)),
-    _says("sends all fragments under one id", "FRG-24", _put("fragment", id="f")),
+    _says("sends fragments under the id 0", "FRG-24", put("fragment", id=0)),
+    _says("sends all fragments under one id", "FRG-24", put("fragment", id="f")),
     _says(
         "counts sent fragments from one",
         "FRG-20 FRG-21",
@@ -483,15 +453,15 @@ _WRAPPINGS = (
         "FRG-20",
         _fragment(lambda m: {**m, "total": _number(m, "total") + 1}),
     ),
-    _hears("never cuts messages", "FRG-20", _without("subscribe", "fragment_size")),
+    _hears("never cuts messages", "FRG-20", without("subscribe", "fragment_size")),
     _hears("keeps fragment_size for the connection", "FRG-20", _sticky_fragments),
     _says(
         "breaks the lines of base64 pictures",
         "PNG-04",
-        _on("png", lambda m: {**m, "data": f"{str(m['data'])[:40]}\n{str(m['data'])[40:]}"}),
+        on("png", lambda m: {**m, "data": f"{str(m['data'])[:40]}\n{str(m['data'])[40:]}"}),
     ),
-    _says("numbers pictures", "FRG-26 PNG-01", _put("png", num=0, total=1)),
-    _hears("ignores compression", "CBR-01 PNG-01", _without("subscribe", "compression")),
+    _says("numbers pictures", "FRG-26 PNG-01", put("png", num=0, total=1)),
+    _hears("ignores compression", "CBR-01 PNG-01", without("subscribe", "compression")),
     _says_bytes("says that float32 are big-endian", "CBR-02", _bytes(b"\xd8\x55", b"\xd8\x51")),
     _says_bytes("tags int16 as uint16", "CBR-02", _bytes(b"\xd8\x4d", b"\xd8\x45")),
     _says_bytes("tags byte strings", "CBR-03", _bytes(b"\x64data\x44", b"\x64data\xd8\x40\x44")),
@@ -501,38 +471,38 @@ _WRAPPINGS = (
 )
 
 _ACTIONS = (
-    _says("calls every outcome a success", "ACT-03 ACT-15", _put("action_result", status=4)),
+    _says("calls every outcome a success", "ACT-03 ACT-15", put("action_result", status=4)),
     _says(
         "reports an aborted goal as not run",
         "ACT-03",
-        _on("action_result", lambda m: {**m, "result": m.get("status") == 4}),
+        on("action_result", lambda m: {**m, "result": m.get("status") == 4}),
     ),
     _says(
         "sends the status as text",
         "ACT-03",
-        _on("action_result", lambda m: {**m, "status": str(m.get("status"))}),
+        on("action_result", lambda m: {**m, "status": str(m.get("status"))}),
     ),
-    _says("loses the id of results", "ACT-01", _without("action_result", "id")),
-    _says("loses the id of feedback", "ACT-02", _without("action_feedback", "id")),
-    _says("sends feedback twice", "ACT-02", _twice("action_feedback")),
+    _says("loses the id of results", "ACT-01", without("action_result", "id")),
+    _says("loses the id of feedback", "ACT-02", without("action_feedback", "id")),
+    _says("sends feedback twice", "ACT-02", twice("action_feedback")),
     _says("sends feedback after the result", "ACT-06", _feedback_late),
-    _hears("sends feedback to all", "ACT-02", _put("send_action_goal", feedback=True)),
-    _hears("sends feedback to nobody", "ACT-02", _put("send_action_goal", feedback=False)),
-    _hears("ignores cancels", "ACT-07", _drop("cancel_action_goal", lambda m: True)),
-    _hears("refuses results without status", "ACT-16", _drop("action_result", lambda m: "status" not in m)),
+    _hears("sends feedback to all", "ACT-02", put("send_action_goal", feedback=True)),
+    _hears("sends feedback to nobody", "ACT-02", put("send_action_goal", feedback=False)),
+    _hears("ignores cancels", "ACT-07", drop("cancel_action_goal")),
+    _hears("refuses results without status", "ACT-16", drop("action_result", lambda m: "status" not in m)),
     _hears(
         "does not check the type of goals",
         "ACT-04",
-        _put("send_action_goal", action_type="example_interfaces/Fibonacci"),
+        put("send_action_goal", action_type="example_interfaces/Fibonacci"),
     ),
-    _says("sends goals without feedback wish", "ACT-12", _without("send_action_goal", "feedback")),
-    _says("sends cancels without action", "ACT-13", _without("cancel_action_goal", "action")),
+    _says("sends goals without feedback wish", "ACT-12", without("send_action_goal", "feedback")),
+    _says("sends cancels without action", "ACT-13", without("cancel_action_goal", "action")),
 )
 
 _REST = (
-    _says("loses the id of status", "STA-03", _without("status", "id")),
-    _says("calls every status a warning", "STA-04 STA-03", _put("status", level="warning")),
-    _says("sends empty status", "STA-03", _put("status", msg="")),
+    _says("loses the id of status", "STA-03", without("status", "id")),
+    _says("calls every status a warning", "STA-04 STA-03", put("status", level="warning")),
+    _says("sends empty status", "STA-03", put("status", msg="")),
     _says("tells of success unasked", "STA-05", _success_told),
     _says("tells clients without status of success", "status/unsolicited", _success_told),
     _says("gives text parameters as plain text", "API-07", _reply(_plain_value)),
@@ -545,7 +515,7 @@ _REST = (
     _hears(
         "ignores set_level none",
         "STA-02",
-        _on("set_level", lambda m: {**m, "level": "info"} if m.get("level") == "none" else m),
+        on("set_level", lambda m: {**m, "level": "info"} if m.get("level") == "none" else m),
     ),
     _says(
         "mixes up the types of topics",

@@ -58,11 +58,7 @@ def test_a_good_program_is_named_passes_and_tells_what_it_cannot() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "got"),
-    [
-        ("dies", "the program has ended"),
-        ("hangs", "none within 1 s"),
-        ("refuses", "no subscriptions today"),
-    ],
+    [("dies", "the program has ended"), ("hangs", "none within 1 s"), ("refuses", "no subscriptions today")],
 )
 def test_a_program_that_goes_wrong_fails_the_case_and_is_started_anew(
     kind: str, got: str, monkeypatch: pytest.MonkeyPatch
