@@ -187,10 +187,7 @@ async def test_resources_and_prompts_lead_to_the_same(both: Pair) -> None:
     (read,) = (await agent.read_resource("robot://overview")).contents
     assert "/battery" in getattr(read, "text", "")
     templates = (await agent.list_resource_templates()).resource_templates
-    assert {each.uri_template for each in templates} == {
-        "robot://topics/{+topic}",
-        "robot://types/{+type}",
-    }
+    assert {each.uri_template for each in templates} == {"robot://topics/{+topic}", "robot://types/{+type}"}
     (read,) = (await agent.read_resource("robot://topics/battery")).contents
     assert '"percentage":0.75' in getattr(read, "text", "")
     _, picture = (await agent.read_resource("robot://topics/camera")).contents

@@ -7,7 +7,14 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from rwt.extensions.recording import Encoding, RecordingOptions, TopicSelection, record_graph
+from rwt.extensions.recording import (
+    Encoding,
+    RecordingOptions,
+    RecordingWriter,
+    TopicSelection,
+    channel_form,
+    record_graph,
+)
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import DISTROS, Registry
 
@@ -49,6 +56,16 @@ def record_seconds(path: Path, start_ns: int = START_NS) -> None:
         for number in range(6):
             topic.publish({"data": number})
             clock.advance(1.0)
+
+
+def record_chunks(path: Path) -> None:
+    """A recording of three chunks without compression; the texts are `AAA…` at 0 ns to `III…` at 8 ns."""
+    string = Registry(DISTROS["jazzy"]).message("std_msgs/String")
+    with RecordingWriter(path, DISTROS["jazzy"], RecordingOptions(compression="none")) as writer:
+        channel = writer.add_channel(channel_form("/text", string, "ros"))
+        for number in range(9):
+            text = string.struct(data=chr(65 + number) * 399_999)
+            writer.write(channel, number, number, string.to_cdr(text))
 
 
 def rows(path: Path) -> list[Row]:

@@ -36,7 +36,7 @@ from rwt.extensions.recording.mcap_files import McapRecording, recover
 from rwt.extensions.recording.mcap_index import MAGIC
 from rwt_graph import Node
 from rwt_interfaces import JAZZY, Registry
-from tests.extensions.recording.robots import OWN, START_NS, graph_at, record_robot, rows
+from tests.extensions.recording.robots import OWN, START_NS, graph_at, record_chunks, record_robot, rows
 
 STRING = Registry(JAZZY).message("std_msgs/String")
 TEXT = channel_form("/text", STRING, "ros")
@@ -203,11 +203,7 @@ def test_a_file_that_is_there_is_not_overwritten_unless_told(tmp_path: Path) -> 
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file of several chunks."""
     path = tmp_path_factory.mktemp("whole") / "run.mcap"
-    with RecordingWriter(path, JAZZY, RecordingOptions(compression="none")) as writer:
-        channel = writer.add_channel(TEXT)
-        for number in range(9):
-            content = b"\0\1\0\0" + (400_000).to_bytes(4, "little") + bytes([65 + number]) * 399_999 + b"\0"
-            writer.write(channel, number, number, content)
+    record_chunks(path)
     return path
 
 
@@ -224,20 +220,6 @@ def test_a_cut_file_is_read_as_far_as_its_chunks_are_whole(tmp_path: Path, whole
     assert times == list(range(len(times)))
     # A chunk of this file holds three messages of 400 kB.
     assert len(times) >= min(9, length // 1_250_000 * 3)
-
-
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(tail=st.binary(max_size=200), cut=st.integers(0, 3000))
-def test_anything_after_the_magic_is_read_or_refused(
-    tmp_path: Path, whole: Path, tail: bytes, cut: int
-) -> None:
-    path = tmp_path / "odd.mcap"
-    path.write_bytes(whole.read_bytes()[: len(MAGIC) + cut] + tail)
-    try:
-        with McapRecording(path) as recording:
-            assert list(recording.messages()) == []
-    except RecordingUnreadable as error:
-        assert "odd.mcap" in str(error)
 
 
 def test_a_damaged_chunk_is_left_out(tmp_path: Path, whole: Path) -> None:

@@ -13,11 +13,7 @@ from rwt.extensions.foxglove.catalogue import OfferedService
 from rwt.extensions.foxglove.errors import FoxgloveError, NotPossible
 from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ServiceCallRequest
-from rwt.extensions.foxglove.wire.payloads import (
-    check_encoding,
-    in_encoding,
-    payload_of,
-)
+from rwt.extensions.foxglove.wire.payloads import check_encoding, in_encoding, payload_of
 from rwt.extensions.foxglove.wire.server_messages import service_call_failure, service_call_response
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload

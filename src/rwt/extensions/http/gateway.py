@@ -81,9 +81,7 @@ class HttpGateway(Gateway):
         )
         self._services = services.ServicePages(self._visitors, settings.goals)
         self.http = HttpExtension(
-            tuple(self._routes(topics.TopicPages(self._visitors, access))),
-            self._section,
-            self._metrics,
+            tuple(self._routes(topics.TopicPages(self._visitors, access))), self._section, self._metrics
         )
 
     def reload_roles(self) -> None:

@@ -18,13 +18,7 @@ from rwt.extensions.http.clients import Clients, HttpClient, ReaderStream
 from rwt.extensions.http.events import SAMPLES, STREAM_BYTES, event
 from rwt.extensions.http.problems import HttpProblem
 from rwt.extensions.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
-from rwt.extensions.http.requests import (
-    IN_STEPS,
-    MAX_WAIT_SECONDS,
-    Query,
-    name_below,
-    payload_of,
-)
+from rwt.extensions.http.requests import IN_STEPS, MAX_WAIT_SECONDS, Query, name_below, payload_of
 from rwt_graph.api import Sample
 from rwt_participant.qos import LATCHED, Durability, QoS
 from rwt_transports.endpoint import DropReason

@@ -101,12 +101,7 @@ class ResourceSubscriptions:
         return scope
 
     async def _run(
-        self,
-        context: Context,
-        uri: str,
-        tell: Tell,
-        *,
-        task_status: TaskStatus[anyio.CancelScope],
+        self, context: Context, uri: str, tell: Tell, *, task_status: TaskStatus[anyio.CancelScope]
     ) -> None:
         is_started = False
         try:

@@ -46,13 +46,13 @@ _PLUMBING: Final = (
 class ListRobotArguments(Arguments):
     """Arguments of `list_robot`."""
 
-    kinds: Annotated[
-        tuple[Kind, ...],
-        Field(min_length=1, max_length=4, description="what to list"),
-    ] = ("topics", "services", "actions")
+    kinds: Annotated[tuple[Kind, ...], Field(min_length=1, max_length=4, description="what to list")] = (
+        "topics",
+        "services",
+        "actions",
+    )
     filter: Annotated[
-        str,
-        Field(max_length=256, description="only names that match, such as `/camera/*` or `*battery*`"),
+        str, Field(max_length=256, description="only names that match, such as `/camera/*` or `*battery*`")
     ] = "*"
     plumbing: Annotated[
         bool, Field(description="include the services that every node has (parameters, loggers)")

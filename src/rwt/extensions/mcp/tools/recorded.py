@@ -59,8 +59,7 @@ class ReadRecordingArguments(Arguments):
     recording: Annotated[Name, Field(description="name of the recording")]
     topic: Annotated[Name, Field(description="absolute name")]
     at: Annotated[
-        float,
-        Field(ge=0, le=1e9, allow_inf_nan=False, description="seconds after the recording's start"),
+        float, Field(ge=0, le=1e9, allow_inf_nan=False, description="seconds after the recording's start")
     ] = 0.0
 
 
