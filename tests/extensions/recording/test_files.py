@@ -49,8 +49,7 @@ def write(writer: RecordingWriter, *times_ns: int) -> None:
         writer.write(channel, time_ns, time_ns, STRING.to_cdr(STRING.struct()))
 
 
-def test_mcap_ros2_reads_every_message(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_mcap_ros2_reads_every_message(path: Path) -> None:
     record_robot(path)
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -63,8 +62,7 @@ def test_mcap_ros2_reads_every_message(tmp_path: Path) -> None:
     assert (image.encoding, bytes(image.data)) == ("rgb8", bytes(range(12)))
 
 
-def test_rosbags_reads_the_ros_1_file_by_its_own_definitions(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_rosbags_reads_the_ros_1_file_by_its_own_definitions(path: Path) -> None:
     record_robot(path, "noetic")
     store = get_typestore(Stores.EMPTY)
     with path.open("rb") as file:
@@ -83,8 +81,7 @@ def test_rosbags_reads_the_ros_1_file_by_its_own_definitions(tmp_path: Path) -> 
     assert first.data == "hall"
 
 
-def test_rosbags_opens_the_ros_2_file(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_rosbags_opens_the_ros_2_file(path: Path) -> None:
     record_robot(path)
     with AnyReader([path]) as reader:
         assert {each.topic: each.msgcount for each in reader.connections} == {
@@ -99,8 +96,7 @@ def test_rosbags_opens_the_ros_2_file(tmp_path: Path) -> None:
     assert len(messages) == 26
 
 
-def test_json_channels_are_objects_with_an_inline_schema(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_json_channels_are_objects_with_an_inline_schema(path: Path) -> None:
     record_robot(path, encoding="json")
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -125,8 +121,7 @@ def test_a_schema_says_how_long_an_array_is() -> None:
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_every_compression_reads_back(tmp_path: Path, compression: Compression) -> None:
-    path = tmp_path / "run.mcap"
+def test_every_compression_reads_back(path: Path, compression: Compression) -> None:
     graph, clock = graph_at()
     with (
         Node(graph, "robot") as node,
@@ -189,8 +184,7 @@ def test_whatever_goes_wrong_while_writing_is_told(tmp_path: Path, caplog: pytes
     assert "argument out of range" in caplog.text
 
 
-def test_a_file_that_is_there_is_not_overwritten_unless_told(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_a_file_that_is_there_is_not_overwritten_unless_told(path: Path) -> None:
     path.write_bytes(b"precious")
     with pytest.raises(RecordingNotWritten, match=r"run\.mcap is there already"):
         RecordingWriter(path, JAZZY)
@@ -357,9 +351,8 @@ def test_a_recording_does_not_begin_on_a_full_disk(tmp_path: Path) -> None:
 
 
 def test_what_was_written_before_the_disk_was_full_is_readable(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "run.mcap"
     room = 3_000_000
 
     def write(file: int, data: memoryview) -> int:

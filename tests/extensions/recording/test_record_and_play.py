@@ -114,8 +114,7 @@ def test_of_a_damaged_recording_the_rest_is_played_and_recovered_and_the_end_is_
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, demo: str, how: signal.Signals) -> None:
-    path = tmp_path / "run.mcap"
+def test_a_signal_ends_a_recording_cleanly(path: Path, demo: str, how: signal.Signals) -> None:
     words = ("bag", "record", "/odom", "tf*", "--url", demo, "-o", str(path))
     with running(*words, ready="recording ", real=how is signal.SIGINT) as (recorder, _):
         time.sleep(0.3)
@@ -128,9 +127,8 @@ def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, demo: str, how: signa
         assert [topic.name for topic in recording.topics] == ["/odom", "/tf", "/tf_static"]
 
 
-def test_a_second_sigterm_does_not_cut_a_recording(tmp_path: Path) -> None:
+def test_a_second_sigterm_does_not_cut_a_recording(path: Path) -> None:
     """GNU's `timeout` sends it to its child, and then to the whole group of processes."""
-    path = tmp_path / "run.mcap"
     with running("serve", URL, "--demo", "--record", str(path), real=True) as (server, _):
         time.sleep(0.3)
         for _ in range(2):
@@ -141,8 +139,7 @@ def test_a_second_sigterm_does_not_cut_a_recording(tmp_path: Path) -> None:
         assert recording.complete
 
 
-def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_serve_records_topics_and_calls(path: Path) -> None:
     arguments = ("serve", URL, "--demo", "--introspection", "--record", str(path))
     with running(*arguments) as (server, url):
         with connect(url) as robot:
@@ -154,8 +151,7 @@ def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
         assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
 
 
-def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(path: Path) -> None:
     serve = ("serve", URL, "--demo", "--introspection")
     record = ("bag", "record", "/late", "/add_two_ints/*", "--services", "-o", str(path))
     with (
@@ -212,8 +208,9 @@ def test_a_recording_of_topics_that_are_not_there_says_so(
     assert "no messages on the given topics" in capsys.readouterr().err
 
 
-def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "run.mcap"
+def test_wrong_calls_are_said_in_a_line(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path.write_bytes(b"")
     good = tmp_path / "good.mcap"
     RecordingWriter(good, JAZZY).close()
@@ -281,10 +278,9 @@ def test_keys_control_a_player() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a terminal of Unix")
-def test_space_in_a_terminal_goes_on_until_the_end(tmp_path: Path) -> None:
+def test_space_in_a_terminal_goes_on_until_the_end(path: Path) -> None:
     import pty
 
-    path = tmp_path / "run.mcap"
     RecordingWriter(path, JAZZY).close()
     ours, theirs = pty.openpty()
     words = ("bag", "play", str(path), URL, "--start-paused")
