@@ -20,10 +20,11 @@ from rwt.extensions.mcp.content.answer import Part, Picture, as_text
 from rwt.extensions.mcp.errors import AnswerNeeded, ToolError
 from rwt.extensions.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, Resource, read_resource
 from rwt.extensions.mcp.person import Person, asked
-from rwt.extensions.mcp.subscriptions import ResourceSubscriptions, running_subscriptions
+from rwt.extensions.mcp.subscriptions import ResourceSubscriptions
 from rwt.extensions.mcp.tools import TOOLS
 from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
+from rwt_transports.background import background_tasks
 from rwt_transports.http.routes import any_of
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def make_server(host: Host, version: str, *, keeps_sessions: bool = True) -> Ser
         version=version,
         title="Robot",
         instructions=INSTRUCTIONS,
-        lifespan=running_subscriptions,
+        lifespan=lambda server: background_tasks(),  # Of all subscriptions.
         get_tool_input_schema=lambda name: TOOLS[name].schema if name in TOOLS else None,
         on_list_tools=handlers.list_tools,
         on_call_tool=handlers.call_tool,

@@ -202,8 +202,6 @@ def _status_line(player: Player) -> str:
 
 
 def _announce(recording: Recording) -> None:
-    count = sum(topic.count or 0 for topic in recording.topics)
-    length = (recording.end_ns - recording.start_ns) / 1e9
-    print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)
+    print(f"playing {recording.message_count} messages of {recording.seconds:.1f} s", file=sys.stderr)
     if not recording.complete:
         print("the recording is incomplete: playing what can be read (see rwt bag recover)", file=sys.stderr)
