@@ -20,6 +20,7 @@ from rwt_participant.handles import Publisher
 from rwt_transports.scheduler import MESSAGES
 from tests.conftest import START_NS
 from tests.core.rosbridge.recording_client import Client
+from tests.core.rosbridge.test_turns import BusyClock
 from tests.extensions.foxglove.conftest import MakeGateway, gateway_of, guest
 from tests.extensions.foxglove.viewer import Viewer
 
@@ -163,17 +164,8 @@ def test_a_mistake_of_the_server_is_logged_and_reveals_nothing(
 # -- turns -------------------------------------------------------------------------------------------------
 
 
-class BusyClock(SimulatedClock):
-    """A clock on which work takes time."""
-
-    worked = 0.0
-
-    def monotonic(self) -> float:
-        return super().monotonic() + self.worked
-
-
 def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
-    clock = BusyClock(START_NS)
+    clock = BusyClock()
     graph = MemoryGraph(clock=clock)
     viewer = Viewer(gateway_of(graph))
     heard: list[str] = []
@@ -194,7 +186,7 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
 
 
 def test_a_text_about_many_things_is_done_in_turns(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = BusyClock(START_NS)
+    clock = BusyClock()
     viewer = Viewer(gateway_of(MemoryGraph(clock=clock)))
     original = viewer.client.subscriptions.unsubscribe
 
