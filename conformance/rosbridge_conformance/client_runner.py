@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from urllib.parse import urlsplit
 
+from rosbridge_conformance.case_player import Played
 from rosbridge_conformance.client_player import play_as_server
-from rosbridge_conformance.player import Played
 from rosbridge_conformance.program import Program
 from rosbridge_conformance.runner import Conditions, Result, Run, judge_cases
 from rosbridge_conformance.suite.case import Case

@@ -138,10 +138,7 @@ def _client_parser(prog: str) -> argparse.ArgumentParser:
         help="where to listen; a fixed port needs --jobs 1 (default %(default)s)",
     )
     parser.add_argument(
-        "--copy-adapters",
-        type=Path,
-        metavar="DIR",
-        help="copy the programs of the suite, and end",
+        "--copy-adapters", type=Path, metavar="DIR", help="copy the programs of the suite, and end"
     )
     _add_options(parser, shipped_clients(), CLIENT_CASES, jobs=4)
     return parser

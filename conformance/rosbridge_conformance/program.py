@@ -60,10 +60,7 @@ class Program:
         self._answers: dict[int, asyncio.Future[dict[str, Json]]] = {}
         self._hello: asyncio.Future[dict[str, Json]] = asyncio.get_running_loop().create_future()
         self._last_words: list[str] = []
-        self._readers = (
-            asyncio.create_task(self._read_output()),
-            asyncio.create_task(self._read_errors()),
-        )
+        self._readers = (asyncio.create_task(self._read_output()), asyncio.create_task(self._read_errors()))
 
     @classmethod
     async def start(cls, command: Sequence[str]) -> Program:

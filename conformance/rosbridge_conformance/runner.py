@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from rosbridge_conformance.player import Fault, Line, Played
+from rosbridge_conformance.case_player import Fault, Line, Played
 from rosbridge_conformance.suite.case import Case, Close, ExpectNothing, Wait
 from rosbridge_conformance.suite.matching import Difference
 from rosbridge_conformance.suite.target import Target

@@ -9,7 +9,8 @@ import os
 from collections import deque
 from dataclasses import dataclass, replace
 
-from rosbridge_conformance.player import Played, play
+from rosbridge_conformance.case_player import Played
+from rosbridge_conformance.player import play
 from rosbridge_conformance.suite.case import Case, Send, Settle, Step
 from rosbridge_conformance.suite.stretch import MOST, factor, stretched
 from rosbridge_conformance.suite.target import Target

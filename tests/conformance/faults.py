@@ -40,6 +40,34 @@ Alter = Callable[[Message, Memory], list[Message] | None]
 """From one message to those that go on in its place; None leaves it as it is."""
 
 
+def on(op: str, change: Callable[[Message], Message | None]) -> Alter:
+    """Alter messages of one op; None drops them."""
+
+    def alter(message: Message, memory: Memory) -> list[Message] | None:
+        if message.get("op") != op:
+            return None
+        changed = change(dict(message))
+        return [] if changed is None else [changed]
+
+    return alter
+
+
+def put(op: str, **fields: Json) -> Alter:
+    return on(op, lambda message: {**message, **fields})
+
+
+def without(op: str, *keys: str) -> Alter:
+    return on(op, lambda message: {name: value for name, value in message.items() if name not in keys})
+
+
+def drop(op: str, when: Callable[[Message], bool] = lambda message: True) -> Alter:
+    return on(op, lambda message: None if when(message) else message)
+
+
+def twice(op: str) -> Alter:
+    return lambda message, memory: [message, message] if message.get("op") == op else None
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """One wrong behaviour.
@@ -73,7 +101,7 @@ class Fault:
         return spoilt
 
 
-def _altered(alter: Alter, data: bytes, memory: Memory) -> list[bytes]:
+def altered(alter: Alter, data: bytes, memory: Memory) -> list[bytes]:
     """The messages in place of one; text that is no object goes through."""
     try:
         value = json.loads(data)
@@ -91,7 +119,7 @@ class _SpoiltEndpoint(Endpoint):
 
     def receive(self, data: bytes, binary: bool) -> None:
         hears = self._fault.hears
-        for message in [data] if hears is None or binary else _altered(hears, data, self._memory):
+        for message in [data] if hears is None or binary else altered(hears, data, self._memory):
             self.inner.receive(message, binary)
 
     def closed(self, code: int, reason: str) -> None:
@@ -112,7 +140,7 @@ class _SpoiltSink(Sink):
             return [frame if alter is None else Frame(alter(frame.data), binary=True)]
         if self._fault.says is None:
             return [frame]
-        return [Frame(data) for data in _altered(self._fault.says, frame.data, self._memory)]
+        return [Frame(data) for data in altered(self._fault.says, frame.data, self._memory)]
 
     def send(self, frame: Frame) -> None:
         for altered in self.altered(frame):

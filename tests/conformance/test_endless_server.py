@@ -8,7 +8,8 @@ import json
 
 import pytest
 
-from rosbridge_conformance.player import CASE_BYTES, CASE_FRAMES, TRANSCRIPT_LINES, play
+from rosbridge_conformance.case_player import CASE_BYTES, CASE_FRAMES, TRANSCRIPT_LINES
+from rosbridge_conformance.player import play
 from rosbridge_conformance.suite.loading import load_cases
 from rosbridge_conformance.suite.target import Target
 from rosbridge_conformance.wire.pace import RealPace

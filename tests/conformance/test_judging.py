@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from rosbridge_conformance.case_player import Fault, Line, Played
 from rosbridge_conformance.command import main
-from rosbridge_conformance.player import Fault, Line, Played
 from rosbridge_conformance.reports import expected, html, junit
 from rosbridge_conformance.reports.counts import grade
 from rosbridge_conformance.reports.json_file import ReportError, read_results, render
@@ -35,27 +35,21 @@ from rosbridge_conformance.suite.target import (
 from rosbridge_conformance.suite.values import Json
 from rosbridge_conformance.wire.pace import RealPace
 
-_CASE = read_case(
-    "topics/thing",
-    {
-        "title": "T",
-        "rules": ["PUB-01"],
-        "level": "MUST",
-        "profile": "CORE",
-        "steps": [{"expect": {"op": "x"}}],
-    },
-)
+
+def _case(name: str = "topics/thing", level: str = "MUST", **more: Json) -> Case:
+    steps: Json = [{"expect": {"op": "x"}}]
+    usual: dict[str, Json] = {"title": "T", "rules": ["PUB-01"], "profile": "CORE", "steps": steps}
+    return read_case(name, {**usual, "level": level, **more})
+
+
+_CASE = _case()
 _FAULT = Fault(1, "a expects", Difference("op", "x", "y"))
 
 
 def _result(
     verdict: Verdict, name: str = "topics/thing", level: str = "MUST", why: str | None = None
 ) -> Result:
-    case = read_case(
-        name,
-        {"title": "T", "rules": ["PUB-01"], "level": level, "profile": "CORE", "steps": [{"expect": {}}]},
-    )
-    return Result(case, verdict, _FAULT if verdict == "fail" else None, expected=why)
+    return Result(_case(name, level), verdict, _FAULT if verdict == "fail" else None, expected=why)
 
 
 def _run(*results: Result, stale: tuple[str, ...] = ()) -> Run:
@@ -96,13 +90,9 @@ def test_a_target_says_what_is_asked_and_what_is_missing() -> None:
 
 def test_what_failed_is_written_as_a_target_that_expects_it(tmp_path: Path) -> None:
     target = Target(
-        name='a "quoted" server',
-        ros=1,
-        profiles=("CORE", "PNG"),
-        settle=0.5,
-        alone=("t/*",),
+        name='a "quoted" server', ros=1, profiles=("CORE", "PNG"), settle=0.5, alone=("t/*",),
         unstable={"t/some*": "at times"},
-    )
+    )  # fmt: skip
     known = _result("fail", "t/known", why="issue 12")
     sometimes = _result("fail", "t/sometimes", why="at times")
     run = replace(_run(_result("fail", "t/new"), known, sometimes, _result("pass", "t/well")), target=target)
@@ -161,23 +151,10 @@ def test_all_times_of_a_case_are_stretched_alike() -> None:
         {"expect": {"op": "publish"}, "within": 0.125},
         {"expect": {"op": "publish"}},
     ]
-    case = read_case(
-        "throttle/x",
-        {
-            "title": "T",
-            "rules": ["THR-01"],
-            "level": "MUST",
-            "profile": "CORE",
-            "timed": True,
-            "steps": steps,
-        },
-    )
+    case = _case("throttle/x", timed=True, steps=steps)
     subscribe, publish, wait, nothing, within, whenever = stretched(case, 2.0).steps
-    assert isinstance(subscribe, Send) and subscribe.body == {
-        "op": "subscribe",
-        "topic": "/@/t",
-        "throttle_rate": 400,
-    }
+    assert isinstance(subscribe, Send)
+    assert subscribe.body == {"op": "subscribe", "topic": "/@/t", "throttle_rate": 400}
     assert isinstance(publish, Send) and publish.every == 0.2
     assert publish.body == {"op": "publish", "topic": "/@/t", "msg": {"throttle_rate": "x"}}
     assert isinstance(wait, Wait) and wait.seconds == 0.5
@@ -229,13 +206,10 @@ def test_known_failures_that_cannot_be_used(
     known.write_text(text)
     with pytest.raises(TargetError, match=re.escape(said)):
         with_known(Target(), known, "1.0.0")
-    assert main(["ws://127.0.0.1:9", "--expect", str(known)]) == 2
-    assert said.split(", and this")[0] in capsys.readouterr().err
-
-
-def test_a_file_of_known_failures_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(TargetError, match="cannot be read: No such file"):
         with_known(Target(), tmp_path / "none.toml", "1.0.0")
+    assert main(["ws://127.0.0.1:9", "--expect", str(known)]) == 2
+    assert said.split(", and this")[0] in capsys.readouterr().err
 
 
 # -- which cases are played beside each other ----------------------------------------------------------------
@@ -265,10 +239,6 @@ class _Plays:
 
 async def _judged(plays: _Plays, target: Target, *cases: Case) -> Run:
     return await judge_cases(cases, target, plays, "ws://x", Conditions(jobs=4), RealPace())
-
-
-def _case(name: str, *, timed: bool = False, alone: bool = False) -> Case:
-    return replace(_result("pass", name).case, timed=timed, alone=alone)
 
 
 def test_cases_are_played_beside_those_that_they_may_be_played_beside() -> None:

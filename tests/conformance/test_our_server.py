@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import json
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Coroutine
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from rosbridge_conformance.suite.rules import load_rules
 from rosbridge_conformance.suite.target import find_target
 from rosbridge_conformance.wire.wires import Wire
 from rwt.extensions.zenoh import ZenohGraph
+from rwt_graph import MemoryGraph
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.loopback import Transport, served
 from tests.conformance.memory_server import MemoryServer, MemoryWire, VirtualPace, memory_server
@@ -29,18 +31,23 @@ from tests.conformance.two_servers import two_servers
 pytestmark = pytest.mark.usefixtures("quiet")
 
 
-async def _in_memory(distro: str) -> Run:
+def _passes(played: Coroutine[None, None, Run], least: int = 500) -> None:
+    """Run cases, and check that so many were played, and all as expected."""
+    run = asyncio.run(played)
+    assert len(run.results) > least
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
+    assert not run.stale
+
+
+async def _in_memory(distro: str, make_graph: type[MemoryGraph] = MemoryGraph) -> Run:
     target = find_target(f"rwt-{distro}")
-    async with memory_server(distro) as server:
+    async with memory_server(distro, make_graph=make_graph) as server:
         return await server.play(select(load_cases(), target), target)
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 def test_every_case_in_memory(distro: str) -> None:
-    run = asyncio.run(_in_memory(distro))
-    assert len(run.results) > 500
-    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
-    assert not run.stale
+    _passes(_in_memory(distro))
 
 
 class _BusyWire(MemoryWire):
@@ -76,23 +83,12 @@ async def _timed_cases_on_a_busy_machine() -> Run:
 
 
 def test_cases_that_measure_time_go_by_the_time_of_the_server() -> None:
-    run = asyncio.run(_timed_cases_on_a_busy_machine())
-    assert len(run.results) > 20
-    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
-
-
-async def _over_zenoh() -> Run:
-    target = find_target("rwt-jazzy")
-    async with memory_server("jazzy", make_graph=ZenohGraph) as server:
-        return await server.play(select(load_cases(), target), target)
+    _passes(_timed_cases_on_a_busy_machine(), 20)
 
 
 @pytest.mark.extended
 def test_every_case_with_a_graph_over_zenoh() -> None:
-    run = asyncio.run(_over_zenoh())
-    assert len(run.results) > 500
-    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
-    assert not run.stale
+    _passes(_in_memory("jazzy", ZenohGraph))
 
 
 async def _between_two_servers() -> Run:
@@ -105,10 +101,7 @@ async def _between_two_servers() -> Run:
 @pytest.mark.timeout(900)
 def test_every_case_between_two_servers_of_one_graph() -> None:
     """In real time, most of which is waiting."""
-    run = asyncio.run(_between_two_servers())
-    assert len(run.results) > 500
-    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
-    assert not run.stale
+    _passes(_between_two_servers())
 
 
 OF_A_THOUSAND = ("throttle/queue-thousand", "fragments/in/many-lists")
@@ -134,10 +127,7 @@ async def _over(transport: Transport, distro: str, folder: Path) -> Run:
 )
 def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:
     """Second distribution over one transport only, as transports do not depend on it."""
-    run = asyncio.run(_over(transport, distro, tmp_path))
-    assert len(run.results) > 500
-    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
-    assert not run.stale
+    _passes(_over(transport, distro, tmp_path))
 
 
 @pytest.mark.extended

@@ -27,7 +27,7 @@ from rwt.extensions.recording.playback import Player, PlayOptions
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_interfaces import Registry
 from tests.extensions.recording.robots import record_robot
-from tests.extensions.recording.test_bags import ros1_bag, ros2_bag
+from tests.extensions.recording.test_bags import write_bag
 from tests.faults.server_log import Failures
 
 FEW: Final = 40
@@ -71,14 +71,14 @@ def _write(path: Path, form: str) -> Path:
             record_robot(path / "run.mcap", distro, "json" if kind == ["json"] else "ros", messages=3)
             return path / "run.mcap"
         case ["ros1"]:
-            ros1_bag(path / "run.bag")
+            write_bag(path / "run.bag")
             return path / "run.bag"
         case ["ros1", _]:
             _packed_bag(path / "run.bag")
             return path / "run.bag"
         case _:
             plugin = StoragePlugin.MCAP if form.endswith("mcap") else StoragePlugin.SQLITE3
-            ros2_bag(path / "run", plugin)
+            write_bag(path / "run", plugin)
             return next(each for each in (path / "run").iterdir() if each.suffix != ".yaml")
 
 
@@ -237,7 +237,7 @@ BIG: Final[tuple[object, ...]] = (-1, 10**30, float("nan"), "9" * 5000, [[]])
     "key", ["starting_time", "duration", "message_count", "version", "relative_file_paths", "files"]
 )
 def test_metadata_of_rosbag2_may_say_anything(reader: Reader, tmp_path: Path, key: str) -> None:
-    ros2_bag(tmp_path / "run", StoragePlugin.SQLITE3)
+    write_bag(tmp_path / "run", StoragePlugin.SQLITE3)
     file = tmp_path / "run" / "metadata.yaml"
     metadata = yaml.safe_load(file.read_text())
     inner = metadata["rosbag2_bagfile_information"]

@@ -58,17 +58,16 @@ async def test_any_body_is_answered_and_leaves_nothing(
     headers: dict[str, str], caplog: pytest.LogCaptureFixture
 ) -> None:
     async with served(**OPEN) as server:
-        url = url_of(server)
         for name, body in BODIES.items():
             wanted = dict(headers)
             if headers and isinstance(body, dict) and isinstance(body.get("method"), str):
                 wanted["Mcp-Method"] = body["method"][:100]
-            status, text = await asyncio.to_thread(post, url, body, wanted)
+            status, _, text = await post(server, body, wanted)
             assert 200 <= status < 500 and len(text) < 10_100, (name, status, text[:300])
             assert "Traceback" not in text
         assert "rwt_mcp_requests 0" in server.metrics.text().decode()
         assert "rwt_mcp_sessions 0" in server.metrics.text().decode()
-        async with agent_at(url) as agent:
+        async with agent_at(url_of(server)) as agent:
             await done(agent, "list_robot")
     assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []
 
@@ -78,20 +77,19 @@ async def test_a_made_up_session_is_no_session(session: str) -> None:
     async with served(**OPEN) as server:
         for method in ("POST", "GET", "DELETE"):
             headers = {"Mcp-Session-Id": session}
-            status, _ = await asyncio.to_thread(post, url_of(server), INITIALIZE, headers, method)
-            assert 400 <= status < 500, method
+            assert 400 <= (await post(server, INITIALIZE, headers, method))[0] < 500, method
 
 
 async def test_a_body_that_is_too_long_is_not_read() -> None:
     async with served(**OPEN) as server:
-        status, text = await asyncio.to_thread(post, url_of(server), b" " * (1024 * 1024 + 1))
+        status, _, text = await post(server, b" " * (1024 * 1024 + 1))
         assert status == 413 and "http_body_bytes" in text
 
 
 async def test_foreign_pages_may_not_act() -> None:
     async with served(**OPEN) as server:
         foreign = {"Origin": "https://elsewhere.example"}
-        status, text = await asyncio.to_thread(post, url_of(server), INITIALIZE, foreign)
+        status, _, text = await post(server, INITIALIZE, foreign)
         assert status == 403 and "origins.allow" in text
 
 
@@ -132,11 +130,9 @@ def _listeners(server: Server) -> int:
 async def test_refusals_do_not_flood_the_log(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     async with served(Settings.model_validate(GUARDED)) as server:
-        url = url_of(server)
-        _, text = await asyncio.to_thread(post, url, INITIALIZE, {"Authorization": f"Bearer {PILOT}"})
-        session = text.partition("\n")[0]
+        _, session, _ = await post(server, INITIALIZE, {"Authorization": f"Bearer {PILOT}"})
         stolen = {"Authorization": f"Bearer {GUEST}", "Mcp-Session-Id": session}
         for _ in range(150):
-            assert (await asyncio.to_thread(post, url, INITIALIZE, stolen))[0] == 404
+            assert (await post(server, INITIALIZE, stolen))[0] == 404
     lines = [record for record in caplog.records if "credential does not match" in record.getMessage()]
     assert 0 < len(lines) < 150

@@ -22,7 +22,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rwt.extensions.recording import open_recording
 from rwt.extensions.recording.mcap_index import CHUNK_MESSAGES, HEAD, MAGIC
 from tests.extensions.recording.robots import record_robot
-from tests.extensions.recording.test_bags import ros1_bag, ros2_bag
+from tests.extensions.recording.test_bags import write_bag
 from tests.faults.limited import Ended, run_command, run_limited
 
 GROWN_BYTES: Final = 400 * 2**20
@@ -182,7 +182,7 @@ def test_a_sparse_file_is_not_searched_for_records(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])
 def test_a_chunk_of_a_bag_of_ros_1_is_unpacked_with_a_limit(tmp_path: Path, compression: str) -> None:
     path = tmp_path / "run.bag"
-    ros1_bag(path)
+    write_bag(path)
     content = path.read_bytes()
     packed, field = _packed_zeros(compression, BOMB_BYTES), f"compression={compression}".encode()
     chunk_at, data_at, end = _record_around(content, content.index(b"compression=none"))
@@ -214,7 +214,7 @@ def _record_around(content: bytes, position: int) -> tuple[int, int, int]:
 
 def test_an_index_of_a_bag_that_is_read_again_and_again_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "run.bag"
-    ros1_bag(path)
+    write_bag(path)
     content = path.read_bytes()
     at = content.index(b"chunk_count=") + len(b"chunk_count=")
     infos = content[_record_around(content, len(content) - 1)[0] :]
@@ -224,7 +224,7 @@ def test_an_index_of_a_bag_that_is_read_again_and_again_is_rejected(tmp_path: Pa
 
 
 def _compressed_folder(path: Path, plugin: StoragePlugin, mode: str) -> Path:
-    ros2_bag(path, plugin)
+    write_bag(path, plugin)
     metadata = yaml.safe_load((path / "metadata.yaml").read_text())
     information = metadata["rosbag2_bagfile_information"]
     information.update(compression_mode=mode, compression_format="zstd")
@@ -242,7 +242,7 @@ def _compressed_folder(path: Path, plugin: StoragePlugin, mode: str) -> Path:
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_a_compressed_folder_is_read(tmp_path: Path, plugin: StoragePlugin) -> None:
     _compressed_folder(tmp_path / "run", plugin, "FILE")
-    ros2_bag(tmp_path / "plain", plugin)
+    write_bag(tmp_path / "plain", plugin)
     with open_recording([tmp_path / "run"]) as recording, open_recording([tmp_path / "plain"]) as plain:
         assert list(recording.messages()) == list(plain.messages())
         assert recording.topics == plain.topics
@@ -262,7 +262,7 @@ def test_messages_of_a_folder_are_unpacked_with_a_limit(tmp_path: Path) -> None:
     with sqlite3.connect(file) as database:
         for id, data in database.execute("SELECT id, data FROM messages").fetchall():
             database.execute("UPDATE messages SET data = ? WHERE id = ?", (zstandard.compress(data), id))
-    ros2_bag(tmp_path / "plain", StoragePlugin.SQLITE3)
+    write_bag(tmp_path / "plain", StoragePlugin.SQLITE3)
     with open_recording([tmp_path / "run"]) as recording, open_recording([tmp_path / "plain"]) as plain:
         assert list(recording.messages()) == list(plain.messages())
     with sqlite3.connect(file) as database:
@@ -283,7 +283,7 @@ ENDLESS: Final = {
 @pytest.mark.parametrize("statement", ENDLESS.values(), ids=ENDLESS)
 def test_a_database_that_computes_its_messages_is_rejected(tmp_path: Path, statement: str) -> None:
     path = tmp_path / "run"
-    ros2_bag(path, StoragePlugin.SQLITE3)
+    write_bag(path, StoragePlugin.SQLITE3)
     with sqlite3.connect(next(path.glob("*.db3"))) as database:
         database.execute("DROP TABLE messages")
         database.execute(statement)

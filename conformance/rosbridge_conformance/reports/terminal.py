@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final, TextIO
 
-from rosbridge_conformance.player import describe
+from rosbridge_conformance.case_player import describe
 from rosbridge_conformance.reports.counts import MARKS, Row, by_section, conformance, grade, robustness
 from rosbridge_conformance.runner import Result, Run
 from rosbridge_conformance.suite.case import Case

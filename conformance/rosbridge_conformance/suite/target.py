@@ -149,9 +149,7 @@ def with_known(target: Target, path: Path, suite: str) -> Target:
         )
     known = _Fields(str(path), fields, ()).target()
     return replace(
-        target,
-        expected={**target.expected, **known.expected},
-        unstable={**target.unstable, **known.unstable},
+        target, expected={**target.expected, **known.expected}, unstable={**target.unstable, **known.unstable}
     )
 
 

@@ -496,7 +496,7 @@ async def test_metrics_are_for_those_who_may_subscribe_to_every_topic(graph: Mem
 def _visit(graph: MemoryGraph, word: str) -> list[Any]:
     """Return the messages of Foxglove's gateway to a guest that requests everything, and the name `word`."""
     viewer = Viewer(FoxgloveGateway(graph, _access(graph, GUEST)))
-    heard = viewer.heard()
+    heard = viewer.welcome
     viewer.say("subscribeConnectionGraph")
     viewer.say("subscribe", subscriptions=[{"id": id, "channelId": id} for id in range(1, 200)])
     for id in range(1, 200):

@@ -19,6 +19,7 @@ from rwt.extensions.asgi.mount import AsgiMount
 from rwt.extensions.asgi.types import Receive, Scope, Send
 from rwt_transports.http.connection import close_iterator
 from rwt_transports.http.routes import HttpRequest
+from tests.extensions.conftest import client_of
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -100,13 +101,6 @@ async def server() -> AsyncIterator[Server]:
     assert LIVED[-1] == "ended"
 
 
-@pytest.fixture
-async def client(server: Server) -> AsyncIterator[httpx.AsyncClient]:
-    base = server.urls[0].replace("ws:", "http:", 1)
-    async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
-        yield client
-
-
 async def test_an_app_answers_below_its_path(client: httpx.AsyncClient) -> None:
     answer = await client.get("/shop/")
     assert answer.json() == {"name": "the shop", "link": f"{str(client.base_url).rstrip('/')}/shop/order"}
@@ -186,10 +180,9 @@ async def test_an_app_without_a_lifespan_or_that_cannot_start(caplog: pytest.Log
         await receive()
         await send({"type": "lifespan.startup.failed", "message": "no database"})
 
-    async with Server("ws://127.0.0.1:0", web={"enabled": False}, mounts={"/plain": plain}) as server:
-        base = server.urls[0].replace("ws:", "http:", 1)
-        async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
-            assert (await client.get("/plain/x")).text == "/plain"
+    server = Server("ws://127.0.0.1:0", web={"enabled": False}, mounts={"/plain": plain})
+    async with server, client_of(server) as client:
+        assert (await client.get("/plain/x")).text == "/plain"
     with pytest.raises(RuntimeError, match="/unable could not start: no database"):
         async with Server("ws://127.0.0.1:0", mounts={"/unable": unable}):
             pass

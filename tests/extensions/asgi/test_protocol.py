@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator, Callable, MutableMapping
+from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any
 
@@ -55,6 +56,16 @@ class Socket:
         self._read.close()
 
 
+@asynccontextmanager
+async def serving(app: HostedApp, scope: Event) -> AsyncIterator[Socket]:
+    """Serve one scope; the block ends when the app has returned."""
+    socket = Socket(scope)
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(app, socket.scope, socket.receive, socket.send)
+        yield socket
+    socket.close()
+
+
 def scope(kind: str, path: str = "/", **others: object) -> Event:
     return {
         "type": kind,
@@ -83,10 +94,8 @@ async def server() -> AsyncIterator[Server]:
 
 async def get(app: HostedApp, path: str, **others: object) -> tuple[int, dict[bytes, bytes], bytes]:
     """Status, headers and body of a request."""
-    socket = Socket(scope("http", path, **others))
-    socket.feed(type="http.request", body=b"", more_body=False)
-    await app(socket.scope, socket.receive, socket.send)
-    socket.close()
+    async with serving(app, scope("http", path, **others)) as socket:
+        socket.feed(type="http.request", body=b"", more_body=False)
     start = socket.sent[0]
     body = b"".join(event.get("body", b"") for event in socket.sent[1:])
     return start["status"], dict(start["headers"]), body
@@ -140,14 +149,11 @@ async def test_head_has_no_body_and_a_missing_server_says_so() -> None:
 async def test_the_lifespan_of_an_app_is_that_of_the_server() -> None:
     server = Server(web={"enabled": False})
     app = server.asgi()
-    socket = Socket({"type": "lifespan"})
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(app, socket.scope, socket.receive, socket.send)
+    async with serving(app, {"type": "lifespan"}) as socket:
         socket.feed(type="lifespan.startup")
         await socket.until(lambda sent: bool(sent))
         assert server.running and (await get(app, "/healthz"))[0] == 200
         socket.feed(type="lifespan.shutdown")
-    socket.close()
     assert [event["type"] for event in socket.sent] == [
         "lifespan.startup.complete",
         "lifespan.shutdown.complete",
@@ -157,50 +163,40 @@ async def test_the_lifespan_of_an_app_is_that_of_the_server() -> None:
 
 async def test_a_server_that_cannot_start_says_why() -> None:
     app = Server("ws://192.0.2.1:1", web={"enabled": False}).asgi()
-    socket = Socket({"type": "lifespan"})
-    socket.feed(type="lifespan.startup")
-    await app(socket.scope, socket.receive, socket.send)
-    socket.close()
+    async with serving(app, {"type": "lifespan"}) as socket:
+        socket.feed(type="lifespan.startup")
     assert socket.sent[0]["type"] == "lifespan.startup.failed" and "192.0.2.1" in socket.sent[0]["message"]
 
 
 async def test_a_stream_ends_when_its_reader_goes(server: Server) -> None:
     server.node("it").advertise("/kept", "std_msgs/String", latch=True).publish({"data": "x"})
     accept = [(b"host", b"127.0.0.1"), (b"accept", b"text/event-stream")]
-    socket = Socket(scope("http", "/api/topics/kept", headers=accept))
-    socket.feed(type="http.request")
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)
+    async with serving(server.asgi(), scope("http", "/api/topics/kept", headers=accept)) as socket:
+        socket.feed(type="http.request")
         await socket.until(lambda sent: b'"x"' in b"".join(event.get("body", b"") for event in sent))
         bridge = next(node for node in server.graph.nodes() if node.name == "/http_bridge")
         assert bridge.subscribing == ("/kept",)
         socket.feed(type="http.disconnect")
-    socket.close()
     bridge = next(node for node in server.graph.nodes() if node.name == "/http_bridge")
     assert bridge.subscribing == ()
 
 
 async def test_a_websocket_is_opened_used_and_closed(server: Server) -> None:
-    socket = Socket(scope("websocket", subprotocols=["other", "rwt"]))
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)
+    async with serving(server.asgi(), scope("websocket", subprotocols=["other", "rwt"])) as socket:
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "call_service", "service": "/none", "id": "1"}')
         socket.feed(type="websocket.receive", bytes=b'{"op": "call_service", "service": "/none", "id": "2"}')
         await socket.until(lambda sent: len(sent) == 3)
         assert server.bridge.client_count == 1
         socket.feed(type="websocket.disconnect", code=1001, reason="bye")
-    socket.close()
     assert socket.sent[0] == {"type": "websocket.accept", "subprotocol": "rwt"}
     assert [json.loads(event["text"])["id"] for event in socket.sent[1:]] == ["1", "2"]
     assert server.bridge.client_count == 0
 
 
 async def test_a_slow_reader_holds_up_its_own_outbox_alone(server: Server) -> None:
-    socket = Socket(scope("websocket"))
     talker = server.node("it").advertise("/talk", "std_msgs/String")
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)
+    async with serving(server.asgi(), scope("websocket")) as socket:
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "subscribe", "topic": "/talk"}')
         await until(lambda: talker.subscriber_count)
@@ -214,7 +210,6 @@ async def test_a_slow_reader_holds_up_its_own_outbox_alone(server: Server) -> No
         socket.may_send.set()
         await socket.until(lambda sent: "299299" in sent[-1].get("text", ""))
         socket.feed(type="websocket.disconnect")
-    socket.close()
 
 
 @pytest.mark.parametrize("extended", [True, False])
@@ -224,10 +219,8 @@ async def test_who_may_not_come_in_is_told_why(extended: bool) -> None:
     app = server.asgi()
     async with server:
         extensions: Event = {"websocket.http.response": {}} if extended else {}
-        socket = Socket(scope("websocket", extensions=extensions))
-        socket.feed(type="websocket.connect")
-        await app(socket.scope, socket.receive, socket.send)
-        socket.close()
+        async with serving(app, scope("websocket", extensions=extensions)) as socket:
+            socket.feed(type="websocket.connect")
         if extended:
             assert socket.sent[0]["status"] == 401
             assert dict(socket.sent[0]["headers"])[b"www-authenticate"].startswith(b"Bearer")

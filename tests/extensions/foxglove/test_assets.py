@@ -59,7 +59,7 @@ async def answers(viewer: Viewer, count: int) -> list[Asset]:
 
 async def test_files_come_whole_and_in_order(running: MemoryGraph, make: MakeGateway, share: Path) -> None:
     viewer = Viewer(gateway(make, share))
-    assert "assets" in viewer.heard()[0]["capabilities"]
+    assert "assets" in viewer.welcome[0]["capabilities"]
     paths = ["arm/meshes/hand.stl", "arm/my meshes/\xe9.dae", "arm/my%20meshes/%C3%A9.dae", "arm/large.stl"]
     for number, path in enumerate(paths):
         viewer.say("fetchAsset", uri=f"package://{path}", requestId=number)
@@ -90,7 +90,6 @@ async def test_nothing_else_comes(
     running: MemoryGraph, make: MakeGateway, share: Path, uri: str, words: str
 ) -> None:
     viewer = Viewer(gateway(make, share))
-    viewer.heard()
     viewer.say("fetchAsset", uri=uri, requestId=5)
     (answer,) = await answers(viewer, 1)
     assert (answer.request, answer.content) == (5, b"")
@@ -101,7 +100,6 @@ async def test_what_one_client_asks_for_is_bounded(
     running: MemoryGraph, make: MakeGateway, share: Path
 ) -> None:
     viewer = Viewer(gateway(make, share))
-    viewer.heard()
     for number in range(MAX_WAITING + 3):
         viewer.say("fetchAsset", uri="package://arm/meshes/hand.stl", requestId=number)
     found = await answers(viewer, MAX_WAITING + 3)
@@ -116,7 +114,6 @@ async def test_a_client_that_does_not_read_gets_no_further_file(
     waiting = [2 * 1024 * 1024]
     monkeypatch.setattr(Viewer, "backlog", property(lambda self: waiting[0]))
     viewer = Viewer(gateway(make, share))
-    viewer.heard()
     for number in range(2):
         viewer.say("fetchAsset", uri="package://arm/meshes/hand.stl", requestId=number)
     assert [each.request for each in await answers(viewer, 1)] == [0]
@@ -132,6 +129,5 @@ async def test_a_client_that_does_not_read_gets_no_further_file(
 
 
 async def test_a_server_without_files_says_so(viewer: Viewer) -> None:
-    viewer.heard()
     viewer.say("fetchAsset", uri="package://a/b", requestId=1)
     assert viewer.statuses() == ["fetchAsset: this server has no files (the setting `packages`)"]

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pytest
 from websockets import Subprotocol
@@ -28,19 +28,9 @@ EMPTY = bytes.fromhex("00010000 00")
 ANSWER = bytes.fromhex("00010000 01000000 05000000") + b"done\0"
 
 
-class Robot(Protocol):
+class Ours:
     """A robot with a topic `/t`, a service `/s`, a parameter `/robot.p`, and a mesh."""
 
-    url: str
-
-    def publish(self) -> None:
-        """Publish "hello"."""
-
-    def withdraw(self) -> None:
-        """Let the topic go."""
-
-
-class Ours:
     def __init__(self, robot: Any, url: str) -> None:
         self.url = url
         self._robot = robot
@@ -56,7 +46,7 @@ class Ours:
 
 
 @contextmanager
-def ours(folder: Path) -> Iterator[Robot]:
+def ours(folder: Path) -> Iterator[Ours | TheSdk]:
     settings = Settings.model_validate({"packages": [folder], "web": {"enabled": False}})
     with Server("ws://127.0.0.1:0", settings=settings) as robot:
         yield Ours(robot, robot.server.urls[0])
@@ -116,7 +106,7 @@ class TheSdk:
 
 
 @contextmanager
-def the_sdk(mesh: bytes) -> Iterator[Robot]:
+def the_sdk(mesh: bytes) -> Iterator[Ours | TheSdk]:
     robot = TheSdk(mesh)
     try:
         yield robot
@@ -154,7 +144,7 @@ class Conversation:
                     return dict(each)
 
 
-def spoken(robot: Robot) -> dict[str, Any]:
+def spoken(robot: Ours | TheSdk) -> dict[str, Any]:
     """Return the robot's messages to a client that does everything once, without server-specific parts."""
     said: dict[str, Any] = {}
     with connect(robot.url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from rwt import Settings
-from rwt.access.access import Access
 from rwt.extensions.foxglove.gateway import NODE, FoxgloveGateway
 from rwt.rosbridge.bridge import Bridge
 from rwt_graph import MemoryGraph, Node
@@ -18,12 +17,13 @@ from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
+from rwt_participant.handles import Publisher
 from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import DropReason
 from rwt_transports.errors import Refused
 from tests.conftest import START_NS
 from tests.core.rosbridge.recording_client import Client
-from tests.extensions.foxglove.conftest import MakeGateway, guest
+from tests.extensions.foxglove.conftest import MakeGateway, gateway_of, guest
 from tests.extensions.foxglove.viewer import EVERY_NODES, Data, Viewer
 
 TIME = """\
@@ -38,7 +38,7 @@ HELLO = bytes.fromhex("00010000 06000000") + b"hello\0"
 
 
 def test_the_first_text_says_what_the_server_is(viewer: Viewer) -> None:
-    info = viewer.heard()[0]
+    info = viewer.welcome[0]
     assert info["op"] == "serverInfo"
     assert info["name"].startswith("Robot Web Tools ")
     # rosapi is not there, no files are, and nothing is played; the time is simulated.
@@ -63,11 +63,10 @@ def test_what_viewers_cannot_read_serialised_is_a_channel_in_json(clock: Simulat
     registry = Registry()
     registry.add_text(WIDE, "shop_msgs/Wide")
     graph = MemoryGraph(registry, clock)
-    gateway = FoxgloveGateway(graph, Access(graph, Settings()))
+    gateway = gateway_of(graph)
     wide = Node(graph, "robot").advertise("/wide", "shop_msgs/Wide", latch=True)
     wide.publish({"word": "größe", "octets": b"\x00\xff", "yes": True})
     viewer = Viewer(gateway)
-    viewer.heard()
     channel = viewer.channels["/wide"]
     assert (channel["encoding"], channel["schemaEncoding"]) == ("json", "jsonschema")
     assert channel["schemaName"] == "shop_msgs/msg/Wide"
@@ -97,10 +96,9 @@ def test_a_channel_whose_schema_would_be_too_large_stays_serialised(clock: Simul
     for level in range(1, 16):
         registry.add_text(f"L{level - 1} a\nL{level - 1} b\n", f"p/L{level}")
     graph = MemoryGraph(registry, clock)
-    gateway = FoxgloveGateway(graph, Access(graph, Settings()))
+    gateway = gateway_of(graph)
     Node(graph, "robot").advertise("/large", "p/L15")
     viewer = Viewer(gateway)
-    viewer.heard()
     assert viewer.channels["/large"]["encoding"] == "cdr"
 
 
@@ -109,7 +107,6 @@ def test_a_channel_describes_its_type_with_all_that_it_contains(
 ) -> None:
     Node(graph, "robot").advertise("/h", "std_msgs/Header")
     viewer = Viewer(gateway)
-    viewer.heard()
     channel = viewer.channels["/h"]
     assert channel == {
         "id": channel["id"],
@@ -123,10 +120,10 @@ def test_a_channel_describes_its_type_with_all_that_it_contains(
 
 def test_ros_1_has_its_own_schemas_and_encoding() -> None:
     graph = MemoryGraph(Registry(NOETIC), SimulatedClock(START_NS))
-    gateway = FoxgloveGateway(graph, Access(graph, Settings(distro="noetic")))
+    gateway = gateway_of(graph, distro="noetic")
     publisher = Node(graph, "robot").advertise("/h", "std_msgs/Header")
     viewer = Viewer(gateway)
-    info = viewer.heard()[0]
+    info = viewer.welcome[0]
     assert info["supportedEncodings"] == ["ros1", "json"]
     assert info["metadata"] == {"ROS_DISTRO": "noetic"}
     channel = viewer.channels["/h"]
@@ -140,14 +137,12 @@ def test_ros_1_has_its_own_schemas_and_encoding() -> None:
     assert data.payload == struct.pack("<III", 3, 1, 2) + b"\3\0\0\0map"
 
 
-def test_messages_go_out_as_the_robot_serialises_them(graph: MemoryGraph, gateway: FoxgloveGateway) -> None:
-    publisher = Node(graph, "robot").advertise("/t", "std_msgs/String")
-    viewer = Viewer(gateway)
+def test_messages_go_out_as_the_robot_serialises_them(talker: Publisher, viewer: Viewer) -> None:
     viewer.subscribe("/t", id=7)
-    publisher.publish({"data": "hello"})
+    talker.publish({"data": "hello"})
     assert viewer.heard() == [Data(7, START_NS, HELLO)]
     viewer.say("unsubscribe", subscriptionIds=[7])
-    publisher.publish({"data": "hello"})
+    talker.publish({"data": "hello"})
     assert viewer.heard() == []
     viewer.say("unsubscribe", subscriptionIds=[7])  # It may have ended with its channel.
     assert viewer.heard() == []
@@ -193,7 +188,6 @@ def test_what_is_kept_comes_first(graph: MemoryGraph, gateway: FoxgloveGateway) 
 def test_channels_come_and_go_with_the_graph(
     graph: MemoryGraph, gateway: FoxgloveGateway, clock: SimulatedClock, viewer: Viewer
 ) -> None:
-    viewer.heard()
     node = Node(graph, "robot")
     node.advertise("/t", "std_msgs/String")
     node.advertise_service("/s", "std_srvs/Trigger", lambda _: {"success": True})
@@ -219,7 +213,7 @@ def test_channels_come_and_go_with_the_graph(
 
 
 def test_a_topic_of_another_type_is_another_channel(
-    graph: MemoryGraph, gateway: FoxgloveGateway, clock: SimulatedClock, viewer: Viewer
+    graph: MemoryGraph, clock: SimulatedClock, viewer: Viewer
 ) -> None:
     node = Node(graph, "robot")
     node.advertise("/t", "std_msgs/String")
@@ -239,14 +233,12 @@ def test_a_topic_that_only_subscribers_have_is_shown_but_for_those_of_the_gatewa
     Node(graph, "robot").subscribe("/cmd", lambda _: None, type="std_msgs/String")
     graph.participant(NODE).subscribe("/own", lambda _: None, graph.registry.message("std_msgs/String"))
     viewer = Viewer(gateway)
-    viewer.heard()
     assert viewer.topics == {"/cmd"}
 
 
-def test_clients_of_one_role_share_what_they_are_told(graph: MemoryGraph, gateway: FoxgloveGateway) -> None:
-    Node(graph, "robot").advertise("/t", "std_msgs/String")
+def test_clients_of_one_role_share_what_they_are_told(talker: Publisher, gateway: FoxgloveGateway) -> None:
     one, other = Viewer(gateway), Viewer(gateway)
-    assert one.frames[1][0] is other.frames[1][0]
+    assert one.welcome_frames[1] is other.welcome_frames[1]
 
 
 # -- roles -------------------------------------------------------------------------------------------------
@@ -260,8 +252,7 @@ def test_a_role_is_shown_what_it_may_use(graph: MemoryGraph, make: MakeGateway) 
     node.advertise("/open_to_write", "std_msgs/String")
     gateway = make(**guest(subscribe=["/open_topic"], call=["/open*"], publish=["/open_to_write"]))
     viewer = Viewer(gateway)
-    heard = viewer.heard()
-    assert "secret" not in str(heard)
+    assert "secret" not in str(viewer.welcome)
     assert viewer.topics == {"/open_topic"}
     assert set(viewer.services) == {"/open_service"}
     viewer.say("subscribeConnectionGraph")
@@ -274,7 +265,7 @@ def test_a_role_is_shown_what_it_may_use(graph: MemoryGraph, make: MakeGateway) 
 
 def test_a_viewer_that_may_only_look_is_not_told_that_it_can_do_more(make: MakeGateway) -> None:
     viewer = Viewer(make(**guest(subscribe=["*"])))
-    capabilities = viewer.heard()[0]["capabilities"]
+    capabilities = viewer.welcome[0]["capabilities"]
     assert "clientPublish" not in capabilities and "parametersSubscribe" not in capabilities
 
 
@@ -288,9 +279,8 @@ def test_who_must_authenticate_by_an_op_is_turned_away(make: MakeGateway, tmp_pa
 
 
 def test_another_role_shows_other_channels_and_ends_what_it_does_not_allow(
-    graph: MemoryGraph, gateway: FoxgloveGateway, make: MakeGateway
+    talker: Publisher, graph: MemoryGraph, gateway: FoxgloveGateway, make: MakeGateway
 ) -> None:
-    publisher = Node(graph, "robot").advertise("/t", "std_msgs/String")
     Node(graph, "robot").advertise("/u", "std_msgs/String")
     gateway = make(**guest(subscribe=["*"], publish=["*"]))
     viewer = Viewer(gateway)
@@ -303,7 +293,7 @@ def test_another_role_shows_other_channels_and_ends_what_it_does_not_allow(
     heard = viewer.heard()
     assert viewer.topics == {"/u"}
     assert any("roles.guest.publish" in str(each) for each in heard)
-    publisher.publish({"data": "hello"})
+    talker.publish({"data": "hello"})
     assert viewer.heard_data() == []
     viewer.publish(b'{"data":"x"}')
     assert viewer.statuses() == ["message data: this client advertises no channel 1"]
@@ -318,12 +308,10 @@ def test_another_role_shows_other_channels_and_ends_what_it_does_not_allow(
 
 
 def test_a_subscription_that_is_not_possible_is_refused_by_itself(
-    graph: MemoryGraph, gateway: FoxgloveGateway
+    talker: Publisher, graph: MemoryGraph, gateway: FoxgloveGateway
 ) -> None:
-    publisher = Node(graph, "robot").advertise("/t", "std_msgs/String")
     Node(graph, "robot").advertise("/u", "std_msgs/String")
     viewer = Viewer(gateway)
-    viewer.heard()
     t, u = (viewer.channels[name]["id"] for name in ("/t", "/u"))
     asked = [(1, 999), (1, t), (1, u), (2, t), (3, u)]
     viewer.say("subscribe", subscriptions=[{"id": id, "channelId": channel} for id, channel in asked])
@@ -331,7 +319,7 @@ def test_a_subscription_that_is_not_possible_is_refused_by_itself(
         "subscribe: there is no channel 999; subscribe: subscription 1 is in use; take another id;"
         f" subscribe: channel {t} (/t) is subscribed to already"
     )
-    publisher.publish({"data": "hello"})
+    talker.publish({"data": "hello"})
     assert [each.subscription for each in viewer.heard_data()] == [1]
 
 
@@ -340,7 +328,6 @@ def test_subscriptions_are_bounded(graph: MemoryGraph, make: MakeGateway) -> Non
     for number in range(4):
         node.advertise(f"/t{number}", "std_msgs/String")
     viewer = Viewer(make(limits={"subscriptions": 2}))
-    viewer.heard()
     ids = [channel["id"] for channel in viewer.channels.values()]
     viewer.say("subscribe", subscriptions=[{"id": id, "channelId": id} for id in ids])
     (status,) = viewer.statuses()
@@ -351,10 +338,8 @@ def test_subscriptions_are_bounded(graph: MemoryGraph, make: MakeGateway) -> Non
 
 
 def test_a_slow_viewer_hears_once_why_messages_are_missing(
-    graph: MemoryGraph, gateway: FoxgloveGateway, clock: SimulatedClock
+    talker: Publisher, clock: SimulatedClock, viewer: Viewer
 ) -> None:
-    Node(graph, "robot").advertise("/t", "std_msgs/String")
-    viewer = Viewer(gateway)
     viewer.subscribe("/t")
     viewer.heard()
     drop = viewer.flows["/t"].drop
@@ -370,9 +355,8 @@ def test_a_slow_viewer_hears_once_why_messages_are_missing(
 
 
 def test_who_leaves_leaves_nothing(
-    graph: MemoryGraph, gateway: FoxgloveGateway, clock: SimulatedClock
+    talker: Publisher, graph: MemoryGraph, gateway: FoxgloveGateway, clock: SimulatedClock
 ) -> None:
-    Node(graph, "robot").advertise("/t", "std_msgs/String")
     before = graph.topics(), graph.services()
     viewer = Viewer(gateway)
     viewer.subscribe("/t")
@@ -399,7 +383,6 @@ def test_the_connection_graph_is_told_once_and_then_what_changes(
     robot = Node(graph, "robot")
     robot.advertise("/t", "std_msgs/String")
     viewer = Viewer(gateway)
-    viewer.heard()
     viewer.say("subscribeConnectionGraph")
     update = changes(viewer)
     assert update["publishedTopics"] == [{"name": "/t", "publisherIds": ["/robot"]}]
@@ -429,7 +412,6 @@ def test_the_connection_graph_is_told_once_and_then_what_changes(
 
 
 def test_time_that_is_not_the_walls_is_told(clock: SimulatedClock, viewer: Viewer) -> None:
-    viewer.heard()
     clock.advance(0.1)
     times = [each for each in viewer.heard() if isinstance(each, int)]
     assert times and times[-1] == START_NS + 100_000_000

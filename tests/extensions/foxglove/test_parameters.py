@@ -57,7 +57,6 @@ def connect(robot: Node) -> Connect:
         given = Settings.model_validate(settings)
         gateway = FoxgloveGateway(robot.graph, Access(robot.graph, given, DISCLOSURES))
         viewer = Viewer(gateway)
-        viewer.heard()
         return viewer
 
     return connect
@@ -78,7 +77,7 @@ async def values(viewer: Viewer) -> dict[str, Any]:
 
 async def test_all_values_come_with_their_types(connect: Connect) -> None:
     viewer = connect()
-    assert "parameters" in str(Viewer(viewer.gateway).heard()[0])
+    assert "parameters" in str(Viewer(viewer.gateway).welcome[0])
     viewer.say("getParameters", parameterNames=[], id="all")
     said = await values(viewer)
     assert said["id"] == "all"
@@ -235,7 +234,6 @@ async def test_of_ros_1_all_parameters_are_in_one_tree() -> None:
             settings = Settings(distro="noetic")
             gateway = FoxgloveGateway(graph, Access(graph, settings, DISCLOSURES))
             viewer = Viewer(gateway)
-            viewer.heard()
             viewer.say("getParameters", parameterNames=["/robot/speed"])
             assert (await values(viewer))["parameters"] == {"/robot/speed": {"value": 1.0, "type": "float64"}}
             viewer.say("subscribeParameterUpdates", parameterNames=["/robot/speed"])
@@ -243,8 +241,7 @@ async def test_of_ros_1_all_parameters_are_in_one_tree() -> None:
             assert (await values(viewer))["parameters"] == {"/robot/speed": {"value": 2.0, "type": "float64"}}
 
 
-async def test_without_rosapi_there_are_no_parameters(graph: MemoryGraph, gateway: FoxgloveGateway) -> None:
-    viewer = Viewer(gateway)
-    assert "parameters" not in viewer.heard()[0]["capabilities"]
+async def test_without_rosapi_there_are_no_parameters(viewer: Viewer) -> None:
+    assert "parameters" not in viewer.welcome[0]["capabilities"]
     viewer.say("getParameters", parameterNames=[])
     assert "/rosapi/get_param_names" in (await values(viewer))["message"]

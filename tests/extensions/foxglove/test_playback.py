@@ -7,15 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from rwt import MemoryGraph, Node, Settings, SimulatedClock
-from rwt.access.access import Access
-from rwt.extensions.foxglove.gateway import FoxgloveGateway
-from rwt.extensions.recording import open_recording, record_graph
+from rwt import MemoryGraph, SimulatedClock
+from rwt.extensions.recording import open_recording
 from rwt.extensions.recording.playback import PlaybackClock, Player, PlayOptions
 from rwt_interfaces.registry import Registry
 from tests.conftest import START_NS
-from tests.extensions.foxglove.conftest import guest
+from tests.extensions.foxglove.conftest import gateway_of, guest
 from tests.extensions.foxglove.viewer import State, Viewer
+from tests.extensions.recording.robots import record_seconds
 
 SECOND = 10**9
 PLAYING, PAUSED, ENDED = 0, 1, 3
@@ -34,15 +33,8 @@ class SteppedPlayback(PlaybackClock):
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """Six seconds, a message each."""
     path = tmp_path / "run.mcap"
-    clock = SimulatedClock(START_NS)
-    graph = MemoryGraph(clock=clock)
-    topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
-    with record_graph(graph, path):
-        for number in range(6):
-            topic.publish({"data": number})
-            clock.advance(1.0)
+    record_seconds(path, START_NS)
     return path
 
 
@@ -55,8 +47,7 @@ class Stand:
         self.clock = SteppedPlayback(opened.start_ns)
         self.graph = MemoryGraph(Registry(opened.distro), self.clock)
         self.player = Player(self.graph, opened, PlayOptions(paused=True))
-        given = Settings.model_validate(settings)
-        self.gateway = FoxgloveGateway(self.graph, Access(self.graph, given))
+        self.gateway = gateway_of(self.graph, **settings)
 
     def close(self) -> None:
         self.gateway.close()
@@ -76,7 +67,7 @@ def states(viewer: Viewer) -> list[State]:
 
 
 def test_the_first_text_says_how_long_the_recording_is(stand: Stand) -> None:
-    info, *_, state = Viewer(stand.gateway).heard()
+    info, *_, state = Viewer(stand.gateway).welcome
     assert {"time", "playbackControl"} < set(info["capabilities"])
     assert info["dataStartTime"] == {"sec": START_NS // SECOND, "nsec": 0}
     assert info["dataEndTime"] == {"sec": START_NS // SECOND + 6, "nsec": 0}
@@ -114,7 +105,6 @@ def test_everybody_hears_what_others_do_and_the_end(stand: Stand) -> None:
 
 def test_what_is_not_possible_is_told_and_the_state_comes_nevertheless(stand: Stand) -> None:
     viewer = Viewer(stand.gateway)
-    viewer.heard()
     viewer.control(play=False, speed=0.0, seek_ns=0, request="x")
     heard = viewer.heard()
     assert "set_rate" in str([each for each in heard if isinstance(each, dict)])
@@ -130,7 +120,6 @@ def test_what_is_not_possible_is_told_and_the_state_comes_nevertheless(stand: St
 def test_who_may_not_call_the_player_only_watches(file: Path) -> None:
     stand = Stand(file, **guest(subscribe=["*"]))
     viewer = Viewer(stand.gateway)
-    viewer.heard()
     viewer.control(play=True)
     heard = viewer.heard()
     assert "roles.guest.call" in str(heard)
@@ -139,6 +128,5 @@ def test_who_may_not_call_the_player_only_watches(file: Path) -> None:
 
 
 def test_where_nothing_is_played_there_is_nothing_to_control(viewer: Viewer) -> None:
-    viewer.heard()
     viewer.control(play=True)
     assert viewer.statuses() == ["playback control: no recording is played here (rwt bag play)"]

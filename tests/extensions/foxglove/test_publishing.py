@@ -10,18 +10,18 @@ from typing import Any
 import pytest
 
 from rwt import Settings
-from rwt.access.access import Access
-from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.rosbridge.bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
+from rwt_participant.handles import Publisher
 from rwt_transports.scheduler import MESSAGES
 from tests.conftest import START_NS
 from tests.core.rosbridge.recording_client import Client
-from tests.extensions.foxglove.conftest import MakeGateway, guest
+from tests.core.rosbridge.test_turns import BusyClock
+from tests.extensions.foxglove.conftest import MakeGateway, gateway_of, guest
 from tests.extensions.foxglove.viewer import Viewer
 
 HELLO = bytes.fromhex("00010000 06000000") + b"hello\0"
@@ -55,7 +55,7 @@ def test_a_message_reaches_the_graph_and_clients_of_other_protocols(
 
 def test_ros_1_takes_its_own_form() -> None:
     graph = MemoryGraph(Registry(NOETIC), SimulatedClock(START_NS))
-    viewer = Viewer(FoxgloveGateway(graph, Access(graph, Settings(distro="noetic"))))
+    viewer = Viewer(gateway_of(graph, distro="noetic"))
     heard = _listen(graph)
     viewer.advertise("/t", "std_msgs/String", "ros1")
     viewer.publish(b"\5\0\0\0hello")
@@ -96,10 +96,8 @@ def test_octets_do_not_change_with_the_buffer_that_they_came_in(graph: MemoryGra
     ],
 )
 def test_a_channel_that_cannot_be_is_refused(
-    graph: MemoryGraph, viewer: Viewer, type: str, encoding: str, words: str
+    talker: Publisher, viewer: Viewer, type: str, encoding: str, words: str
 ) -> None:
-    Node(graph, "robot").advertise("/t", "std_msgs/String")
-    viewer.heard()
     viewer.advertise("/t", type, encoding)
     (status,) = viewer.statuses()
     assert words in status
@@ -136,7 +134,6 @@ def test_a_message_that_does_not_fit_is_refused(
 
 def test_rights_and_bounds_hold_for_what_is_published(make: MakeGateway, graph: MemoryGraph) -> None:
     viewer = Viewer(make(**guest(publish=["/open*"]), limits={"advertisements": 1}))
-    viewer.heard()
     viewer.advertise("/secret", "std_msgs/String")
     assert "roles.guest.publish" in str(viewer.statuses())
     assert graph.topic("/secret") is None
@@ -157,7 +154,6 @@ def test_who_sends_too_many_messages_has_to_go(make: MakeGateway) -> None:
 def test_a_mistake_of_the_server_is_logged_and_reveals_nothing(
     viewer: Viewer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    viewer.heard()
     monkeypatch.setattr(viewer.client.publications, "advertise", lambda channel: 1 / 0)
     with caplog.at_level(logging.ERROR, "rwt.bridge"):
         viewer.advertise("/t", "std_msgs/String")
@@ -168,19 +164,10 @@ def test_a_mistake_of_the_server_is_logged_and_reveals_nothing(
 # -- turns -------------------------------------------------------------------------------------------------
 
 
-class BusyClock(SimulatedClock):
-    """A clock on which work takes time."""
-
-    worked = 0.0
-
-    def monotonic(self) -> float:
-        return super().monotonic() + self.worked
-
-
 def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
-    clock = BusyClock(START_NS)
+    clock = BusyClock()
     graph = MemoryGraph(clock=clock)
-    viewer = Viewer(FoxgloveGateway(graph, Access(graph, Settings())))
+    viewer = Viewer(gateway_of(graph))
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
@@ -198,14 +185,9 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
     assert len(heard) == 6
 
 
-def test_a_text_about_many_things_is_done_in_turns(
-    graph: MemoryGraph, viewer: Viewer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = BusyClock(START_NS)
-    graph = MemoryGraph(clock=clock)
-    gateway = FoxgloveGateway(graph, Access(graph, Settings()))
-    viewer = Viewer(gateway)
-    viewer.heard()
+def test_a_text_about_many_things_is_done_in_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = BusyClock()
+    viewer = Viewer(gateway_of(MemoryGraph(clock=clock)))
     original = viewer.client.subscriptions.unsubscribe
 
     def work(id: int) -> None:

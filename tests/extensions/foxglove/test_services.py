@@ -26,7 +26,6 @@ def adder(graph: MemoryGraph) -> Node:
 @pytest.fixture
 def caller(adder: Node, gateway: FoxgloveGateway) -> Viewer:
     viewer = Viewer(gateway)
-    viewer.heard()
     return viewer
 
 
@@ -128,7 +127,6 @@ def test_rights_and_bounds_hold_for_calls(graph: MemoryGraph, adder: Node, make:
     type = graph.registry.service("std_srvs/Trigger")
     graph.participant("/robot").advertise_service("/secret", type, lambda call: None)
     viewer = Viewer(gateway)
-    viewer.heard()
     assert set(viewer.services) == {"/add"}
     answers: list[Any] = []
     for id in range(1, 50):

@@ -83,6 +83,7 @@ class Viewer(Client):
         gateway: where it is a client.
         channels: what it was told of channels and not told that they are gone, by topic.
         services: the same of services, by name.
+        welcome_frames, welcome: everything that came on connecting; :meth:`heard` begins after it.
     """
 
     def __init__(
@@ -97,6 +98,8 @@ class Viewer(Client):
         self.channels: dict[str, Text] = {}
         self.services: dict[str, Text] = {}
         super().__init__(gateway, address, path=path, headers=headers)  # type: ignore[arg-type]  # only `accept` is called, which bridge and gateway both have
+        self.welcome_frames = [frame for frame, _ in self.frames]
+        self.welcome = self.heard()
 
     @property
     def client(self) -> FoxgloveClient:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from typing import Any, Final
 
-import httpx
 import pytest
 
 from rwt import LATCHED, GoalCanceled, Message, Node, ReceivedGoal, Server, ServiceFailed
@@ -95,10 +94,3 @@ def robot(robot_and_server: tuple[Robot, Server]) -> Robot:
 @pytest.fixture
 def server(robot_and_server: tuple[Robot, Server]) -> Server:
     return robot_and_server[1]
-
-
-@pytest.fixture
-async def client(server: Server) -> AsyncIterator[httpx.AsyncClient]:
-    base = server.urls[0].replace("ws:", "http:", 1)
-    async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
-        yield client

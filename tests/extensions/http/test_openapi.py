@@ -23,7 +23,9 @@ from rwt.extensions.http.schemas import Schemas, document
 from rwt_interfaces import standard
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
 from tests.conftest import REGISTRIES
+from tests.extensions.conftest import client_of
 from tests.extensions.http.conftest import Robot
 
 pytestmark = pytest.mark.anyio
@@ -52,17 +54,16 @@ async def test_streams_of_events_are_described_as_responses(described: Path) -> 
 
 
 async def test_what_a_robot_sends_is_as_the_document_says() -> None:
-    async with Server("ws://127.0.0.1:0", demo=True, web={"enabled": False}) as server:
-        base = server.urls[0].replace("ws:", "http:", 1)
-        async with httpx.AsyncClient(base_url=base, timeout=60, trust_env=False) as client:
-            document = (await client.get("/api/openapi.json")).json()
-            services = (await client.get("/api/services")).json()
-            assert {f"/api/services{service['name']}" for service in services} <= set(document["paths"])
-            for topic in ("map", "scan", "odom", "battery_state", "camera/camera_info", "tf"):
-                operation = document["paths"][f"/api/topics/{topic}"]["get"]
-                schema = operation["responses"]["200"]["content"]["application/json"]["schema"]
-                message = (await client.get(f"/api/topics/{topic}")).json()
-                validator_of(document, schema).validate(message)
+    server = Server("ws://127.0.0.1:0", demo=True, web={"enabled": False})
+    async with server, client_of(server) as client:
+        document = (await client.get("/api/openapi.json")).json()
+        services = (await client.get("/api/services")).json()
+        assert {f"/api/services{service['name']}" for service in services} <= set(document["paths"])
+        for topic in ("map", "scan", "odom", "battery_state", "camera/camera_info", "tf"):
+            operation = document["paths"][f"/api/topics/{topic}"]["get"]
+            schema = operation["responses"]["200"]["content"]["application/json"]["schema"]
+            message = (await client.get(f"/api/topics/{topic}")).json()
+            validator_of(document, schema).validate(message)
 
 
 @pytest.mark.parametrize("distro", sorted(DISTROS))
@@ -88,17 +89,14 @@ def test_every_type_of_the_standard_set_fits_its_schema(distro: str) -> None:
 
 
 def test_each_bound_of_a_definition_is_in_the_schema() -> None:
-    from rwt_interfaces.registry import Registry
-
     registry = Registry()
     text = (
         "string<=5 name\nint8[3] three\nuint16[<=2] few\nuint8[4] octets\n"
         "uint8 LOW=1\nint32 level 7\nfloat32 x\n"
     )
     registry.add_text(text, "my/Bounds")
-    fields: Any = Schemas().reference(registry.message("my/Bounds"), incoming=True)
     schemas = Schemas()
-    schemas.reference(registry.message("my/Bounds"), incoming=True)
+    fields = schemas.reference(registry.message("my/Bounds"), incoming=True)
     found: Any = schemas.found["my.Bounds.Input"]
     assert fields == {"$ref": "#/components/schemas/my.Bounds.Input"}
     assert found["description"] == "my/msg/Bounds; constants: LOW = 1" and "required" not in found

@@ -273,14 +273,6 @@ async def test_no_content_has_no_type(client: httpx.AsyncClient) -> None:
     assert "content-type" not in answer.headers
 
 
-async def test_a_page_of_another_site_is_told_so(client: httpx.AsyncClient) -> None:
-    headers = {"Origin": "http://evil.example"}
-    answer = await client.post("/api/services/open/add", json={}, headers=headers)
-    assert problem(answer) == (403, "origin-refused")
-    assert "http://evil.example" in answer.json()["detail"]
-    assert "origins.allow" in answer.json()["instead"]
-
-
 async def test_goals_of_a_client_are_listed(client: httpx.AsyncClient) -> None:
     path = "/api/actions/open/count/goals"
     assert (await client.get(path)).json() == []

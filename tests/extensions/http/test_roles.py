@@ -81,6 +81,8 @@ async def test_pages_of_others_may_not_act(server: Server, client: httpx.AsyncCl
     ):
         answer = await client.request(method, path, content=b"{}", headers=foreign)
         assert problem(answer) == (403, "origin-refused")
+        assert "https://elsewhere.example" in answer.json()["detail"]
+        assert "origins.allow" in answer.json()["instead"]
         asked = await client.options(path, headers=foreign)
         assert asked.status_code == 403 and "access-control-allow-origin" not in asked.headers
     own = {"Origin": str(client.base_url).rstrip("/")}
@@ -88,19 +90,10 @@ async def test_pages_of_others_may_not_act(server: Server, client: httpx.AsyncCl
     assert asked.headers["access-control-allow-methods"] == "DELETE, GET, PUT"
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {
-            "gate": {
-                "mode": "enforce",
-                "rules": {
-                    "drive": {"topics": ["/open/heard"], "fields": {"linear.x": {"max": 0.5}}, "stop": {}}
-                },
-            }
-        }
-    ],
-)
+DRIVE = {"topics": ["/open/heard"], "fields": {"linear.x": {"max": 0.5}}, "stop": {}}
+
+
+@pytest.mark.parametrize("settings", [{"gate": {"mode": "enforce", "rules": {"drive": DRIVE}}}], ids=["gate"])
 async def test_the_gate_stands_before_http_too(client: httpx.AsyncClient) -> None:
     path = "/api/topics/open/heard"
     assert (await client.post(path, json={"linear": {"x": 0.5}})).status_code == 204

@@ -47,6 +47,15 @@ async def events(answer: httpx.Response) -> AsyncIterator[Event]:
                 name, data = "message", ""
 
 
+async def until_shown(client: httpx.AsyncClient, path: str, text: str) -> None:
+    """Wait until a page contains a text."""
+
+    async def is_shown() -> bool:
+        return text in (await client.get(path)).text
+
+    await until_answered(is_shown)
+
+
 async def test_a_stream_begins_with_what_is_kept_and_goes_on(robot: Robot, client: httpx.AsyncClient) -> None:
     path = "/api/topics/open/label"
     async with client.stream("GET", path, headers=EVENTS) as answer:
@@ -80,11 +89,7 @@ async def test_readers_share_one_encode_and_leave_no_trace(
         assert (
             'rwt_topic_sent_messages_total{gateway="http",topic="/open/talk",encoding="events"} 2' in metrics
         )
-
-    async def ended() -> bool:
-        return "rwt_http_streams 0" in (await client.get("/metrics")).text
-
-    await until_answered(ended)
+    await until_shown(client, "/metrics", "rwt_http_streams 0")
     bridge = next(node for node in server.graph.nodes() if node.name == "/http_bridge")
     assert bridge.subscribing == ()
 
@@ -107,12 +112,7 @@ async def test_a_goal_is_followed_from_its_start_to_its_result(client: httpx.Asy
         stream = events(followed)
         state = await anext(stream)
         assert (state.name, state.data["state"]) == ("state", "executing")
-
-        async def has_counted() -> bool:
-            counted: object = (await client.get(where)).json()["feedback"]
-            return counted == {"sequence": [0, 1, 2]}
-
-        await until_answered(has_counted)
+        await until_shown(client, where, '"feedback":{"sequence":[0,1,2]}')
         canceled = await client.delete(where)
         assert (canceled.status_code, canceled.json()["state"]) == (202, "canceling")
         result = [event async for event in stream][-1]
@@ -143,12 +143,7 @@ async def test_a_rejected_goal_is_a_problem_and_no_resource(client: httpx.AsyncC
 async def test_goals_are_bounded_and_those_that_have_ended_give_way(client: httpx.AsyncClient) -> None:
     path = "/api/actions/open/count/goals"
     ended = (await client.post(path, json={"order": 1})).headers["location"]
-
-    async def has_succeeded() -> bool:
-        state: object = (await client.get(ended)).json()["state"]
-        return state == "succeeded"
-
-    await until_answered(has_succeeded)
+    await until_shown(client, ended, '"state":"succeeded"')
     for _ in range(2):
         assert (await client.post(path, json={"order": 101})).status_code == 201
     assert (await client.get(ended)).status_code == 404

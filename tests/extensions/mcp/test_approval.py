@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import anyio
 import pytest
+from mcp.client import Client
 from mcp_types import CallToolResult, ElicitRequestFormParams, ElicitResult, InputRequiredResult
 
 from rwt import Settings
 from rwt.extensions.mcp.person import Questions
 from rwt_client import connect
 from tests.extensions.mcp.agents import Era, agent_at, agent_of_connection, done, refused, url_of
-from tests.extensions.mcp.robots import small_robot
+from tests.extensions.mcp.robots import SmallRobot, small_robot
 from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 ASKED: dict[str, Any] = {"gateways": ["mcp"], "mcp": {"default_role": "admin", "confirm": ["/cmd_*"]}}
-ERAS: tuple[Era, ...] = ("legacy", "auto")
 DRIVE: dict[str, Any] = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}}
 
 
@@ -39,6 +41,19 @@ def yes() -> Person:
     return Person(ElicitResult(action="accept", content={"allow": True}))
 
 
+@asynccontextmanager
+async def asked(
+    settings: dict[str, Any], era: Era = "auto", person: Person | None = None, token: str | None = None
+) -> AsyncIterator[tuple[SmallRobot, Client]]:
+    """A small robot and its agent, whose program can ask a person if there is one."""
+    ask = None if person is None else person.ask
+    async with (
+        small_robot(Settings.model_validate(settings)) as (server, robot),
+        agent_at(url_of(server), era, token, elicitation_callback=ask) as agent,
+    ):
+        yield robot, agent
+
+
 NO = (
     ElicitResult(action="decline"),
     ElicitResult(action="cancel"),
@@ -46,13 +61,9 @@ NO = (
 )
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_a_givenis_for_one_act(era: Era) -> None:
     person = yes()
-    async with (
-        small_robot(**ASKED) as (server, robot),
-        agent_at(url_of(server), era, elicitation_callback=person.ask) as agent,
-    ):
+    async with asked(ASKED, era, person) as (robot, agent):
         tool = {each.name: each for each in (await agent.list_tools()).tools}["publish"]
         known = {"topic", "message", "type", "seconds", "rate", "stop"}
         assert set(tool.input_schema["properties"]) == known  # The model sees nothing of the question.
@@ -64,23 +75,17 @@ async def test_a_givenis_for_one_act(era: Era) -> None:
     assert person.questions[0] == 'May the agent publish {"linear":{"x":0.5}} on /cmd_vel?'
 
 
-@pytest.mark.parametrize("era", ERAS)
 @pytest.mark.parametrize("answer", NO, ids=["decline", "cancel", "accept without permission"])
 async def test_without_permission_nothing_happens(era: Era, answer: ElicitResult) -> None:
     person = Person(answer)
-    async with small_robot(**ASKED) as (server, robot):
-        async with agent_at(url_of(server), era, elicitation_callback=person.ask) as agent:
-            assert "the user declined" in await refused(agent, "publish", **DRIVE)
+    async with asked(ASKED, era, person) as (robot, agent):
+        assert "the user declined" in await refused(agent, "publish", **DRIVE)
         assert robot.heard == [] and len(person.questions) == 1
-        assert server.graph.topic("/cmd_vel") is not None
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_a_program_that_cannot_ask_is_refused(era: Era) -> None:
-    async with small_robot(**ASKED) as (server, robot):
-        async with agent_at(url_of(server), era) as agent:
-            text = await refused(agent, "publish", **DRIVE)
-            assert "your client cannot ask" in text
+    async with asked(ASKED, era) as (robot, agent):
+        assert "your client cannot ask" in await refused(agent, "publish", **DRIVE)
         assert robot.heard == []
 
 
@@ -114,8 +119,7 @@ async def test_the_command_asks_too() -> None:
     async with small_robot() as (server, robot):
         async with agent_of_connection(server.urls[0], confirm=["/cmd_vel"]) as agent:
             assert "your client cannot ask" in await refused(agent, "publish", **DRIVE)
-        asked = agent_of_connection(server.urls[0], person=person.ask, confirm=["/cmd_vel"])
-        async with asked as agent:
+        async with agent_of_connection(server.urls[0], person=person.ask, confirm=["/cmd_vel"]) as agent:
             await done(agent, "publish", **DRIVE)
         assert robot.heard == [0.5] and len(person.questions) == 1
 
@@ -175,13 +179,9 @@ GATED: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_the_user_grants_the_approval_that_the_gate_requires(era: Era) -> None:
     person = yes()
-    async with (
-        small_robot(Settings.model_validate(GATED)) as (server, robot),
-        agent_at(url_of(server), era, "the-token-of-a-pilot", elicitation_callback=person.ask) as agent,
-    ):
+    async with asked(GATED, era, person, "the-token-of-a-pilot") as (robot, agent):
         await done(agent, "publish", **DRIVE, seconds=0.4)
         assert set(robot.heard) == {0.5, 0.0} and len(robot.heard) > 2
         assert len(person.questions) == 1 and "gate.rules.asked" in person.questions[0]
@@ -193,14 +193,9 @@ async def test_the_user_grants_the_approval_that_the_gate_requires(era: Era) -> 
         assert len(person.questions) == 4
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_without_the_approval_that_the_gate_requires_nothing_happens(era: Era) -> None:
-    for options in ({}, {"elicitation_callback": Person(NO[0]).ask}):
-        async with (
-            small_robot(Settings.model_validate(GATED)) as (server, robot),
-            agent_at(url_of(server), era, "the-token-of-a-pilot", **options) as agent,
-        ):
-            expected = "the user declined" if options else "your client cannot ask"
+    for person, expected in ((None, "your client cannot ask"), (Person(NO[0]), "the user declined")):
+        async with asked(GATED, era, person, "the-token-of-a-pilot") as (robot, agent):
             assert expected in await refused(agent, "publish", **DRIVE, seconds=0.2)
             assert expected in await refused(agent, "send_goal", action="/count", goal={"order": 2})
             assert robot.heard == [] and not robot.begun.is_set()
@@ -213,10 +208,10 @@ async def test_where_others_give_the_giventhe_agent_waits_for_it() -> None:
         agent_at(url_of(server), token="the-token-of-a-trainee", elicitation_callback=person.ask) as agent,
         connect(server.urls[0], headers={"Authorization": "Bearer the-token-of-a-pilot"}) as pilot,
     ):
-        asked: list[Any] = []
+        waiting: list[Any] = []
 
         def answer(message: Any) -> None:
-            asked.extend(message.approvals)
+            waiting.extend(message.approvals)
 
         await pilot.subscribe("/gate/approvals", answer, "rwt_gate_msgs/Approvals")
         async with anyio.create_task_group() as tasks:
@@ -226,9 +221,9 @@ async def test_where_others_give_the_giventhe_agent_waits_for_it() -> None:
                 ended.append(await done(agent, "send_goal", action="/count", goal={"order": 2}))
 
             tasks.start_soon(count)
-            await until(lambda: bool(asked))
-            assert not robot.begun.is_set() and "mcp:" in asked[0].client
-            given = {"id": asked[0].id, "approve": True}
+            await until(lambda: bool(waiting))
+            assert not robot.begun.is_set() and "mcp:" in waiting[0].client
+            given = {"id": waiting[0].id, "approve": True}
             await pilot.call("/gate/approve", given, "rwt_gate_msgs/Approve")
         assert ended[0].startswith("the goal succeeded") and person.questions == []
         assert "publish" in await refused(agent, "publish", **DRIVE)

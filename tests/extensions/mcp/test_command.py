@@ -39,6 +39,14 @@ async def test_an_agent_uses_a_robot_elsewhere(era: Era, spoken: str) -> None:
         assert robot.heard == []
 
 
+def _driven(server: Server) -> list[float]:
+    """Velocities that come to a robot, forward."""
+    heard: list[float] = []
+    drive = server.node("base").subscribe
+    drive("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+    return heard
+
+
 async def _takes_lease(robot: Robot) -> bool:
     answer: Any = await robot.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
     return bool(answer.success)
@@ -50,9 +58,7 @@ async def test_an_agent_of_a_robot_elsewhere_keeps_to_the_lease(take: str) -> No
     lease = {"seconds": 30, "take": take}
     gate = {"rules": {"drive": {"topics": ["/cmd_vel"], "lease": lease, "stop": {}, "emergency": True}}}
     async with Server("ws://127.0.0.1:0", gate=gate) as server, connect(server.urls[0]) as other:
-        heard: list[float] = []
-        node = server.node("base")
-        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+        heard = _driven(server)
         async with agent_of_connection(server.urls[0]) as agent:
             drive = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.25}}}
             late = await refused(agent, "publish", **drive, seconds=31)
@@ -76,9 +82,7 @@ async def test_an_agent_of_a_robot_elsewhere_keeps_to_the_lease(take: str) -> No
 async def test_what_a_robot_elsewhere_refuses_counts_as_not_published() -> None:
     rule = {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.5}}}
     async with Server("ws://127.0.0.1:0", gate={"rules": {"slow": rule}}) as server:
-        heard: list[float] = []
-        node = server.node("base")
-        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+        heard = _driven(server)
         async with agent_of_connection(server.urls[0]) as agent:
             for seconds in (0.0, 0.2):
                 drive = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "seconds": seconds}
@@ -103,10 +107,8 @@ async def test_an_agent_hears_every_kind_of_rejection(place: str) -> None:
         gate={"rules": rules},
         gateways=["mcp"],
     ) as server:
-        node = server.node("base")
-        heard: list[float] = []
-        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
-        node.subscribe("/odom", print, "nav_msgs/Odometry")
+        heard = _driven(server)
+        server.node("base").subscribe("/odom", print, "nav_msgs/Odometry")
         elsewhere = place == "elsewhere"
         agents = agent_of_connection(server.urls[0]) if elsewhere else agent_at(url_of(server))
         async with agents as agent:

@@ -7,13 +7,15 @@ import http.client
 import json
 import logging
 import re
+from contextlib import closing
 from typing import Any
 from urllib.parse import urlsplit
 
 import anyio
 import pytest
+from mcp_types import Implementation
 
-from rwt import Settings
+from rwt import Server, Settings
 from rwt.extensions.mcp.agent import RESULT_BYTES
 from rwt_client import connect
 from tests.extensions.mcp.agents import OPEN, Era, agent_at, done, refused, served, url_of
@@ -22,7 +24,6 @@ from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
-ERAS: tuple[Era, ...] = ("legacy", "auto")
 PILOT, GUEST = "the-token-of-a-pilot", "the-token-of-a-guest"
 GUARDED: dict[str, Any] = {
     "gateways": ["mcp"],
@@ -37,22 +38,20 @@ GUARDED: dict[str, Any] = {
 }
 
 
-def post(
-    url: str, body: object, headers: dict[str, str] | None = None, method: str = "POST"
-) -> tuple[int, str]:
-    """One request; the answer's status and its body, the first 10,000 bytes."""
-    address = urlsplit(url)
-    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=60)
+async def post(
+    server: Server, body: object, headers: dict[str, str] | None = None, method: str = "POST"
+) -> tuple[int, str, str]:
+    """One request; status and session of its answer, and the first 10,000 bytes of its text."""
     usual = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
     data = body if isinstance(body, bytes) else json.dumps(body).encode()
-    try:
-        connection.request(method, "/mcp", data, {**usual, **(headers or {})})
-        answer = connection.getresponse()
-        session = answer.getheader("mcp-session-id") or ""
-        text = answer.read(10_000).decode()
-        return answer.status, f"{session}\n{text}"
-    finally:
-        connection.close()
+
+    def request() -> tuple[int, str, str]:
+        with closing(http.client.HTTPConnection(urlsplit(url_of(server)).netloc, timeout=60)) as connection:
+            connection.request(method, "/mcp", data, {**usual, **(headers or {})})
+            answer = connection.getresponse()
+            return answer.status, answer.getheader("mcp-session-id") or "", answer.read(10_000).decode()
+
+    return await asyncio.to_thread(request)
 
 
 INITIALIZE = {
@@ -65,9 +64,9 @@ INITIALIZE = {
         "clientInfo": {"name": "by hand", "version": "1"},
     },
 }
+LISTING = {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_an_agent_without_a_token_only_looks(era: Era) -> None:
     async with small_robot(gateways=["mcp"]) as (server, robot):
         async with agent_at(url_of(server), era) as agent:
@@ -80,7 +79,6 @@ async def test_an_agent_without_a_token_only_looks(era: Era) -> None:
         assert robot.heard == []
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_each_agent_has_the_role_of_its_token_and_no_more(era: Era) -> None:
     async with small_robot(Settings.model_validate(GUARDED)) as (server, robot):
         async with agent_at(url_of(server), era, PILOT) as agent:
@@ -104,54 +102,44 @@ async def test_each_agent_has_the_role_of_its_token_and_no_more(era: Era) -> Non
 async def test_an_unknown_token_is_turned_away() -> None:
     async with served(Settings.model_validate(GUARDED)) as server:
         headers = {"Authorization": "Bearer somebody-elses-token"}
-        status, text = await asyncio.to_thread(post, url_of(server), INITIALIZE, headers)
+        status, _, text = await post(server, INITIALIZE, headers)
         assert status == 401 and "auth.tokens" in text
 
 
 async def test_a_session_is_of_no_use_to_whoever_did_not_open_it() -> None:
     async with served(Settings.model_validate(GUARDED)) as server:
-        url, listing = url_of(server), {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
-        opened, text = await asyncio.to_thread(post, url, INITIALIZE, {"Authorization": f"Bearer {PILOT}"})
-        session = text.partition("\n")[0]
+        opened, session, _ = await post(server, INITIALIZE, {"Authorization": f"Bearer {PILOT}"})
         assert opened == 200 and session
         for token, expected in ((PILOT, 200), (GUEST, 404)):
             headers = {"Authorization": f"Bearer {token}", "Mcp-Session-Id": session}
-            status, _ = await asyncio.to_thread(post, url, listing, headers)
-            assert status == expected, token
+            assert (await post(server, LISTING, headers))[0] == expected, token
 
 
 async def test_sessions_are_bounded_and_closed() -> None:
     async with served(gateways=["mcp"], mcp={"sessions": 2}) as server:
-        url = url_of(server)
-        opened = [await asyncio.to_thread(post, url, INITIALIZE) for _ in range(3)]
-        assert [status for status, _ in opened] == [200, 200, 503]
+        opened = [await post(server, INITIALIZE) for _ in range(3)]
+        assert [answer[0] for answer in opened] == [200, 200, 503]
         assert "rwt_mcp_sessions 2" in server.metrics.text().decode()
-        headers = {"Mcp-Session-Id": opened[0][1].partition("\n")[0]}
-        closed, _ = await asyncio.to_thread(post, url, b"", headers, "DELETE")
-        again, _ = await asyncio.to_thread(post, url, INITIALIZE)
-        assert (closed, again) == (200, 200)
+        assert (await post(server, b"", {"Mcp-Session-Id": opened[0][1]}, "DELETE"))[0] == 200
+        assert (await post(server, INITIALIZE))[0] == 200
 
 
 async def test_what_a_request_may_hold_is_bounded_and_less_where_the_server_keeps_it() -> None:
     async with served(gateways=["mcp"], mcp={"request_bytes": 16_384}) as server:
-        url, listing = url_of(server), {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
-        status, text = await asyncio.to_thread(post, url, {**INITIALIZE, "x": "x" * 2000})
+        status, _, text = await post(server, {**INITIALIZE, "x": "x" * 2000})
         assert status == 413 and "the limit is 1024 here (mcp.request_bytes)" in text
-        _, opened = await asyncio.to_thread(post, url, INITIALIZE)
-        headers = {"Mcp-Session-Id": opened.partition("\n")[0]}
+        headers = {"Mcp-Session-Id": (await post(server, INITIALIZE))[1]}
         for size, expected in ((10_000, 200), (17_000, 413)):
-            status, text = await asyncio.to_thread(
-                post, url, {**listing, "params": {"x": "x" * size}}, headers
-            )
+            status, _, text = await post(server, {**LISTING, "params": {"x": "x" * size}}, headers)
             assert status == expected
         assert "the limit is 16384 here (mcp.request_bytes)" in text
 
 
 async def test_a_silent_session_ends() -> None:
     async with served(gateways=["mcp"], mcp={"sessions": 1, "session_idle_seconds": 0.2}) as server:
-        assert (await asyncio.to_thread(post, url_of(server), INITIALIZE))[0] == 200
+        assert (await post(server, INITIALIZE))[0] == 200
         with anyio.fail_after(20):
-            while (await asyncio.to_thread(post, url_of(server), INITIALIZE))[0] != 200:
+            while (await post(server, INITIALIZE))[0] != 200:
                 pass  # Each try takes its time, and keeps no session open.
 
 
@@ -162,13 +150,12 @@ async def test_requests_under_way_are_bounded() -> None:
             for _ in range(2):
                 tasks.start_soon(agent.call_tool, "wait_for", waits)
             await until(lambda: "rwt_mcp_requests 2" in server.metrics.text().decode())
-            status, text = await asyncio.to_thread(post, url_of(server), INITIALIZE)
+            status, _, text = await post(server, INITIALIZE)
             assert status == 503 and "mcp.requests" in text
             tasks.cancel_scope.cancel()
         await until(lambda: "rwt_mcp_requests 0" in server.metrics.text().decode())
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_the_robot_stops_when_whoever_drives_it_is_gone(era: Era) -> None:
     async with small_robot(**OPEN) as (server, robot):
         async with anyio.create_task_group() as tasks:
@@ -211,7 +198,9 @@ async def test_what_an_agent_did_is_in_the_audit_under_its_name(caplog: pytest.L
     caplog.set_level(logging.INFO, "rwt.bridge")
     async with (
         small_robot(Settings.model_validate(GUARDED)) as (server, _),
-        agent_at(url_of(server), token=PILOT, client_info=_named("planner")) as agent,
+        agent_at(
+            url_of(server), token=PILOT, client_info=Implementation(name="planner", version="1")
+        ) as agent,
     ):
         await done(agent, "publish", topic="/cmd_vel", message={"linear": {"x": 0.25}})
         await done(agent, "read_topic", topic="/battery")
@@ -220,12 +209,6 @@ async def test_what_an_agent_did_is_in_the_audit_under_its_name(caplog: pytest.L
     assert len(lines) == 3  # What only looks is not written.
     assert "the agent planner (pilot, 127.0.0.1): publish" in lines[0] and '"x":0.25' in lines[0]
     assert "refused: role 'pilot' may not publish on /status" in lines[2]
-
-
-def _named(name: str) -> Any:
-    from mcp_types import Implementation
-
-    return Implementation(name=name, version="1")
 
 
 async def test_what_an_agent_publishes_is_heard_by_rosbridge_and_the_other_way_round() -> None:
@@ -256,14 +239,13 @@ async def test_results_are_bounded_in_size() -> None:
         node.close()
 
 
-async def test_nothing_is_left_of_agents_that_have_gone() -> None:
+async def test_nothing_is_left_of_agents_that_have_gone(era: Era) -> None:
     async with small_robot(**OPEN) as (server, _):
         before = {(each.name, len(each.subscribers)) for each in server.graph.topics()}
-        for era in ERAS:
-            async with agent_at(url_of(server), era) as agent:
-                await done(agent, "read_topic", topic="/battery")
-                await done(agent, "list_frames", seconds=0.05)
-                await done(agent, "watch_numbers", topic="/number", seconds=0.05)
+        async with agent_at(url_of(server), era) as agent:
+            await done(agent, "read_topic", topic="/battery")
+            await done(agent, "list_frames", seconds=0.05)
+            await done(agent, "watch_numbers", topic="/number", seconds=0.05)
         assert {(each.name, len(each.subscribers)) for each in server.graph.topics()} == before
         assert "rwt_mcp_sessions 0" in server.metrics.text().decode()
 
@@ -279,7 +261,6 @@ async def test_a_session_that_takes_its_time_to_begin_is_one(monkeypatch: pytest
         assert 'rwt_connections_total{gateway="mcp"} 1' in metrics
 
 
-@pytest.mark.parametrize("era", ERAS)
 async def test_a_stop_names_the_program_and_is_answered_by_its_tool(era: Era) -> None:
     drive = {"topics": ["/cmd_vel"], "type": "geometry_msgs/Twist", "stop": {}, "emergency": True}
     gate = {"rules": {"drive": drive}}

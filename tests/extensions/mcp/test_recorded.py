@@ -7,15 +7,7 @@ from pathlib import Path
 import pytest
 
 from rwt import Server, Settings
-from tests.extensions.mcp.agents import (
-    agent_at,
-    agent_of_connection,
-    done,
-    refused,
-    served,
-    text_of,
-    url_of,
-)
+from tests.extensions.mcp.agents import agent_at, agent_of_connection, done, refused, served, text_of, url_of
 from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]

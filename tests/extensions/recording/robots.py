@@ -7,10 +7,16 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from rwt.extensions.recording import EVERYTHING, Encoding, RecordingOptions, TopicSelection, record_graph
+from rwt.extensions.recording import (
+    Encoding,
+    RecordingOptions,
+    RecordingWriter,
+    TopicSelection,
+    channel_form,
+    record_graph,
+)
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import DISTROS, Registry
-from rwt_participant.qos import LATCHED
 
 START_NS = 1_700_000_000_123_456_789
 
@@ -42,6 +48,26 @@ def record_robot(path: Path, distro: str = "jazzy", encoding: Encoding = "ros", 
         odom.publish({})  # After the recording.
 
 
+def record_seconds(path: Path, start_ns: int = START_NS) -> None:
+    """A recording of six seconds, with a number each."""
+    graph, clock = graph_at(start_ns)
+    topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
+    with record_graph(graph, path):
+        for number in range(6):
+            topic.publish({"data": number})
+            clock.advance(1.0)
+
+
+def record_chunks(path: Path) -> None:
+    """A recording of three chunks without compression; the texts are `AAA…` at 0 ns to `III…` at 8 ns."""
+    string = Registry(DISTROS["jazzy"]).message("std_msgs/String")
+    with RecordingWriter(path, DISTROS["jazzy"], RecordingOptions(compression="none")) as writer:
+        channel = writer.add_channel(channel_form("/text", string, "ros"))
+        for number in range(9):
+            text = string.struct(data=chr(65 + number) * 399_999)
+            writer.write(channel, number, number, string.to_cdr(text))
+
+
 def rows(path: Path) -> list[Row]:
     """Every message of an MCAP file, as an independent reader reads it."""
     with path.open("rb") as file:
@@ -61,6 +87,3 @@ def rows(path: Path) -> list[Row]:
 
 def of_topic(found: Iterable[Row], topic: str) -> list[Row]:
     return [row for row in found if row[0] == topic]
-
-
-__all__ = ["EVERYTHING", "LATCHED", "OWN", "START_NS", "graph_at", "of_topic", "record_robot", "rows"]

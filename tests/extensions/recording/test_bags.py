@@ -16,9 +16,10 @@ from rwt.extensions.recording import Recording, open_recording
 from rwt.extensions.recording.playback import Player
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_graph.api import Sample
-from rwt_interfaces import NOETIC, Registry
+from rwt_interfaces import JAZZY, NOETIC, Registry
 
 START = 1_700_000_000_000_000_000
+STRING, LEVELS = "std_msgs/msg/String", "my_robot/msg/Levels"
 OWN_TYPE = "std_msgs/Header header\nfloat32[] levels\nuint8 OK=1\n"
 NEVER = QosTime(0, 0)
 LATCHED = Qos(
@@ -27,41 +28,24 @@ LATCHED = Qos(
 )  # fmt: skip
 
 
-def ros1_bag(path: Path) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg(OWN_TYPE, "my_robot/msg/Levels"))
-    with Writer1(path) as bag:
-        mode = bag.add_connection("/mode", "std_msgs/msg/String", typestore=store, latching=1)
-        levels = bag.add_connection("/levels", "my_robot/msg/Levels", typestore=store)
-        text = store.types["std_msgs/msg/String"](data="slow")
-        bag.write(mode, START, store.serialize_ros1(text, "std_msgs/msg/String"))
+def write_bag(path: Path, plugin: StoragePlugin | None = None) -> None:
+    """Write a bag of ROS 2, or of ROS 1 without a plugin."""
+    is_ros1 = plugin is None
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(OWN_TYPE, LEVELS))
+    serialize = store.serialize_ros1 if is_ros1 else store.serialize_cdr
+    latched: Any = {"latching": 1} if is_ros1 else {"offered_qos_profiles": [LATCHED]}
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
+    sequence = {"seq": 7} if is_ros1 else {}
+    header = store.types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id="tank")
+    bag: Any = Writer1(path) if plugin is None else Writer2(path, version=9, storage_plugin=plugin)
+    with bag:
+        mode = bag.add_connection("/mode", STRING, typestore=store, **latched)
+        levels = bag.add_connection("/levels", LEVELS, typestore=store)
+        bag.write(mode, START, serialize(store.types[STRING](data="slow"), STRING))
         for index in range(3):
-            message = store.types["my_robot/msg/Levels"](header=_header(store, 1), levels=_floats(index))
-            data = store.serialize_ros1(message, "my_robot/msg/Levels")
-            bag.write(levels, START + index * 10**9, data)
-
-
-def ros2_bag(path: Path, plugin: StoragePlugin) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(OWN_TYPE, "my_robot/msg/Levels"))
-    with Writer2(path, version=9, storage_plugin=plugin) as bag:
-        mode = bag.add_connection(
-            "/mode", "std_msgs/msg/String", typestore=store, offered_qos_profiles=[LATCHED]
-        )
-        levels = bag.add_connection("/levels", "my_robot/msg/Levels", typestore=store)
-        text = store.types["std_msgs/msg/String"](data="slow")
-        bag.write(mode, START, store.serialize_cdr(text, "std_msgs/msg/String"))
-        for index in range(3):
-            message = store.types["my_robot/msg/Levels"](header=_header(store, 2), levels=_floats(index))
-            data = store.serialize_cdr(message, "my_robot/msg/Levels")
-            bag.write(levels, START + index * 10**9, data)
-
-
-def _header(store: Any, version: int) -> Any:
-    types = store.types
-    stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
-    sequence = {"seq": 7} if version == 1 else {}
-    return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id="tank")
+            message = store.types[LEVELS](header=header, levels=_floats(index))
+            bag.write(levels, START + index * 10**9, serialize(message, LEVELS))
 
 
 def _floats(index: int) -> Any:
@@ -87,37 +71,28 @@ def plays(recording: Recording, graph: MemoryGraph, clock: SimulatedClock) -> No
     assert modes == ["slow"]
 
 
-def test_a_bag_of_ros_1_plays(tmp_path: Path) -> None:
-    path = tmp_path / "run.bag"
-    ros1_bag(path)
+@pytest.mark.parametrize("plugin", [None, StoragePlugin.SQLITE3, StoragePlugin.MCAP], ids=str)
+def test_a_bag_plays(tmp_path: Path, plugin: StoragePlugin | None) -> None:
+    path = tmp_path / ("run.bag" if plugin is None else "run")
+    write_bag(path, plugin)
     with open_recording([path]) as recording:
-        assert recording.distro is NOETIC
+        assert recording.distro is (NOETIC if plugin is None else JAZZY)
         assert [(topic.name, topic.count) for topic in recording.topics] == [("/levels", 3), ("/mode", 1)]
         assert (recording.start_ns, recording.end_ns) == (START, START + 2 * 10**9)
         clock = SimulatedClock(recording.start_ns)
-        plays(recording, MemoryGraph(Registry(NOETIC), clock), clock)
-
-
-@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
-def test_a_bag_of_ros_2_plays(tmp_path: Path, plugin: StoragePlugin) -> None:
-    path = tmp_path / "run"
-    ros2_bag(path, plugin)
-    with open_recording([path]) as recording:
-        assert recording.end_ns == START + 2 * 10**9
-        clock = SimulatedClock(recording.start_ns)
-        plays(recording, MemoryGraph(clock=clock), clock)
+        plays(recording, MemoryGraph(Registry(recording.distro), clock), clock)
 
 
 def test_recordings_of_different_ros_are_not_played_together(tmp_path: Path) -> None:
-    ros1_bag(tmp_path / "run.bag")
-    ros2_bag(tmp_path / "run", StoragePlugin.SQLITE3)
+    write_bag(tmp_path / "run.bag")
+    write_bag(tmp_path / "run", StoragePlugin.SQLITE3)
     with pytest.raises(Exception, match="ROS 1 and of ROS 2 cannot be played together"):
         open_recording([tmp_path / "run.bag", tmp_path / "run"])
 
 
 def test_recordings_play_together_in_order(tmp_path: Path) -> None:
-    ros2_bag(tmp_path / "one", StoragePlugin.SQLITE3)
-    ros2_bag(tmp_path / "two", StoragePlugin.MCAP)
+    write_bag(tmp_path / "one", StoragePlugin.SQLITE3)
+    write_bag(tmp_path / "two", StoragePlugin.MCAP)
     with open_recording([tmp_path / "one", tmp_path / "two"]) as recording:
         assert [(topic.name, topic.count) for topic in recording.topics] == [("/levels", 6), ("/mode", 2)]
         times = [message.log_time for message in recording.messages()]

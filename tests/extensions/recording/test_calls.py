@@ -32,7 +32,7 @@ def add(request: Any) -> dict[str, object]:
 
 
 @pytest.mark.anyio
-async def test_a_call_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
+async def test_a_call_is_told_of_as_ros_2_does() -> None:
     graph, clock = graph_at()
     told: list[Any] = []
     async with graph:
@@ -105,8 +105,7 @@ def test_what_cannot_be_told_of_is_said() -> None:
 
 
 @pytest.mark.anyio
-async def test_recorded_calls_are_answered_again(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+async def test_recorded_calls_are_answered_again(path: Path) -> None:
     graph, _ = graph_at()
     async with graph:
         with Node(graph, "robot") as node, record_graph(graph, path, OWN) as recorder:
@@ -136,8 +135,7 @@ async def test_recorded_calls_are_answered_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.anyio
-async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+async def test_a_goal_is_told_of_as_ros_2_does(path: Path) -> None:
     graph, _ = graph_at()
 
     async def execute(goal: ReceivedGoal) -> dict[str, object]:
@@ -184,9 +182,8 @@ async def _count(goal: ReceivedGoal) -> dict[str, object]:
 
 
 @pytest.mark.anyio
-async def test_common_readers_read_a_file_with_calls_and_goals_and_ours_has_ros_names(tmp_path: Path) -> None:
+async def test_common_readers_read_a_file_with_calls_and_goals_and_ours_has_ros_names(path: Path) -> None:
     """mcap-ros2-support and rosbags, neither of which takes the names that ROS 2 makes by rule."""
-    path = tmp_path / "run.mcap"
     graph, clock = graph_at()
     async with graph:
         with Node(graph, "robot") as node, record_graph(graph, path, OWN) as recorder:

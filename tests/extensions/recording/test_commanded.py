@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,17 @@ pytestmark = pytest.mark.anyio
 START, STOP, STATE = "/recorder/start", "/recorder/stop", "/recorder/state"
 STARTING, STOPPING = "rwt_recorder_msgs/StartRecording", "rwt_recorder_msgs/StopRecording"
 LIMIT = 20.0
+
+
+@asynccontextmanager
+async def commanded(folder: Path, settings: Any = None, **limits: int) -> AsyncIterator[tuple[Server, Robot]]:
+    """A server that records to a folder, and its client."""
+    recorder = {"folder": folder, **limits}
+    async with (
+        Server("ws://127.0.0.1:0", recorder=recorder, **(settings or {})) as server,
+        connect(server.urls[0]) as robot,
+    ):
+        yield server, robot
 
 
 async def start(robot: Robot, name: str = "", topics: tuple[str, ...] = ()) -> Any:
@@ -52,10 +64,7 @@ def files(folder: Path) -> list[Path]:
 
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 async def test_what_is_published_between_start_and_stop_is_in_the_file(tmp_path: Path, distro: str) -> None:
-    async with (
-        Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}, distro=distro) as server,
-        connect(server.urls[0]) as robot,
-    ):
+    async with commanded(tmp_path, {"distro": distro}) as (server, robot):
         node = server.node("robot")
         kept = node.advertise("/place", "geometry_msgs/Point", latch=True)
         kept.publish({"x": 1.0})
@@ -76,10 +85,7 @@ async def test_what_is_published_between_start_and_stop_is_in_the_file(tmp_path:
 
 
 async def test_chosen_topics_alone_are_recorded(tmp_path: Path) -> None:
-    async with (
-        Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}) as server,
-        connect(server.urls[0]) as robot,
-    ):
+    async with commanded(tmp_path) as (server, robot):
         for name in ("/a/one", "/b/one"):
             server.node(f"n{name[1]}").advertise(name, "std_msgs/String", latch=True).publish({"data": name})
         begun = await start(robot, topics=("/a/*",))
@@ -90,8 +96,7 @@ async def test_chosen_topics_alone_are_recorded(tmp_path: Path) -> None:
 
 
 async def test_a_recording_ends_where_it_is_as_large_as_it_may_be(tmp_path: Path) -> None:
-    limits = {"folder": tmp_path, "recording_bytes": 20_000}
-    async with Server("ws://127.0.0.1:0", recorder=limits) as server, connect(server.urls[0]) as robot:
+    async with commanded(tmp_path, recording_bytes=20_000) as (server, robot):
         text = server.node("robot").advertise("/text", "std_msgs/String", latch=True)
         text.publish({"data": "x" * 3000})
         begun = await start(robot, topics=("/text",))
@@ -108,8 +113,7 @@ async def test_a_recording_ends_where_it_is_as_large_as_it_may_be(tmp_path: Path
 
 
 async def test_a_full_folder_takes_no_other_recording(tmp_path: Path) -> None:
-    limits = {"folder": tmp_path, "folder_bytes": 10_000}
-    async with Server("ws://127.0.0.1:0", recorder=limits) as server, connect(server.urls[0]) as robot:
+    async with commanded(tmp_path, folder_bytes=10_000) as (_, robot):
         (tmp_path / "old.mcap").write_bytes(b"x" * 9_000)
         begun = await start(robot)
         assert (await state_when(robot, lambda state: state.recording)).largest_bytes == 1_000
@@ -125,10 +129,7 @@ async def test_a_full_folder_takes_no_other_recording(tmp_path: Path) -> None:
     "name", ["../up", "/etc/x", ".hidden", "a b", "x" * 65, "a\0b", "<img onerror=alert(1)>"]
 )
 async def test_what_is_no_name_is_refused_and_leaves_nothing(tmp_path: Path, name: str) -> None:
-    async with (
-        Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}) as server,
-        connect(server.urls[0]) as robot,
-    ):
+    async with commanded(tmp_path) as (_, robot):
         assert "expected up to 64 of the characters" in (await start(robot, name)).message
         assert "at most 200" in (await start(robot, "", ("/x",) * 201)).message
         assert "nothing is being recorded" in (await stop(robot)).message
@@ -136,10 +137,7 @@ async def test_what_is_no_name_is_refused_and_leaves_nothing(tmp_path: Path, nam
 
 
 async def test_one_at_a_time_and_two_of_a_second_have_files_of_their_own(tmp_path: Path) -> None:
-    async with (
-        Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}) as server,
-        connect(server.urls[0]) as robot,
-    ):
+    async with commanded(tmp_path) as (_, robot):
         answers: list[Any] = []
 
         async def begin() -> None:
@@ -155,10 +153,7 @@ async def test_one_at_a_time_and_two_of_a_second_have_files_of_their_own(tmp_pat
 
 
 async def test_a_role_needs_the_right_to_call_it(tmp_path: Path) -> None:
-    async with (
-        Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}, auth={"default_role": "viewer"}) as server,
-        connect(server.urls[0]) as robot,
-    ):
+    async with commanded(tmp_path, {"auth": {"default_role": "viewer"}}) as (_, robot):
         with pytest.raises(Exception, match="may not call /recorder/start"):
             await start(robot)
         assert not (await state_when(robot, lambda state: True)).recording
@@ -166,11 +161,10 @@ async def test_a_role_needs_the_right_to_call_it(tmp_path: Path) -> None:
 
 
 async def test_a_server_that_ends_ends_its_recording_whole(tmp_path: Path) -> None:
-    async with Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}) as server:
+    async with commanded(tmp_path) as (server, robot):
         server.node("robot").advertise("/text", "std_msgs/String", latch=True).publish({"data": "x"})
-        async with connect(server.urls[0]) as robot:
-            begun = await start(robot, topics=("/text",))
-            await state_when(robot, lambda state: state.messages > 0)
+        begun = await start(robot, topics=("/text",))
+        await state_when(robot, lambda state: state.messages > 0)
     with open_recording([tmp_path / begun.file]) as recording:
         assert recording.topics[0].count == 1
 
@@ -187,15 +181,12 @@ async def test_there_are_no_such_services_unless_a_folder_is_named(tmp_path: Pat
 
 async def test_recordings_are_listed_and_downloaded_by_who_may_hear_every_topic(tmp_path: Path) -> None:
     (tmp_path / "secret.txt").write_text("no recording")
-    settings: dict[str, Any] = {
-        "recorder": {"folder": tmp_path},
-        "auth": {
-            "tokens": {"v": {"token": "a-viewer-s-token-0123", "role": "some"}},
-            "default_role": "admin",
-        },
+    tokens = {"v": {"token": "a-viewer-s-token-0123", "role": "some"}}
+    settings = {
+        "auth": {"tokens": tokens, "default_role": "admin"},
         "roles": {"some": {"subscribe": ["/odom"]}},
     }
-    async with Server("ws://127.0.0.1:0", **settings) as server, connect(server.urls[0]) as robot:
+    async with commanded(tmp_path, settings) as (server, robot):
         node = server.node("robot")
         node.advertise("/place", "geometry_msgs/Point", latch=True).publish({"x": 1.0})
         await start(robot, "run")

@@ -97,9 +97,8 @@ def test_one_publisher_keeps_what_several_kept() -> None:
 @pytest.mark.parametrize("encoding", ["ros", "json"])
 @pytest.mark.parametrize("distro", [JAZZY, NOETIC], ids=["jazzy", "noetic"])
 def test_a_type_of_the_robots_own_plays_without_its_definition_at_hand(
-    tmp_path: Path, distro: object, encoding: Encoding
+    path: Path, distro: object, encoding: Encoding
 ) -> None:
-    path = tmp_path / "run.mcap"
     graph, _ = graph_at(distro="noetic" if distro is NOETIC else "jazzy")
     graph.registry.add_text("Cell[] cells\nuint8 FULL=1", "my_robot/Battery")
     graph.registry.add_text("float64 volts\nstring name", "my_robot/Cell")
@@ -118,8 +117,7 @@ def test_a_type_of_the_robots_own_plays_without_its_definition_at_hand(
     assert [(each.volts, each.name) for each in heard] == [(3.5, "left")]
 
 
-def test_calls_of_a_service_of_the_robots_own_are_answered(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_calls_of_a_service_of_the_robots_own_are_answered(path: Path) -> None:
     registry = Registry(JAZZY)
     registry.add_text("int64 level\n---\nbool done", "my_robot/SetLevel", "srv")
     event = registry.message("my_robot/SetLevel_Event")
@@ -139,8 +137,7 @@ def test_calls_of_a_service_of_the_robots_own_are_answered(tmp_path: Path) -> No
             )
 
 
-def test_a_topic_that_changes_its_type_has_two_channels(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+def test_a_topic_that_changes_its_type_has_two_channels(path: Path) -> None:
     graph, clock = graph_at()
     with Node(graph, "robot") as node, record_graph(graph, path, OWN):
         for kind in ("std_msgs/Int32", "std_msgs/Float64"):

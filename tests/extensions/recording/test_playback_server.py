@@ -7,10 +7,11 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt import MemoryGraph, Node, Settings, SettingsError, SimulatedClock, connect
-from rwt.extensions.recording import open_recording, record_graph
+from rwt import Settings, SettingsError, connect
+from rwt.extensions.recording import open_recording
 from rwt.extensions.recording.playback import PlaybackServer, PlayOptions
 from rwt_graph import NotRunning
+from tests.extensions.recording.robots import record_seconds
 
 URL = "ws://127.0.0.1:0"
 
@@ -19,15 +20,8 @@ pytestmark = pytest.mark.anyio
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """Five seconds of a clock, a message each."""
     path = tmp_path / "run.mcap"
-    clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
-    graph = MemoryGraph(clock=clock)
-    topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
-    with record_graph(graph, path):
-        for number in range(6):
-            topic.publish({"data": number})
-            clock.advance(1.0)
+    record_seconds(path)
     return path
 
 

@@ -56,7 +56,7 @@ class Heard:
 
 
 @contextmanager
-def playing(path: Path, options: PlayOptions | None = None, *, paused: bool = False) -> Iterator[Heard]:
+def playing(path: Path, options: PlayOptions | None = None) -> Iterator[Heard]:
     with open_recording([path]) as recording:
         clock = SimulatedClock(recording.start_ns)
         graph = MemoryGraph(clock=clock)

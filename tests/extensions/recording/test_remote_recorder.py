@@ -72,9 +72,8 @@ async def recorded(path: Path, encoding: Encoding = "ros") -> AsyncIterator[Reco
 
 @pytest.mark.parametrize("encoding", ["ros", "json"])
 async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
-    tmp_path: Path, encoding: Encoding
+    path: Path, encoding: Encoding
 ) -> None:
-    path = tmp_path / "run.mcap"
     async with recorded(path, encoding) as here:
         here.node.advertise("/map_name", "std_msgs/String", latch=True).publish({"data": "hall"})
         count = here.node.advertise("/count", "std_msgs/Int32")
@@ -96,8 +95,7 @@ async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
     assert kept == {"/count": [], "/map_name": ["transient_local"]}
 
 
-async def test_topics_are_found_later_and_may_be_said_to_be_kept(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+async def test_topics_are_found_later_and_may_be_said_to_be_kept(path: Path) -> None:
     async with recorded(path) as here:
         await here.recorder.look()
         assert here.recorder.topics == 0

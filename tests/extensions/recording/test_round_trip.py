@@ -24,10 +24,7 @@ def test_a_recording_played_and_recorded_again_is_the_same(
     with open_recording([first]) as recording:
         clock = SimulatedClock(recording.start_ns)
         graph = MemoryGraph(Registry(recording.distro), clock)
-        with (
-            Player(graph, recording) as player,
-            record_graph(graph, second, OWN, RecordingOptions(encoding)),
-        ):
+        with Player(graph, recording) as player, record_graph(graph, second, OWN, RecordingOptions(encoding)):
             clock.advance(10.0)
             assert player.finished.is_set()
     before, after = rows(first), rows(second)

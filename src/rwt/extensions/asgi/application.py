@@ -258,11 +258,7 @@ async def _body(receive: Receive, most: int) -> bytes | HttpResponse | None:
 
 async def _respond(request: HttpRequest, response: HttpResponse, receive: Receive, send: Send) -> None:
     body = response.body
-    headers = {"content-type": response.content_type, **_lower(SAFE_HEADERS), **_lower(response.headers)}
-    if isinstance(body, bytes) and response.status not in (204, 304):
-        headers["content-length"] = str(len(body))
-    cookies = [("set-cookie", cookie) for cookie in response.cookies]
-    pairs = [(n.encode("latin-1"), v.encode("latin-1")) for n, v in (*headers.items(), *cookies)]
+    pairs = _pairs(response, SAFE_HEADERS)
     await send({"type": "http.response.start", "status": response.status, "headers": pairs})
     if isinstance(body, bytes):
         await send({"type": "http.response.body", "body": b"" if request.method == "HEAD" else body})
@@ -294,8 +290,14 @@ async def _stream(chunks: AsyncIterator[bytes], receive: Receive, send: Send) ->
         tasks.cancel_scope.cancel()
 
 
-def _lower(headers: Mapping[str, str]) -> dict[str, str]:
-    return {name.lower(): value for name, value in headers.items()}
+def _pairs(response: HttpResponse, others: Mapping[str, str]) -> list[tuple[bytes, bytes]]:
+    """Return the headers of a response as ASGI has them, and others that it does not set itself."""
+    headers = {name.lower(): value for name, value in (*others.items(), *response.headers.items())}
+    headers = {"content-type": response.content_type, **headers}
+    if isinstance(response.body, bytes) and response.status not in (204, 304):
+        headers["content-length"] = str(len(response.body))
+    cookies = [("set-cookie", cookie) for cookie in response.cookies]
+    return [(n.encode("latin-1"), v.encode("latin-1")) for n, v in (*headers.items(), *cookies)]
 
 
 async def _refuse(scope: Scope, send: Send, response: HttpResponse) -> None:
@@ -305,10 +307,8 @@ async def _refuse(scope: Scope, send: Send, response: HttpResponse) -> None:
         text = reason.decode("utf-8", "replace").strip()[:120]
         await send({"type": "websocket.close", "code": POLICY, "reason": text})
         return
-    headers = {"content-type": response.content_type, "content-length": str(len(reason)),
-               **_lower(response.headers)}  # fmt: skip
-    pairs = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers.items()]
-    await send({"type": "websocket.http.response.start", "status": response.status, "headers": pairs})
+    start = {"status": response.status, "headers": _pairs(response, {})}
+    await send({"type": "websocket.http.response.start", **start})
     await send({"type": "websocket.http.response.body", "body": reason})
 
 

@@ -90,9 +90,7 @@ class PlaybackControl:
 
         try:
             self._graph.call_service(
-                f"{self._playback.node}/{service}",
-                lambda type: Payload.from_value(type, request),
-                on_reply,
+                f"{self._playback.node}/{service}", lambda type: Payload.from_value(type, request), on_reply
             )
         except (RobotError, AccessError) as error:
             finished(str(error))

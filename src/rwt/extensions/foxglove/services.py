@@ -13,15 +13,11 @@ from rwt.extensions.foxglove.catalogue import OfferedService
 from rwt.extensions.foxglove.errors import FoxgloveError, NotPossible
 from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ServiceCallRequest
-from rwt.extensions.foxglove.wire.payloads import (
-    check_encoding,
-    in_encoding,
-    payload_of,
-)
+from rwt.extensions.foxglove.wire.payloads import check_encoding, in_encoding, payload_of
 from rwt.extensions.foxglove.wire.server_messages import service_call_failure, service_call_response
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.structs import MessageType, ServiceType
+from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import CallFailed, RobotError
 
 
@@ -49,9 +45,17 @@ class ServiceCalls:
             raise NotPossible(f"there is no service {request.service_id}")
         check_encoding(request.encoding, self._graph.distro)
         try:
-            payload: Payload = yield from self._request(service.type, request)
+            made: Payload = yield from payload_of(
+                service.type.request,
+                request.encoding,
+                request.data,
+                self._graph.clock.time_ns,
+                self._structure,
+            )
         except InvalidMessage as error:
             raise NotPossible(f"the request for {service.name}: {error}") from None
+
+        payload = made.detach()  # A copy: the service may keep it longer than the frame exists.
 
         def request_of(type: MessageType) -> Payload:
             # Compared by identity: the request was built for the class of this type.
@@ -63,11 +67,6 @@ class ServiceCalls:
         asked = replace(request, data=memoryview(b""))
         on_reply: Callable[[Payload | CallFailed], None] = partial(self._reply, asked)
         self._graph.call_service(service.name, request_of, on_reply, self._timeout)
-
-    def _request(self, type: ServiceType, request: ServiceCallRequest) -> Generator[None, None, Payload]:
-        now = self._graph.clock.time_ns
-        made = yield from payload_of(type.request, request.encoding, request.data, now, self._structure)
-        return made.detach()  # A copy: the service may keep it longer than the frame exists.
 
     def _reply(self, request: ServiceCallRequest, outcome: Payload | CallFailed) -> None:
         if isinstance(outcome, CallFailed):

@@ -9,6 +9,5 @@ if TYPE_CHECKING:
     from rwt.extensions.http.part import HttpSettings as HttpSettings
 
 __all__, __getattr__, __dir__ = exports(
-    __name__,
-    {"rwt.extensions.http.gateway": "HttpGateway", "rwt.extensions.http.part": "HttpSettings"},
+    __name__, {"rwt.extensions.http.gateway": "HttpGateway", "rwt.extensions.http.part": "HttpSettings"}
 )

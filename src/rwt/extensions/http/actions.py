@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from enum import Enum
 from typing import Final
 
@@ -213,11 +212,6 @@ class ActionPages:
         self._several_processes = several_processes
         self.goals: KeptTable[HttpGoal] = KeptTable(goals, "goals of this address run")
 
-    def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """List the visible actions with their types."""
-        Query(request)
-        return value_response(request, [name_and_type(reader, each) for each in reader.actions()])
-
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Return an action, or a goal of it: its state, or its events."""
         found = _GOAL.search(request.path.rstrip("/"))
@@ -226,7 +220,7 @@ class ActionPages:
         Query(request)
         if request.path.rstrip("/").endswith("/goals"):
             return self._list_goals(request, reader)
-        name = name_below(request, PATH, "action")
+        name = name_below(request.path, PATH, "action")
         action = reader.action(name)
         if action is None:
             meant = did_you_mean(name, (each.name for each in reader.actions()))
@@ -251,7 +245,7 @@ class ActionPages:
 
     def _goal(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
         Query(request)
-        action = _action_of(request, found.start())
+        action = name_below(request.path[: found.start()], PATH, "action")
         reader.require("goals", action)
         media = chosen(request, (JSON, CBOR, EVENTS))
         goal = self._find(action, found[1])
@@ -264,7 +258,7 @@ class ActionPages:
 
     def _list_goals(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """List the client's own goals of an action, oldest first."""
-        action = _action_of(request, len(request.path.rstrip("/")) - len("/goals"))
+        action = name_below(request.path.rstrip("/").removesuffix("/goals"), PATH, "action")
         reader.require("goals", action)
         with self._clients.client_of(request, reader) as client:
             goals = [goal.body() for goal in self.goals.of_client(client) if goal.action == action]
@@ -280,7 +274,7 @@ class ActionPages:
                 "method-not-allowed", f"nothing is sent to {path}", headers={"Allow": allowed},
                 instead="goals are sent to `/api/actions/NAME/goals`",
             )  # fmt: skip
-        action = _action_of(request, len(path) - len("/goals"))
+        action = name_below(path.removesuffix("/goals"), PATH, "action")
         with self._clients.client_of(request, reader) as client:
             graph = client.graph
             graph.require("goals", action)
@@ -309,7 +303,7 @@ class ActionPages:
                 "method-not-allowed", f"{request.path} is no goal: only goals can be canceled",
                 headers={"Allow": allowed},
             )  # fmt: skip
-        action = _action_of(request, found.start())
+        action = name_below(request.path[: found.start()], PATH, "action")
         with self._clients.client_of(request, reader) as client:
             client.graph.require("goals", action)
             goal = self._find(action, found[1])
@@ -318,7 +312,3 @@ class ActionPages:
                 return HttpResponse(status=204)
             client.graph.cancel_goal(action, goal.id)
             return value_response(request, goal.body(), 202)
-
-
-def _action_of(request: HttpRequest, end: int) -> str:
-    return name_below(replace(request, path=request.path[:end]), PATH, "action")

@@ -68,11 +68,7 @@ class EventQueue:
     """
 
     def __init__(
-        self,
-        depth: int,
-        max_bytes: int,
-        on_drop: Callable[[DropReason], None],
-        on_close: Callable[[], None],
+        self, depth: int, max_bytes: int, on_drop: Callable[[DropReason], None], on_close: Callable[[], None]
     ) -> None:
         self._depth = depth
         self._max_bytes = max_bytes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Awaitable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from functools import lru_cache, partial
 from importlib.metadata import version
 from importlib.resources import files
@@ -21,10 +21,10 @@ from rwt.extensions.http.clients import Clients, Handler, page, presses_stop
 from rwt.extensions.http.part import HttpSettings
 from rwt.extensions.http.problems import KINDS, HttpProblem, refusal
 from rwt.extensions.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
-from rwt.extensions.http.requests import Query, text_below
+from rwt.extensions.http.requests import Query, name_and_type, text_below
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import url_of
-from rwt_graph.api import Graph
+from rwt_graph.api import ActionInfo, Graph, ServiceInfo, TopicInfo
 from rwt_participant.spelling import nearest
 from rwt_transports.http.routes import (
     Audience,
@@ -81,9 +81,7 @@ class HttpGateway(Gateway):
         )
         self._services = services.ServicePages(self._visitors, settings.goals)
         self.http = HttpExtension(
-            tuple(self._routes(topics.TopicPages(self._visitors, access))),
-            self._section,
-            self._metrics,
+            tuple(self._routes(topics.TopicPages(self._visitors, access))), self._section, self._metrics
         )
 
     def reload_roles(self) -> None:
@@ -109,13 +107,13 @@ class HttpGateway(Gateway):
             ("GET", "/api/*", "server", _unknown),
             ("GET", "/api/openapi.json", "server", self._openapi),
             ("GET", "/api/types/*", "types", _type),
-            ("GET", "/api/topics", "topics", of_topics.list),
+            ("GET", "/api/topics", "topics", partial(_list, GraphView.topics)),
             ("GET", "/api/topics/*", "topics", of_topics.get),
             ("POST", "/api/topics/*", "topics", of_topics.publish),
-            ("GET", "/api/services", "services", of_services.list),
+            ("GET", "/api/services", "services", partial(_list, GraphView.services)),
             ("GET", "/api/services/*", "services", of_services.get),
             ("POST", "/api/services/*", "services", of_services.call),
-            ("GET", "/api/actions", "actions", of_actions.list),
+            ("GET", "/api/actions", "actions", partial(_list, GraphView.actions)),
             ("GET", "/api/actions/*", "actions", of_actions.get),
             ("POST", "/api/actions/*", "actions", of_actions.send),
             ("DELETE", "/api/actions/*", "actions", of_actions.cancel),
@@ -235,11 +233,20 @@ def _not_allowed(allowed: str, request: HttpRequest, reader: GraphView) -> HttpR
     )
 
 
+def _list(
+    rows: Callable[[GraphView], Iterable[TopicInfo | ServiceInfo | ActionInfo]],
+    request: HttpRequest,
+    reader: GraphView,
+) -> HttpResponse:
+    Query(request)
+    return value_response(request, [name_and_type(reader, each) for each in rows(reader)])
+
+
 def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
     from rwt.extensions.http.schemas import document  # As the OpenAPI document.
 
     Query(request)
-    message = reader.registry.message(text_below(request, _TYPES, "type"))
+    message = reader.registry.message(text_below(request.path, _TYPES, "type"))
     return value_response(request, document(message), media=SCHEMA_JSON)
 
 

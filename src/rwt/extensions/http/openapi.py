@@ -28,7 +28,7 @@ _NAME_AND_TYPE: Final[Schema] = {
     "required": ["name", "type"],
 }
 _ANY_VALUE: Final[Schema] = {
-    "description": "a boolean, a number, a string, or an array of one of these; on ROS 1 anything",
+    "description": "a boolean, a number, a string, or an array of one of these; on ROS 1 anything"
 }
 
 _EVENT_STREAM: Final[Schema] = {

@@ -97,4 +97,4 @@ class ParameterPages:
 
 
 def _name(request: HttpRequest) -> str:
-    return "/" + text_below(request, PATH, "parameter")
+    return "/" + text_below(request.path, PATH, "parameter")

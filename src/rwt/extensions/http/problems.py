@@ -48,47 +48,43 @@ class ProblemKind(NamedTuple):
     instead: str
 
 
+_KINDS: Final = (
+    (400, "invalid-request", "The request cannot be read", "correct what the detail names"),
+    (400, "invalid-name", "Not a name that ROS allows", "names are like `odom` or `arm/state`"),
+    (401, "not-authenticated", "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
+    (403, "not-allowed", "The role does not allow this", "ask for a role that does"),
+    (
+        403,
+        "origin-refused",
+        "Pages of this site may not do this",
+        "list the site in `origins.allow` of the server",
+    ),
+    (403, "gate-refused", "A rule of the gate does not let this through", "do what the rule asks for"),
+    (404, "not-found", "Nothing of that name is here", "the lists above it name what there is"),
+    (404, "no-message", "No message is kept", "wait for the next one with `?wait=SECONDS`"),
+    (405, "method-not-allowed", "Not possible here", "use one of the methods that `Allow` names"),
+    (406, "not-acceptable", "Not in a form that was asked for", "accept application/json"),
+    (409, "conflict", "In contradiction to what is here", "use the type and policies that are here"),
+    (409, "goal-rejected", "The goal was rejected", "send another, or send it later"),
+    (421, "misdirected", "Perhaps at another process", "ask again over another connection"),
+    (413, "too-large", "More than may be sent", "send every field of the type, or less"),
+    (
+        415,
+        "unsupported-media-type",
+        "Not a form that is read here",
+        "send application/json or application/cbor",
+    ),
+    (422, "invalid-message", "The body does not fit its type", "the document names the type's fields"),
+    (422, "unknown-type", "No such type is known", "name one as `std_msgs/String`"),
+    (422, "parameter-rejected", "The parameter cannot have that value", "send another value"),
+    (429, "too-much", "As much as may be", "wait, or end something"),
+    (502, "service-failed", "The service said that it failed", "its reason is in the detail"),
+    (503, "provider-gone", "The provider has gone away", "try again"),
+    (504, "timeout", "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
+)
+
 KINDS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
-    {
-        "invalid-request": ProblemKind(400, "The request cannot be read", "correct what the detail names"),
-        "invalid-name": ProblemKind(
-            400, "Not a name that ROS allows", "names are like `odom` or `arm/state`"
-        ),
-        "not-authenticated": ProblemKind(401, "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
-        "not-allowed": ProblemKind(403, "The role does not allow this", "ask for a role that does"),
-        "origin-refused": ProblemKind(
-            403, "Pages of this site may not do this", "list the site in `origins.allow` of the server"
-        ),
-        "gate-refused": ProblemKind(
-            403, "A rule of the gate does not let this through", "do what the rule asks for"
-        ),
-        "not-found": ProblemKind(
-            404, "Nothing of that name is here", "the lists above it name what there is"
-        ),
-        "no-message": ProblemKind(404, "No message is kept", "wait for the next one with `?wait=SECONDS`"),
-        "method-not-allowed": ProblemKind(
-            405, "Not possible here", "use one of the methods that `Allow` names"
-        ),
-        "not-acceptable": ProblemKind(406, "Not in a form that was asked for", "accept application/json"),
-        "conflict": ProblemKind(
-            409, "In contradiction to what is here", "use the type and policies that are here"
-        ),
-        "goal-rejected": ProblemKind(409, "The goal was rejected", "send another, or send it later"),
-        "misdirected": ProblemKind(421, "Perhaps at another process", "ask again over another connection"),
-        "too-large": ProblemKind(413, "More than may be sent", "send every field of the type, or less"),
-        "unsupported-media-type": ProblemKind(
-            415, "Not a form that is read here", "send application/json or application/cbor"
-        ),
-        "invalid-message": ProblemKind(
-            422, "The body does not fit its type", "the document names the type's fields"
-        ),
-        "unknown-type": ProblemKind(422, "No such type is known", "name one as `std_msgs/String`"),
-        "parameter-rejected": ProblemKind(422, "The parameter cannot have that value", "send another value"),
-        "too-much": ProblemKind(429, "As much as may be", "wait, or end something"),
-        "service-failed": ProblemKind(502, "The service said that it failed", "its reason is in the detail"),
-        "provider-gone": ProblemKind(503, "The provider has gone away", "try again"),
-        "timeout": ProblemKind(504, "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
-    }
+    {name: ProblemKind(status, title, instead) for status, name, title, instead in _KINDS}
 )
 """Kinds of problems by the last part of their `type`."""
 

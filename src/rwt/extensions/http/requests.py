@@ -60,19 +60,19 @@ def malformed(body: bytes) -> HttpProblem | None:
     return None
 
 
-def name_below(request: HttpRequest, prefix: str, what: str) -> str:
-    """Return the absolute name after a prefix of the path. Raises HttpProblem, InvalidGraphName."""
-    return resolve("/" + text_below(request, prefix, what))
+def name_below(path: str, prefix: str, what: str) -> str:
+    """Return the absolute name after a prefix of a path. Raises HttpProblem, InvalidGraphName."""
+    return resolve("/" + text_below(path, prefix, what))
 
 
-def text_below(request: HttpRequest, prefix: str, what: str) -> str:
-    """Return the rest of the path after a prefix, without enclosing slashes. Raises HttpProblem if empty."""
+def text_below(path: str, prefix: str, what: str) -> str:
+    """Return the rest of a path after a prefix, without enclosing slashes. Raises HttpProblem if empty."""
     try:
-        text = unquote(request.path.removeprefix(prefix), errors="strict").strip("/")
+        text = unquote(path.removeprefix(prefix), errors="strict").strip("/")
     except UnicodeDecodeError:
         raise HttpProblem("invalid-name", "the path is not percent-encoded UTF-8") from None
     if not text:
-        raise HttpProblem("not-found", f"{request.path} names no {what}; {prefix.rstrip('/')} lists them")
+        raise HttpProblem("not-found", f"{path} names no {what}; {prefix.rstrip('/')} lists them")
     return text
 
 

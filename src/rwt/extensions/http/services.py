@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Awaitable
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -32,18 +31,13 @@ class ServicePages:
         self._clients = clients
         self.calls: KeptTable[HttpCall] = KeptTable(kept, "calls of this client wait")
 
-    def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """List the visible services with their types."""
-        Query(request)
-        return value_response(request, [name_and_type(reader, each) for each in reader.services()])
-
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
         """Return the type of a service, or a call of it that required approval."""
         found = _CALL.search(request.path.rstrip("/"))
         if found is not None:
             return self._call(request, reader, found)
         Query(request)
-        name = name_below(request, PATH, "service")
+        name = name_below(request.path, PATH, "service")
         service = reader.service(name)
         if service is None:
             meant = did_you_mean(name, (each.name for each in reader.services()))
@@ -52,7 +46,7 @@ class ServicePages:
 
     async def call(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Call a service with the body as its request, and return its response."""
-        name = name_below(request, PATH, "service")
+        name = name_below(request.path, PATH, "service")
         longest = MAX_WAIT_SECONDS
         seconds = Query(request, ("timeout",)).seconds("timeout", min(CALL_SECONDS, longest), longest)
         with self._clients.client_of(request, reader) as client:
@@ -89,7 +83,7 @@ class ServicePages:
     async def _call(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
         """Return the outcome of a call that required approval, or its state."""
         Query(request)
-        name = name_below(replace(request, path=request.path[: found.start()]), PATH, "service")
+        name = name_below(request.path[: found.start()], PATH, "service")
         with self._clients.client_of(request, reader) as client:
             client.graph.require("call", name)
             call = self.calls.get(found[1])

@@ -18,14 +18,7 @@ from rwt.extensions.http.clients import Clients, HttpClient, ReaderStream
 from rwt.extensions.http.events import SAMPLES, STREAM_BYTES, event
 from rwt.extensions.http.problems import HttpProblem
 from rwt.extensions.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
-from rwt.extensions.http.requests import (
-    IN_STEPS,
-    MAX_WAIT_SECONDS,
-    Query,
-    name_and_type,
-    name_below,
-    payload_of,
-)
+from rwt.extensions.http.requests import IN_STEPS, MAX_WAIT_SECONDS, Query, name_below, payload_of
 from rwt_graph.api import Sample
 from rwt_participant.qos import LATCHED, Durability, QoS
 from rwt_transports.endpoint import DropReason
@@ -59,17 +52,12 @@ class TopicPages:
         self._clients = clients
         self._log = partial(access.audit.write, logging.INFO, "%s")
 
-    def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """List the visible topics with their types."""
-        Query(request)
-        return value_response(request, [name_and_type(reader, each) for each in reader.topics()])
-
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
         """Return the latched message, the next one, or all messages as events.
 
         ``?wait=SECONDS`` waits for the next message; ``?wait=0`` only returns a latched one.
         """
-        name = name_below(request, PATH, "topic")
+        name = name_below(request.path, PATH, "topic")
         media = chosen(request, (JSON, CBOR, EVENTS))
         with self._clients.client_of(request, reader) as client:
             query = Query(request, ("wait", "type", "throttle", "queue"))
@@ -115,7 +103,7 @@ class TopicPages:
 
     async def publish(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Publish the body as one message."""
-        name = name_below(request, PATH, "topic")
+        name = name_below(request.path, PATH, "topic")
         query = Query(request, ("type", "latch"))
         type, is_latched = query.text("type"), query.flag("latch")
         with self._clients.client_of(request, reader) as client:

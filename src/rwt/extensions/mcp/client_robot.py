@@ -146,11 +146,7 @@ class _ClientSubscription(api.Subscription):
     """Subscription of a client; the time of its callback is charged to the client."""
 
     def __init__(
-        self,
-        client: ClientGraph,
-        topic: str,
-        on_sample: Callable[[Sample], None],
-        type: MessageType | None,
+        self, client: ClientGraph, topic: str, on_sample: Callable[[Sample], None], type: MessageType | None
     ) -> None:
         self._client = client
         self._on_sample = on_sample

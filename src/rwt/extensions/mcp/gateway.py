@@ -37,7 +37,7 @@ from rwt.extensions.mcp.goals import GoalTable
 from rwt.extensions.mcp.person import Questions
 from rwt.extensions.mcp.server import make_server
 from rwt.extensions.mcp.tools import TOOLS
-from rwt.extensions.mcp.tools.acting import CALL_SERVICE, CallServiceArguments
+from rwt.extensions.mcp.tools.acting import CallServiceArguments, call_service
 from rwt.gateways.base import MAX_STOP_BYTES, Gateway
 from rwt.gateways.visitors import Visitor, Visitors, peer_of, url_of
 from rwt_participant.errors import RobotError
@@ -242,7 +242,7 @@ class McpGateway(Gateway):
 
         The tool's call follows: it has the same response while the robot is stopped, and reports errors.
         """
-        if CALL_SERVICE.act not in _acts(role):
+        if call_service.act not in _acts(role):
             return
         params = msgspec.json.decode(request.body, type=_ToolCall).params
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
@@ -535,7 +535,7 @@ def presses_stop(request: HttpRequest) -> bool:
     except (msgspec.DecodeError, UnicodeDecodeError):
         return False
     params = call.params
-    is_call = (call.method, params.name) == ("tools/call", CALL_SERVICE.name)
+    is_call = (call.method, params.name) == ("tools/call", call_service.name)
     return is_call and canonical(str(params.arguments.get("service"))) == STOP
 
 

@@ -10,11 +10,11 @@ from rwt.extensions.recording import RecordedMessage, RecordedTopic, Recording, 
 from rwt.extensions.recording.playback.publications import add_recorded_types, read_payload
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
+from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.messages import Message
 from rwt_participant.spelling import did_you_mean
 
 _SUFFIXES = frozenset({".mcap", ".bag", ".db3"})
-_SECOND = 1_000_000_000
 
 
 class RecordingFolder:
@@ -38,8 +38,8 @@ class RecordingFolder:
     def describe(self, name: str, sees: Callable[[str], bool]) -> list[str]:
         """Return lines about a recording and its visible topics."""
         with self._opened(name) as recording:
-            start, seconds = recording.start_ns, (recording.end_ns - recording.start_ns) / _SECOND
-            lines = [f"{name}: {seconds:.1f} s, from {start} ns since the epoch; topics:"]
+            start = recording.start_ns
+            lines = [f"{name}: {recording.seconds:.1f} s, from {start} ns since the epoch; topics:"]
             for topic in recording.topics:
                 if sees(topic.name):
                     count = "" if topic.count is None else f" ({topic.count} messages)"
@@ -52,18 +52,18 @@ class RecordingFolder:
             known = next((each for each in recording.topics if each.name == topic), None)
             if known is None:
                 raise ToolError(f"{name} has no topic {topic}")
-            start = recording.start_ns + round(seconds * _SECOND)
+            start = recording.start_ns + round(seconds * NANOSECONDS)
             try:
                 found = next(recording.messages({topic}, start), None)
             except RecordingError as error:
                 raise ToolError(str(error)) from None
             if found is None:
-                length = (recording.end_ns - recording.start_ns) / _SECOND
+                length = f"{recording.seconds:.1f} s"
                 raise ToolError(
-                    f"{name} has no message of {topic} from {seconds:g} s on; it is {length:.1f} s long"
+                    f"{name} has no message of {topic} from {seconds:g} s on; it is {length} long"
                 )
             message, type = _decoded(recording, known, found)
-            return message, type, (found.log_time - recording.start_ns) / _SECOND
+            return message, type, (found.log_time - recording.start_ns) / NANOSECONDS
 
     def _opened(self, name: str) -> Recording:
         names = self.names()

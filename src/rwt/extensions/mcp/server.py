@@ -18,12 +18,13 @@ from mcp.shared.exceptions import MCPError
 from rwt.access.errors import AccessError
 from rwt.extensions.mcp.content.answer import Part, Picture, as_text
 from rwt.extensions.mcp.errors import AnswerNeeded, ToolError
-from rwt.extensions.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
+from rwt.extensions.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, Resource, read_resource
 from rwt.extensions.mcp.person import Person, asked
-from rwt.extensions.mcp.subscriptions import ResourceSubscriptions, running_subscriptions
+from rwt.extensions.mcp.subscriptions import ResourceSubscriptions
 from rwt.extensions.mcp.tools import TOOLS
 from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
+from rwt_transports.background import background_tasks
 from rwt_transports.http.routes import any_of
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def make_server(host: Host, version: str, *, keeps_sessions: bool = True) -> Ser
         version=version,
         title="Robot",
         instructions=INSTRUCTIONS,
-        lifespan=running_subscriptions,
+        lifespan=lambda server: background_tasks(),  # Of all subscriptions.
         get_tool_input_schema=lambda name: TOOLS[name].schema if name in TOOLS else None,
         on_list_tools=handlers.list_tools,
         on_call_tool=handlers.call_tool,
@@ -128,26 +129,18 @@ class _Handlers:
     async def list_resources(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListResourcesResult:
-        return types.ListResourcesResult(
-            resources=[
-                types.Resource(uri=each.uri, name=each.uri, title=each.title, description=each.description)
-                for each in RESOURCES
-                if not each.is_template
-            ]
-        )
+        plain = [types.Resource(uri=each.uri, **_about(each)) for each in RESOURCES if not each.is_template]
+        return types.ListResourcesResult(resources=plain)
 
     async def list_templates(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListResourceTemplatesResult:
-        return types.ListResourceTemplatesResult(
-            resource_templates=[
-                types.ResourceTemplate(
-                    uri_template=each.uri, name=each.uri, title=each.title, description=each.description
-                )
-                for each in RESOURCES
-                if each.is_template
-            ]
-        )
+        templates = [
+            types.ResourceTemplate(uri_template=each.uri, **_about(each))
+            for each in RESOURCES
+            if each.is_template
+        ]
+        return types.ListResourceTemplatesResult(resource_templates=templates)
 
     async def read_resource(
         self, context: Context, params: types.ReadResourceRequestParams
@@ -196,6 +189,10 @@ class _Handlers:
             description=prompt.description,
             messages=[types.PromptMessage(role="user", content=types.TextContent(text=text))],
         )
+
+
+def _about(resource: Resource) -> dict[str, str]:
+    return {"name": resource.uri, "title": resource.title, "description": resource.description}
 
 
 def _of_gate(notices: Sequence[str]) -> Sequence[str]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import anyio
@@ -19,7 +18,6 @@ from rwt_participant.errors import RobotError
 if TYPE_CHECKING:
     from anyio.abc import TaskGroup, TaskStatus
     from mcp.server.context import ServerRequestContext
-    from mcp.server.lowlevel import Server
 
     from rwt.extensions.mcp.agent import Host
 
@@ -38,16 +36,6 @@ _MAX_TOPICS: Final = 16
 
 Tell = Callable[[str], Awaitable[None]]
 """Notifies the agent that the resource of a URI has changed."""
-
-
-@asynccontextmanager
-async def running_subscriptions(server: Server[TaskGroup]) -> AsyncIterator[TaskGroup]:
-    """Yield the tasks of all subscriptions, as the lifespan of a server."""
-    async with anyio.create_task_group() as tasks:
-        try:
-            yield tasks
-        finally:
-            tasks.cancel_scope.cancel()
 
 
 class ResourceSubscriptions:
@@ -101,12 +89,7 @@ class ResourceSubscriptions:
         return scope
 
     async def _run(
-        self,
-        context: Context,
-        uri: str,
-        tell: Tell,
-        *,
-        task_status: TaskStatus[anyio.CancelScope],
+        self, context: Context, uri: str, tell: Tell, *, task_status: TaskStatus[anyio.CancelScope]
     ) -> None:
         is_started = False
         try:

@@ -218,11 +218,7 @@ class RecorderNode:
 
     def _note(self, recorder: Recorder) -> None:
         writer = recorder.writer
-        self._state |= {
-            "messages": writer.messages,
-            "bytes": writer.content_bytes,
-            "dropped": writer.dropped,
-        }
+        self._state |= {"messages": writer.messages, "bytes": writer.content_bytes, "dropped": writer.dropped}
 
     def _publish_state(self) -> None:
         if self._recorder is not None:

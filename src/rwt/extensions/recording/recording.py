@@ -13,6 +13,7 @@ from msgspec import Struct
 
 from rwt.extensions.recording.errors import RecordingUnreadable
 from rwt_interfaces.distro import Distro
+from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import QoS
 
 CHUNK_BYTES: Final = 128 * 1024 * 1024
@@ -79,6 +80,16 @@ class Recording(ABC):
     def damaged(self) -> int:
         """Places that could not be read and were left out, as far as the recording was read."""
         return 0
+
+    @property
+    def seconds(self) -> float:
+        """Time from the first message to the last, in seconds."""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics whose number the file says."""
+        return sum(topic.count or 0 for topic in self.topics)
 
     @abstractmethod
     def messages(

@@ -57,69 +57,69 @@ class Parameter(Struct, frozen=True):
     type: Literal["byte_array", "float64", "float64_array"] | UnsetType | None = UNSET
 
 
-class SubscribeChannels(Struct, frozen=True, tag_field="op", tag="subscribe"):
+class _Text(Struct, frozen=True, rename="camel", tag_field="op"):
+    """Base of the messages in text frames."""
+
+
+class SubscribeChannels(_Text, frozen=True, tag="subscribe"):
     """Request to subscribe to channels."""
 
     subscriptions: list[ChannelSubscription]
 
 
-class UnsubscribeChannels(Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribe"):
+class UnsubscribeChannels(_Text, frozen=True, tag="unsubscribe"):
     """Request to end subscriptions."""
 
     subscription_ids: list[Id]
 
 
-class AdvertiseChannels(Struct, frozen=True, tag_field="op", tag="advertise"):
+class AdvertiseChannels(_Text, frozen=True, tag="advertise"):
     """Advertisement of channels on which the client will publish."""
 
     channels: list[ClientChannel]
 
 
-class UnadvertiseChannels(Struct, frozen=True, rename="camel", tag_field="op", tag="unadvertise"):
+class UnadvertiseChannels(_Text, frozen=True, tag="unadvertise"):
     """Request to withdraw advertised channels."""
 
     channel_ids: list[Id]
 
 
-class GetParameters(Struct, frozen=True, rename="camel", tag_field="op", tag="getParameters"):
+class GetParameters(_Text, frozen=True, tag="getParameters"):
     """Request for the values of parameters, or of all if none is named."""
 
     parameter_names: list[Name]
     id: Name | None = None
 
 
-class SetParameters(Struct, frozen=True, tag_field="op", tag="setParameters"):
+class SetParameters(_Text, frozen=True, tag="setParameters"):
     """Request to set parameters; with an id, the new values are sent back."""
 
     parameters: list[Parameter]
     id: Name | None = None
 
 
-class SubscribeParameterUpdates(
-    Struct, frozen=True, rename="camel", tag_field="op", tag="subscribeParameterUpdates"
-):
+class SubscribeParameterUpdates(_Text, frozen=True, tag="subscribeParameterUpdates"):
     """Request to watch parameters, or all if none is named."""
 
     parameter_names: list[Name]
 
 
-class UnsubscribeParameterUpdates(
-    Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribeParameterUpdates"
-):
+class UnsubscribeParameterUpdates(_Text, frozen=True, tag="unsubscribeParameterUpdates"):
     """Request to stop watching parameters, or all if none is named."""
 
     parameter_names: list[Name]
 
 
-class SubscribeConnectionGraph(Struct, frozen=True, tag_field="op", tag="subscribeConnectionGraph"):
+class SubscribeConnectionGraph(_Text, frozen=True, tag="subscribeConnectionGraph"):
     """Request for the connection graph, now and after every change."""
 
 
-class UnsubscribeConnectionGraph(Struct, frozen=True, tag_field="op", tag="unsubscribeConnectionGraph"):
+class UnsubscribeConnectionGraph(_Text, frozen=True, tag="unsubscribeConnectionGraph"):
     """Request to end updates of the connection graph."""
 
 
-class FetchAsset(Struct, frozen=True, rename="camel", tag_field="op", tag="fetchAsset"):
+class FetchAsset(_Text, frozen=True, tag="fetchAsset"):
     """Request for a file by its URI."""
 
     uri: Name

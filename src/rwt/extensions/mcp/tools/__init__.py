@@ -6,34 +6,34 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
-from rwt.extensions.mcp.tools.acting import CALL_SERVICE, PUBLISH, SET_PARAMETER
-from rwt.extensions.mcp.tools.goals import CANCEL_GOAL, CHECK_GOAL, SEND_GOAL
-from rwt.extensions.mcp.tools.listing import DESCRIBE_TYPE, LIST_ROBOT
-from rwt.extensions.mcp.tools.reading import GET_PARAMETER, READ_TOPIC, WAIT_FOR, WATCH_NUMBERS
-from rwt.extensions.mcp.tools.recorded import DESCRIBE_RECORDING, READ_RECORDING
+from rwt.extensions.mcp.tools.acting import call_service, publish, set_parameter
+from rwt.extensions.mcp.tools.goals import cancel_goal, check_goal, send_goal
+from rwt.extensions.mcp.tools.listing import describe_type, list_robot
+from rwt.extensions.mcp.tools.reading import get_parameter, read_topic, wait_for, watch_numbers
+from rwt.extensions.mcp.tools.recorded import describe_recording, read_recording
 from rwt.extensions.mcp.tools.tool import Tool
-from rwt.extensions.mcp.tools.transforms import LIST_FRAMES, LOOK_UP_TRANSFORM
+from rwt.extensions.mcp.tools.transforms import list_frames, look_up_transform
 
 TOOLS: Final[Mapping[str, Tool[Any]]] = MappingProxyType(
     {
         tool.name: tool
         for tool in (
-            LIST_ROBOT,
-            DESCRIBE_TYPE,
-            READ_TOPIC,
-            WATCH_NUMBERS,
-            WAIT_FOR,
-            GET_PARAMETER,
-            LIST_FRAMES,
-            LOOK_UP_TRANSFORM,
-            DESCRIBE_RECORDING,
-            READ_RECORDING,
-            PUBLISH,
-            CALL_SERVICE,
-            SET_PARAMETER,
-            SEND_GOAL,
-            CHECK_GOAL,
-            CANCEL_GOAL,
+            list_robot,
+            describe_type,
+            read_topic,
+            watch_numbers,
+            wait_for,
+            get_parameter,
+            list_frames,
+            look_up_transform,
+            describe_recording,
+            read_recording,
+            publish,
+            call_service,
+            set_parameter,
+            send_goal,
+            check_goal,
+            cancel_goal,
         )
     }
 )

@@ -11,7 +11,7 @@ from rwt.access.graph_view import STOP, canonical
 from rwt.extensions.mcp.agent import Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text
 from rwt.extensions.mcp.errors import ToolError
-from rwt.extensions.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, Tool
+from rwt.extensions.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, tool
 from rwt_participant.errors import NotFound, UnknownType
 from rwt_participant.handles import Publisher
 
@@ -50,7 +50,10 @@ class PublishResult(Acted):
     stop: Annotated[dict[str, Any] | None, Field(description="last message; null: none was sent")]
 
 
-async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
+@tool("Publish a message", PublishResult, act="publish")
+async def publish(agent: Agent, asked: PublishArguments) -> Answer:
+    """Publish a message on a topic, once or repeatedly. To drive a robot, publish a velocity with `seconds`:
+    the robot is stopped at the end, even if the call fails or is cancelled."""
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
     type = await _message_type(agent, asked)
     stop = asked.stop
@@ -123,18 +126,6 @@ async def _publish_for(
     return count
 
 
-PUBLISH: Final = Tool(
-    "publish",
-    "Publish a message",
-    "Publish a message on a topic, once or repeatedly. To drive a robot, publish a velocity with `seconds`:"
-    " the robot is stopped at the end, even if the call fails or is cancelled.",
-    PublishArguments,
-    PublishResult,
-    _publish,
-    act="publish",
-)
-
-
 class CallServiceArguments(Arguments):
     """Arguments of `call_service`."""
 
@@ -149,24 +140,15 @@ class CallServiceResult(Acted):
     message: MessageValue
 
 
-async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
+@tool("Call a service", CallServiceResult, act="call")
+async def call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
+    """Call a service and wait for its response. `list_robot` shows its type, `describe_type` the fields of
+    the request."""
     timeout = agent.bounded_seconds(asked.timeout, "timeout")
     if canonical(asked.service) != STOP:
         await agent.confirm("call", asked.service, f"call {asked.service} with {as_text(asked.request)}")
     response = await agent.robot.call(asked.service, asked.request, timeout=timeout)
     return await agent.show(response, "")
-
-
-CALL_SERVICE: Final = Tool(
-    "call_service",
-    "Call a service",
-    "Call a service and wait for its response. `list_robot` shows its type, `describe_type` the fields of the"
-    " request.",
-    CallServiceArguments,
-    CallServiceResult,
-    _call_service,
-    act="call",
-)
 
 
 class SetParameterArguments(Arguments):
@@ -183,20 +165,10 @@ class SetParameterResult(Acted):
     value: object
 
 
-async def _set_parameter(agent: Agent, asked: SetParameterArguments) -> Answer:
+@tool("Set a parameter", SetParameterResult, act="set_param", is_idempotent=True)
+async def set_parameter(agent: Agent, asked: SetParameterArguments) -> Answer:
+    """Set a parameter of a node. The node may reject the value."""
     await agent.confirm("set_param", asked.name, f"set the parameter {asked.name} to {as_text(asked.value)}")
     await agent.robot.params.set(asked.name, asked.value)
     data: SetParameterResult = {"name": asked.name, "value": asked.value}
     return Answer(data, (f"{asked.name} is now {as_text(asked.value)[:1000]}",))
-
-
-SET_PARAMETER: Final = Tool(
-    "set_parameter",
-    "Set a parameter",
-    "Set a parameter of a node. The node may reject the value.",
-    SetParameterArguments,
-    SetParameterResult,
-    _set_parameter,
-    act="set_param",
-    is_idempotent=True,
-)

@@ -13,7 +13,7 @@ from rwt.extensions.mcp.content.plain import plain
 from rwt.extensions.mcp.errors import ToolError
 from rwt.extensions.mcp.goals import AgentGoal
 from rwt.extensions.mcp.tools.acting import Fields
-from rwt.extensions.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, Tool
+from rwt.extensions.mcp.tools.tool import Acted, Arguments, MessageValue, Name, Seconds, tool
 from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallTimeout, NotFound
 from rwt_participant.messages import Message
@@ -47,7 +47,11 @@ class GoalResult(Acted):
     feedback: NotRequired[MessageValue]
 
 
-async def _send_goal(agent: Agent, asked: SendGoalArguments) -> Answer:
+@tool("Send a goal", GoalResult, act="goals")
+async def send_goal(agent: Agent, asked: SendGoalArguments) -> Answer:
+    """Send a goal to an action, for example to drive to a place, and wait for the result with progress
+    reports. If it takes longer than `timeout`, the goal continues and its id is returned. Cancelling the call
+    cancels the goal."""
     patience = agent.bounded_seconds(asked.timeout, "timeout")
     type = await _type_of(agent, asked.action)
     await agent.confirm("goals", asked.action, f"send the goal {as_text(asked.goal)} to {asked.action}")
@@ -131,19 +135,6 @@ async def _still_running(agent: Agent, sent: AgentGoal) -> Answer:
     return Answer(data, (how, "last feedback:", *answer.shown))
 
 
-SEND_GOAL: Final = Tool(
-    "send_goal",
-    "Send a goal",
-    "Send a goal to an action, for example to drive to a place, and wait for the result with progress"
-    " reports. If it takes longer than `timeout`, the goal continues and its id is returned. Cancelling the"
-    " call cancels the goal.",
-    SendGoalArguments,
-    GoalResult,
-    _send_goal,
-    act="goals",
-)
-
-
 class CheckGoalArguments(Arguments):
     """Arguments of `check_goal`."""
 
@@ -151,23 +142,13 @@ class CheckGoalArguments(Arguments):
     timeout: Annotated[Seconds, Field(description="seconds to wait for the result")] = 0.0
 
 
-async def _check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
+@tool("Follow a goal", GoalResult, act="goals", only_looks=True)
+async def check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
+    """Report the progress of a goal that `send_goal` left running, and wait for its result. The result is
+    returned once."""
     patience = agent.bounded_seconds(asked.timeout, "timeout")
     sent = agent.goals.find(agent.owner, asked.goal_id)
     return await _follow(agent, sent, patience, cancel=False)
-
-
-CHECK_GOAL: Final = Tool(
-    "check_goal",
-    "Follow a goal",
-    "Report the progress of a goal that `send_goal` left running, and wait for its result. The result is"
-    " returned once.",
-    CheckGoalArguments,
-    GoalResult,
-    _check_goal,
-    act="goals",
-    only_looks=True,
-)
 
 
 class CancelGoalArguments(Arguments):
@@ -176,11 +157,11 @@ class CancelGoalArguments(Arguments):
     goal_id: Annotated[Name, Field(description="id returned by `send_goal`")]
 
 
-async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
-    """Request cancellation, and wait a few seconds for the goal to end.
-
-    The goal may succeed meanwhile, or go on: servers of actions may reject the request.
-    """
+@tool("Cancel a goal", GoalResult, act="goals", can_destroy=False, is_idempotent=True)
+async def cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
+    """Cancel a goal that `send_goal` left running, and report how it ended. Needs no approval."""
+    # Request cancellation, and wait a few seconds for the goal to end. The goal may succeed meanwhile, or
+    # go on: servers of actions may reject the request.
     sent = agent.goals.find(agent.owner, asked.goal_id)
     if not sent.goal.done:
         agent.robot.cancel_goal(sent.goal.action, sent.goal.id)
@@ -189,16 +170,3 @@ async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
     except ToolError as error:
         # The goal has ended, but its result cannot be shown, for example because it is too large.
         return Answer(_state(sent), (bounded(str(error), RESULT_BYTES),))
-
-
-CANCEL_GOAL: Final = Tool(
-    "cancel_goal",
-    "Cancel a goal",
-    "Cancel a goal that `send_goal` left running, and report how it ended. Needs no approval.",
-    CancelGoalArguments,
-    GoalResult,
-    _cancel_goal,
-    act="goals",
-    can_destroy=False,
-    is_idempotent=True,
-)

@@ -12,7 +12,7 @@ from typing_extensions import TypedDict
 from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.extensions.mcp.content.plain import plain
-from rwt.extensions.mcp.tools.tool import Arguments, Name, Tool
+from rwt.extensions.mcp.tools.tool import Arguments, Name, tool
 from rwt_interfaces import field_types
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.api import Listed
@@ -46,13 +46,13 @@ _PLUMBING: Final = (
 class ListRobotArguments(Arguments):
     """Arguments of `list_robot`."""
 
-    kinds: Annotated[
-        tuple[Kind, ...],
-        Field(min_length=1, max_length=4, description="what to list"),
-    ] = ("topics", "services", "actions")
+    kinds: Annotated[tuple[Kind, ...], Field(min_length=1, max_length=4, description="what to list")] = (
+        "topics",
+        "services",
+        "actions",
+    )
     filter: Annotated[
-        str,
-        Field(max_length=256, description="only names that match, such as `/camera/*` or `*battery*`"),
+        str, Field(max_length=256, description="only names that match, such as `/camera/*` or `*battery*`")
     ] = "*"
     plumbing: Annotated[
         bool, Field(description="include the services that every node has (parameters, loggers)")
@@ -86,7 +86,10 @@ class ListRobotResult(TypedDict, total=False):
     parameters: Rows
 
 
-async def _list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
+@tool("List what the robot has", ListRobotResult)
+async def list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
+    """List the robot's topics (streams of messages), services (calls with a response), actions (long-running
+    goals) and parameters, with their types. Start here. Names are absolute, such as /battery_state."""
     robot = agent.robot
     found: dict[Kind, list[Row]] = {}
     for kind in dict.fromkeys(asked.kinds):
@@ -150,17 +153,6 @@ def _line(row: Row) -> str:
     return f"{row['name']} [{row['type'] or 'no type yet'}] ({ends})"
 
 
-LIST_ROBOT: Final = Tool(
-    "list_robot",
-    "List what the robot has",
-    "List the robot's topics (streams of messages), services (calls with a response), actions (long-running"
-    " goals) and parameters, with their types. Start here. Names are absolute, such as /battery_state.",
-    ListRobotArguments,
-    ListRobotResult,
-    _list_robot,
-)
-
-
 class DescribeTypeArguments(Arguments):
     """Arguments of `describe_type`."""
 
@@ -179,7 +171,10 @@ class DescribeTypeResult(TypedDict):
     defaults: Annotated[dict[str, object], Field(description="an example with defaults for each of them")]
 
 
-async def _describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
+@tool("Describe a type", DescribeTypeResult)
+async def describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
+    """Describe a message, service or action type: fields with types, constants, and an example with default
+    values. Use it before you publish, call or send a goal."""
     found, most = await agent.robot.interface(asked.type), RESULT_BYTES
     kind, parts = _parts(found)
     fields = {part: _message(type) for part, type in parts.items()}
@@ -223,14 +218,3 @@ def _fields(type: MessageType, indent: str, lines: list[str], within: tuple[str,
         nested = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
         if isinstance(nested, field_types.Message) and nested.type.name not in within:
             _fields(nested.type, f"{indent}  ", lines, (*within, nested.type.name))
-
-
-DESCRIBE_TYPE: Final = Tool(
-    "describe_type",
-    "Describe a type",
-    "Describe a message, service or action type: fields with types, constants, and an example with default"
-    " values. Use it before you publish, call or send a goal.",
-    DescribeTypeArguments,
-    DescribeTypeResult,
-    _describe_type,
-)

@@ -16,7 +16,7 @@ from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.extensions.mcp.content.plain import field, numeric_fields, plain
 from rwt.extensions.mcp.errors import ToolError
-from rwt.extensions.mcp.tools.tool import Arguments, MessageValue, Name, Seconds, Tool
+from rwt.extensions.mcp.tools.tool import Arguments, MessageValue, Name, Seconds, tool
 from rwt_participant.messages import Message
 
 FieldPath = Annotated[str, Field(min_length=1, max_length=256)]
@@ -81,7 +81,11 @@ async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Messag
     return found[0], type
 
 
-async def _read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
+@tool("Read a message", ReadTopicResult)
+async def read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
+    """Read the next message of a topic, or the last one of a latched topic. Camera images are returned as
+    images, laser scans and maps as drawings with a summary, everything else as JSON. Use `fields` to get only
+    some fields of a large message."""
     message, type = await next_message(agent, asked.topic, asked.timeout)
     if not asked.fields:
         answer = await agent.show(message, type)
@@ -94,18 +98,6 @@ async def _read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
         return Answer({"type": type, "fields": data}, (bounded(as_text(found), most),))
 
     return await agent.in_thread(fields)
-
-
-READ_TOPIC: Final = Tool(
-    "read_topic",
-    "Read a message",
-    "Read the next message of a topic, or the last one of a latched topic. Camera images are returned as"
-    " images, laser scans and maps as drawings with a summary, everything else as JSON. Use `fields` to get"
-    " only some fields of a large message.",
-    ReadTopicArguments,
-    ReadTopicResult,
-    _read_topic,
-)
 
 
 class WatchNumbersArguments(Arguments):
@@ -140,7 +132,10 @@ class WatchNumbersResult(TypedDict):
     fields: dict[str, Statistics]
 
 
-async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
+@tool("Watch numbers over a time", WatchNumbersResult)
+async def watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
+    """Watch numeric fields of a topic for some seconds: first, last, minimum, maximum and mean value, sample
+    values, and messages per second."""
     type = (await agent.robot.type_of(asked.topic)).name
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
     began = agent.robot.clock.monotonic()
@@ -202,16 +197,6 @@ def _statistics(values: list[float]) -> Statistics:
     }
 
 
-WATCH_NUMBERS: Final = Tool(
-    "watch_numbers",
-    "Watch numbers over a time",
-    "Watch numeric fields of a topic for some seconds: first, last, minimum, maximum and mean value, sample"
-    " values, and messages per second.",
-    WatchNumbersArguments,
-    WatchNumbersResult,
-    _watch_numbers,
-)
-
 Comparison = Literal["==", "!=", "<", "<=", ">", ">=", "contains"]
 
 # Fields hold any type; values that cannot be compared raise TypeError.
@@ -248,7 +233,10 @@ class WaitForResult(TypedDict):
     value: Annotated[object, Field(description="value of the field for which it is true")]
 
 
-async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
+@tool("Wait for a condition", WaitForResult)
+async def wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
+    """Wait until a field of a topic's messages fulfils a condition, for example until the battery's
+    `percentage` is below 0.2. Every message is checked, so short events are not missed."""
     type = (await agent.robot.type_of(asked.topic)).name
     patience = agent.bounded_seconds(asked.timeout, "timeout")
     compare = _COMPARE[asked.comparison]
@@ -292,17 +280,6 @@ async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
     return Answer(data, (f"{condition} is true after {outcome[0]:.2f} s; the value is {seen}",))
 
 
-WAIT_FOR: Final = Tool(
-    "wait_for",
-    "Wait for a condition",
-    "Wait until a field of a topic's messages fulfils a condition, for example until the battery's"
-    " `percentage` is below 0.2. Every message is checked, so short events are not missed.",
-    WaitForArguments,
-    WaitForResult,
-    _wait_for,
-)
-
-
 class GetParameterArguments(Arguments):
     """Arguments of `get_parameter`."""
 
@@ -316,17 +293,9 @@ class GetParameterResult(TypedDict):
     value: object
 
 
-async def _get_parameter(agent: Agent, asked: GetParameterArguments) -> Answer:
+@tool("Read a parameter", GetParameterResult)
+async def get_parameter(agent: Agent, asked: GetParameterArguments) -> Answer:
+    """Read a parameter of a node. `list_robot` with `kinds` ["parameters"] lists the names."""
     value, most = plain(await agent.robot.params.get(asked.name)), RESULT_BYTES
     data: GetParameterResult = {"name": asked.name, "value": bounded_value(value, most)}
     return Answer(data, (bounded(as_text(value), most),))
-
-
-GET_PARAMETER: Final = Tool(
-    "get_parameter",
-    "Read a parameter",
-    'Read a parameter of a node. `list_robot` with `kinds` ["parameters"] lists the names.',
-    GetParameterArguments,
-    GetParameterResult,
-    _get_parameter,
-)

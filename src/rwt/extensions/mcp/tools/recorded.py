@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 from typing_extensions import TypedDict
@@ -10,7 +10,7 @@ from typing_extensions import TypedDict
 from rwt.extensions.mcp.agent import RESULT_BYTES, Agent, shown
 from rwt.extensions.mcp.content.answer import Answer, bounded
 from rwt.extensions.mcp.errors import ToolError
-from rwt.extensions.mcp.tools.tool import Arguments, MessageValue, Name, Tool
+from rwt.extensions.mcp.tools.tool import Arguments, MessageValue, Name, tool
 
 if TYPE_CHECKING:
     from rwt.extensions.mcp.recordings import RecordingFolder
@@ -37,7 +37,9 @@ class DescribeRecordingResult(TypedDict, total=False):
     lines: list[str]
 
 
-async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -> Answer:
+@tool("Look at recordings", DescribeRecordingResult, reads_recordings=True)
+async def describe_recording(agent: Agent, asked: DescribeRecordingArguments) -> Answer:
+    """List the recordings, or describe one: duration, topics and message counts."""
     recordings = _recordings(agent)
 
     def text() -> Answer:
@@ -51,25 +53,13 @@ async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -
     return await agent.in_thread(text)
 
 
-DESCRIBE_RECORDING: Final = Tool(
-    "describe_recording",
-    "Look at recordings",
-    "List the recordings, or describe one: duration, topics and message counts.",
-    DescribeRecordingArguments,
-    DescribeRecordingResult,
-    _describe_recording,
-    reads_recordings=True,
-)
-
-
 class ReadRecordingArguments(Arguments):
     """Arguments of `read_recording`."""
 
     recording: Annotated[Name, Field(description="name of the recording")]
     topic: Annotated[Name, Field(description="absolute name")]
     at: Annotated[
-        float,
-        Field(ge=0, le=1e9, allow_inf_nan=False, description="seconds after the recording's start"),
+        float, Field(ge=0, le=1e9, allow_inf_nan=False, description="seconds after the recording's start")
     ] = 0.0
 
 
@@ -81,7 +71,9 @@ class ReadRecordingResult(TypedDict):
     message: MessageValue
 
 
-async def _read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer:
+@tool("Read a recorded message", ReadRecordingResult, reads_recordings=True)
+async def read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer:
+    """Read the first message of a topic at or after a time of a recording, formatted as by `read_topic`."""
     recordings = _recordings(agent)
     if not agent.sees(asked.topic):
         raise ToolError(f"{asked.recording} has no topic {asked.topic}")
@@ -93,14 +85,3 @@ async def _read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer
         return Answer(data, (f"recorded at {seconds:.3f} s:", *answer.shown))
 
     return await agent.in_thread(read)
-
-
-READ_RECORDING: Final = Tool(
-    "read_recording",
-    "Read a recorded message",
-    "Read the first message of a topic at or after a time of a recording, formatted as by `read_topic`.",
-    ReadRecordingArguments,
-    ReadRecordingResult,
-    _read_recording,
-    reads_recordings=True,
-)

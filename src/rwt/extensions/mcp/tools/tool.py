@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Generic, NotRequired, TypeVar
+from typing import Annotated, Any, Generic, NotRequired, TypeVar, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
@@ -115,6 +115,29 @@ class Tool(Generic[A]):
             said.append(f"`{where}`: {each['msg']}")
         known = ", ".join(self.arguments.model_fields)
         return f"{self.name}: {'; '.join(said)}. Arguments: {known}"
+
+
+def tool(
+    title: str,
+    result: type,
+    *,
+    act: Act | None = None,
+    only_looks: bool = False,
+    can_destroy: bool = True,
+    is_idempotent: bool = False,
+    reads_recordings: bool = False,
+) -> Callable[[Callable[[Agent, A], Awaitable[Answer]]], Tool[A]]:
+    """Make a tool of a function: its name, its docstring for the model, and the model of its arguments."""
+
+    def make(run: Callable[[Agent, A], Awaitable[Answer]]) -> Tool[A]:
+        description = " ".join((run.__doc__ or "").split())
+        arguments = get_type_hints(run)["asked"]
+        return Tool(
+            run.__name__, title, description, arguments, result, run,
+            act, only_looks, can_destroy, is_idempotent, reads_recordings,
+        )  # fmt: skip
+
+    return make
 
 
 def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:

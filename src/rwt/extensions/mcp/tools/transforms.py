@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, NotRequired
+from typing import Annotated, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict
 
 from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, bounded
-from rwt.extensions.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt.extensions.mcp.tools.tool import Arguments, Name, Seconds, tool
 from rwt_tf2.messages import write_transform
 
 
@@ -26,23 +26,15 @@ class ListFramesResult(TypedDict):
     tree: Annotated[str, Field(description="one frame a line, below its parent; empty: no transform came")]
 
 
-async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
+@tool("List the frames", ListFramesResult)
+async def list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
+    """List the coordinate frames from /tf and /tf_static as a tree, with the rate of each."""
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
     transforms = agent.robot.tf
     await transforms.start()
     await agent.robot.clock.sleep(seconds)
     data: ListFramesResult = {"tree": bounded(transforms.buffer.tree(), RESULT_BYTES)}
     return Answer(data, (data["tree"] or f"no transform on /tf or /tf_static within {seconds:g} s",))
-
-
-LIST_FRAMES: Final = Tool(
-    "list_frames",
-    "List the frames",
-    "List the coordinate frames from /tf and /tf_static as a tree, with the rate of each.",
-    ListFramesArguments,
-    ListFramesResult,
-    _list_frames,
-)
 
 
 class TransformArguments(Arguments):
@@ -72,7 +64,10 @@ class TransformResult(TypedDict):
     point: NotRequired[Annotated[list[float], Field(description="the point in the target frame")]]
 
 
-async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
+@tool("Look up a transform", TransformResult)
+async def look_up_transform(agent: Agent, asked: TransformArguments) -> Answer:
+    """Return the pose of one frame in another, for example of base_link in map: position in metres,
+    orientation as a quaternion and in degrees. Optionally convert a point."""
     timeout = agent.bounded_seconds(asked.timeout, "timeout")
     found = await agent.robot.tf.lookup(asked.target, asked.source, timeout=timeout)
     message = write_transform(found)["transform"]
@@ -89,14 +84,3 @@ async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
         x, y, z = asked.point
         data["point"] = [float(each) for each in found.transform.apply((x, y, z))]
     return Answer(data)
-
-
-LOOK_UP_TRANSFORM: Final = Tool(
-    "look_up_transform",
-    "Look up a transform",
-    "Return the pose of one frame in another, for example of base_link in map: position in metres,"
-    " orientation as a quaternion and in degrees. Optionally convert a point.",
-    TransformArguments,
-    TransformResult,
-    _look_up,
-)

@@ -44,10 +44,7 @@ _FASTER = 1.1
 def add_play_verb(verbs: Commands) -> None:
     """Add `play` to `bag`."""
     parser = verbs.add_parser(
-        "play",
-        help="serve a recording as a robot",
-        description=__doc__,
-        epilog=_EXAMPLES,
+        "play", help="serve a recording as a robot", description=__doc__, epilog=_EXAMPLES
     )
     parser.add_argument(
         "what",
@@ -205,11 +202,6 @@ def _status_line(player: Player) -> str:
 
 
 def _announce(recording: Recording) -> None:
-    count = sum(topic.count or 0 for topic in recording.topics)
-    length = (recording.end_ns - recording.start_ns) / 1e9
-    print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)
+    print(f"playing {recording.message_count} messages of {recording.seconds:.1f} s", file=sys.stderr)
     if not recording.complete:
-        print(
-            "the recording is incomplete: playing what can be read (see rwt bag recover)",
-            file=sys.stderr,
-        )
+        print("the recording is incomplete: playing what can be read (see rwt bag recover)", file=sys.stderr)

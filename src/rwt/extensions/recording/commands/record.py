@@ -70,10 +70,7 @@ _SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
 def add_record_verb(verbs: Commands) -> None:
     """Add `record` to `bag`."""
     parser = verbs.add_parser(
-        "record",
-        help="write what a robot publishes to an MCAP file",
-        description=__doc__,
-        epilog=_EXAMPLES,
+        "record", help="write what a robot publishes to an MCAP file", description=__doc__, epilog=_EXAMPLES
     )
     parser.add_argument(
         "topics",
@@ -120,10 +117,7 @@ def _add_file_options(parser: argparse.ArgumentParser) -> None:
     )
     add_globs(parser, "--latched", "topics that latch their last message, if the server does not report that")
     parser.add_argument(
-        "--encoding",
-        choices=ENCODINGS,
-        default="ros",
-        help="ROS serialisation (default) or JSON",
+        "--encoding", choices=ENCODINGS, default="ros", help="ROS serialisation (default) or JSON"
     )
     parser.add_argument(
         "--compression", choices=COMPRESSIONS, default="zstd", help="compression of the file (default zstd)"

@@ -97,7 +97,7 @@ def _run_recover(arguments: argparse.Namespace) -> int:
         most = chunk_bytes(arguments)
         found = recover(arguments.file, arguments.output, overwrite=arguments.overwrite, chunk_bytes=most)
         with open_recording([arguments.output], most) as whole:
-            count = sum(topic.count or 0 for topic in whole.topics)
+            count = whole.message_count
     except RecordingError as error:
         raise CommandError(str(error)) from error
     print(f"{count} messages of {len(whole.topics)} topics in {arguments.output}")
@@ -133,14 +133,13 @@ def described(recording: Recording) -> dict[str, object]:
 
 def text_of(recording: Recording) -> str:
     """Return the description of a recording for people."""
-    seconds = (recording.end_ns - recording.start_ns) / 1e9
     lines = [
         f"files     {', '.join(map(str, recording.paths))}",
         f"ROS       {recording.distro.ros_version}",
         f"start     {_date(recording.start_ns)}",
         f"end       {_date(recording.end_ns)}",
-        f"duration  {seconds:.3f} s",
-        f"messages  {sum(topic.count or 0 for topic in recording.topics)}",
+        f"duration  {recording.seconds:.3f} s",
+        f"messages  {recording.message_count}",
         "",
     ]
     if not recording.complete:

@@ -14,12 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 from rwt.extensions.recording.channels import combined
-from rwt.extensions.recording.recording import (
-    MessageEncoding,
-    RecordedMessage,
-    RecordedTopic,
-    Recording,
-)
+from rwt.extensions.recording.recording import MessageEncoding, RecordedMessage, RecordedTopic, Recording
 from rwt_graph.api import Graph, Participant, Publisher, ServiceCall
 from rwt_graph.names import resolve
 from rwt_graph.topic_selection import TopicSelection
