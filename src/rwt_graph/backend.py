@@ -32,12 +32,12 @@ from rwt_graph.actions.names import belongs_to_action
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
 from rwt_graph.api import Limitation
-from rwt_graph.memory.actions import Actions, MemoryActionServer, RemoteActions
+from rwt_graph.memory.actions import Actions, MemoryActionServer, NotifyingGoal, RemoteActions
 from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.memory.remote_services import RemoteServiceTable
 from rwt_graph.memory.services import MemoryCall, MemoryProvider, RemoteServices, Services
-from rwt_graph.memory.tables import Changes, NodeResources
+from rwt_graph.memory.tables import Changes, NodeResources, PerNode
 from rwt_graph.memory.topics import (
     KEEP_ALL_LIMIT,
     MemoryPublisher,
@@ -47,6 +47,7 @@ from rwt_graph.memory.topics import (
     Topic,
     Topics,
     TransientLocalCache,
+    received_sample,
 )
 from rwt_graph.nodes.actionlib import STATUS, ActionlibStatus
 from rwt_graph.parameters.tree import ParameterTree
@@ -56,6 +57,7 @@ __all__ = [
     "Limitation",
     "MemoryParticipant",
     "NodeResources",
+    "PerNode",
     "Changes",
     "Topics",
     "Topic",
@@ -63,6 +65,7 @@ __all__ = [
     "MemorySubscription",
     "RemoteTopics",
     "RemoteEndpoint",
+    "received_sample",
     "EndpointTypes",
     "TransientLocalCache",
     "KEEP_ALL_LIMIT",
@@ -73,6 +76,7 @@ __all__ = [
     "RemoteServiceTable",
     "Actions",
     "MemoryActionServer",
+    "NotifyingGoal",
     "RemoteActions",
     "Ros2Actions",
     "Ros2ActionServer",

@@ -48,11 +48,13 @@ class MemoryCall(ServiceCall, PendingCall):
     def done(self) -> bool:
         return self._on_reply is None
 
-    def wait(self, pending: set[MemoryCall], caller: NodeResources, due: set[MemoryCall] | None) -> None:
+    def wait(
+        self, pending: set[MemoryCall], caller: NodeResources, deadlines: Deadlines, timeout: float | None
+    ) -> None:
         """Keep the call open: register it with its provider, its caller and its deadline, if any."""
         self._open = pending
         self._caller = caller
-        self._due = due
+        self._due = None if timeout is None else deadlines.add(self, timeout)
         pending.add(self)
         caller.add(self, self.caller_closed)
 
@@ -257,9 +259,7 @@ class Services(ProviderTable[MemoryProvider]):
             if provider.closed:
                 call.end_with(provider.gone())
             else:
-                call.wait(
-                    provider.open, caller, None if timeout is None else self.deadlines.add(call, timeout)
-                )
+                call.wait(provider.open, caller, self.deadlines, timeout)
         return call
 
     def _call_remote(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from rwt_graph.api import Registration
@@ -50,6 +51,41 @@ class NodeResources:
         while self._release:
             _, release = self._release.popitem()
             release()
+
+
+class Closable(Protocol):
+    """Resource that can be closed."""
+
+    def close(self) -> None:
+        """Release it."""
+
+
+R = TypeVar("R", bound=Closable)
+
+
+class PerNode(Generic[R]):
+    """Resources of nodes, one for each node and name: made on first use, closed when the node leaves.
+
+    Attributes:
+        made: resources by node and name.
+    """
+
+    def __init__(self) -> None:
+        self.made: dict[tuple[NodeResources, str], R] = {}
+
+    def get(self, owner: NodeResources, name: str, make: Callable[[], R]) -> R:
+        found = self.made.get((owner, name))
+        if found is None:
+            found = self.made[owner, name] = make()
+            owner.add(found, partial(self.close, owner, name))
+        return found
+
+    def close(self, owner: NodeResources, name: str) -> None:
+        """Close a resource; no-op if there is none."""
+        made = self.made.pop((owner, name), None)
+        if made is not None:
+            owner.drop(made)
+            made.close()
 
 
 class Provider(Registration):

@@ -235,8 +235,7 @@ class Ros1Services:
         if info is None or session is None:
             return None
         call = MemoryCall(name, request, on_reply)
-        deadlines = self._services.deadlines
-        call.wait(self._open, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(self._open, caller, self._services.deadlines, timeout)
         session.network.spawn(partial(self._run, session, call, info, caller.name), f"call of {name}")
         return call
 

@@ -109,7 +109,7 @@ class ZenohGraph(DistributedGraph):
     async def join(self) -> None:
         """Connect to the other processes. Raises :exc:`ZenohError`."""
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
-        link = ZenohLink(session, self.options.domain, self.run_on_graph)
+        link = ZenohLink(session, self.options.domain, self.registry, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
         info, asked = session.info, ", ".join(self.options.connect)
         met = len(info.peers_zid()) + len(info.routers_zid())

@@ -12,10 +12,10 @@ import zenoh
 from rwt.extensions.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt.extensions.zenoh.rmw import attachment
 from rwt.extensions.zenoh.rmw.attachment import Attachment
-from rwt.extensions.zenoh.rmw.keys import data_key, dds_type, type_name
+from rwt.extensions.zenoh.rmw.keys import type_name
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
-from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, RemoteServiceTable, Services
+from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, PerNode, RemoteServiceTable, Services
 from rwt_graph.errors import WireError
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -42,7 +42,7 @@ class ZenohServices:
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
-        self._clients: dict[tuple[NodeResources, str, str], Client] = {}
+        self._clients: PerNode[Client] = PerNode()
         self._callers = NodeResources("/_remote", private=True)
 
     def open(self, link: ZenohLink) -> None:
@@ -66,13 +66,13 @@ class ZenohServices:
         link = self._link
         if link is None or provider.owner.private:
             return
-        names = dds_type(self._registry.type_name(provider.type)), provider.type.rihs01
-        key = data_key(link.domain, provider.name, *names)
+        end = link.endpoint(provider.name, provider.type)
+        key = end.data_key(link.domain)
         handler = link.callback(partial(self._serve, provider, key))
         queryable = link.session.declare_queryable(
             key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE
         )
-        presence = link.declare(EntityKind.SERVICE, provider.owner, TokenEndpoint(provider.name, *names))
+        presence = link.declare(EntityKind.SERVICE, provider.owner, end)
 
         def undeclare() -> None:
             presence.end()
@@ -156,28 +156,16 @@ class ZenohServices:
             refused = RemoteCall(name, request, on_reply, info.type.response)
             refused.end_with(CallFailed(text))
             return refused
-        client = self._client(link, caller, end)
+        key = f"{name} {end.dds_type}"
+        client = self._clients.get(caller, key, partial(self._make_client, link, caller, end))
         sessions = {token.session for _, (token, _) in service.offers.values()}
         call = client.ask(name, request, on_reply, info.type.response, sessions)
-        deadlines = self._services.deadlines
-        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(service.open, caller, self._services.deadlines, timeout)
         return call
 
-    def _client(self, link: ZenohLink, caller: NodeResources, end: TokenEndpoint) -> Client:
-        identity = (caller, end.name, end.dds_type)
-        client = self._clients.get(identity)
-        if client is None:
-            presence = link.declare(
-                EntityKind.CLIENT, caller, TokenEndpoint(end.name, end.dds_type, end.type_hash)
-            )
-            client = self._clients[identity] = Client(link, end, presence, self._time_ns)
-
-            def close() -> None:
-                del self._clients[identity]
-                client.close()
-
-            caller.add(client, close)
-        return client
+    def _make_client(self, link: ZenohLink, caller: NodeResources, end: TokenEndpoint) -> Client:
+        own = TokenEndpoint(end.name, end.dds_type, end.type_hash)
+        return Client(link, end, link.declare(EntityKind.CLIENT, caller, own), self._time_ns)
 
 
 def _refuse(query: zenoh.Query, text: str, kind: str) -> None:
