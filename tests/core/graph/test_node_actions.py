@@ -6,14 +6,13 @@ import anyio
 import pytest
 
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.memory.actions import ENDINGS, TRANSITIONS, GoalEvent
 from rwt_interfaces.errors import InvalidMessage
-from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
+from rwt_participant.errors import GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
 from rwt_participant.goals import GoalStatus, ReceivedGoal
 from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
-    from tests.core.graph.conftest import Advance
+    pass
 
 pytestmark = pytest.mark.anyio
 
@@ -142,24 +141,6 @@ async def test_a_withdrawn_action_cancels_what_runs(graph: MemoryGraph) -> None:
         assert graph.action("/fib") is None
 
 
-async def test_a_client_that_leaves_hears_so_and_the_goal_runs_on(graph: MemoryGraph) -> None:
-    goals: list[ReceivedGoal] = []
-
-    async def execute(goal: ReceivedGoal) -> None:
-        goals.append(goal)
-        await anyio.sleep_forever()
-
-    async with graph:
-        server, client = Node(graph, "server"), Node(graph, "client")
-        server.advertise_action("/fib", FIBONACCI, execute)
-        handle = await client.send_goal("/fib")
-        await anyio.wait_all_tasks_blocked()
-        client.close()
-        with pytest.raises(CallFailed, match="node /client was closed"):
-            await handle.result()
-        assert goals[0].id == handle.id
-
-
 async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -> None:
     goals: dict[int, ReceivedGoal] = {}
 
@@ -191,33 +172,3 @@ async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> N
 async def test_plain_functions_cannot_execute(graph: MemoryGraph) -> None:
     with pytest.raises(TypeError, match="must be a coroutine function"):
         Node(graph, "n").advertise_action("/fib", FIBONACCI, lambda _: {"sequence": []})  # type: ignore[arg-type, return-value]  # the mistake under test
-
-
-async def test_simulated_time_drives_an_action(graph: MemoryGraph, advance: Advance) -> None:
-    async with graph:
-        node = Node(graph, "n")
-
-        async def execute(_goal: ReceivedGoal) -> dict[str, object]:
-            await node.clock.sleep(3)
-            return {"sequence": [3]}
-
-        node.advertise_action("/fib", FIBONACCI, execute)
-        handle = await node.send_goal("/fib")
-        await advance(2.9)
-        assert not handle.status.is_terminal
-        await advance(0.2)
-        assert (await handle.result())[0] is GoalStatus.SUCCEEDED
-
-
-def test_the_table_of_the_state_machine() -> None:
-    terminal = {status for status in GoalStatus if status.is_terminal}
-    assert terminal == {GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED}
-    # Nothing leads out of an end, every end is reached, and from every other state there is a way to one.
-    assert {state for before, _ in TRANSITIONS.values() for state in before} == set(GoalStatus) - terminal
-    assert terminal <= {after for _, after in TRANSITIONS.values()}
-    assert set(ENDINGS) == terminal
-    before, after = TRANSITIONS[GoalEvent.LOSE]
-    assert (set(before), after) == (set(GoalStatus) - terminal, GoalStatus.ABORTED)
-    # Canceled only after it was asked for, and success only by who executes.
-    assert TRANSITIONS[GoalEvent.CANCELED][0] == (GoalStatus.CANCELING,)
-    assert GoalStatus.ACCEPTED not in TRANSITIONS[GoalEvent.SUCCEED][0]

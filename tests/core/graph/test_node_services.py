@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import MemoryGraph, Node, NotRunning, WallClock
+from rwt_graph import MemoryGraph, Node, NotRunning
 from rwt_interfaces.errors import InvalidMessage
 from rwt_participant.errors import CallFailed, CallTimeout, NotFound, ProviderGone, ServiceFailed
 from rwt_participant.messages import Message
@@ -148,19 +148,6 @@ async def test_failures_of_a_call(graph: MemoryGraph, advance: Advance) -> None:
         assert outcomes[1:] == ["ProviderGone: Service /s was unadvertised"]
 
 
-async def test_a_cancelled_caller_forgets_its_call(graph: MemoryGraph) -> None:
-    async with graph:
-        node = Node(graph, "n")
-
-        async def never(_request: Message) -> None:
-            await anyio.sleep_forever()
-
-        node.advertise_service("/s", ADD, never)
-        with anyio.move_on_after(0) as scope:
-            await node.call("/s")
-        assert scope.cancelled_caught
-
-
 async def test_before_the_graph_runs_only_plain_handlers_answer(graph: MemoryGraph) -> None:
     node = Node(graph, "n")
 
@@ -240,9 +227,3 @@ async def test_a_body_that_asyncio_cancels_leaves_the_graph(graph: MemoryGraph) 
     assert graph.nodes() == ()
     assert not graph.running
     assert asyncio.all_tasks() == before
-
-
-def test_a_graph_needs_no_arguments() -> None:
-    graph = MemoryGraph()
-    assert graph.distro.name == "jazzy"
-    assert isinstance(graph.clock, WallClock)

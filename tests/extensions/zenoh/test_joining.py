@@ -138,26 +138,6 @@ async def test_peers_of_one_peer_find_each_other_if_they_listen() -> None:
         await until(lambda: a.nodes() == b.nodes())
 
 
-@pytest.mark.anyio
-async def test_two_clients_of_a_router_find_each_other() -> None:
-    endpoint = free_endpoint()
-    async with (
-        ZenohGraph(listen=[endpoint], mode="router", config=QUICK),
-        ZenohGraph(connect=[endpoint], mode="client", config=QUICK) as a,
-        ZenohGraph(connect=[endpoint], mode="client", config=QUICK) as b,
-    ):
-        heard: list[str] = []
-        b.node("ear").subscribe("/chatter", lambda message: heard.append(message.data), "std_msgs/String")
-        publisher = a.node("mouth").advertise("/chatter", "std_msgs/String")
-        await until(lambda: publisher.subscriber_count == 1)
-        # By way of a router, that there is a subscriber and the way to it are known one after the other.
-        with anyio.fail_after(PATIENCE):
-            while not heard:
-                publisher.publish({"data": "through the router"})
-                await anyio.sleep(0.01)
-        assert set(heard) == {"through the router"}
-
-
 _PROGRAM = """
 import sys
 import anyio

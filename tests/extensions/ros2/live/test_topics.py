@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rwt_graph.errors import TypeConflict
 from rwt_interfaces.payload import Payload
-from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, QoS, Reliability
+from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Reliability
 from tests.extensions.ros2.live.program import NODE
 from tests.extensions.ros2.live.values import TYPES, comparable
 from tests.waiting import until
@@ -228,22 +227,6 @@ timer = node.create_timer(0.05, lambda: publisher.publish(String(data='x')))
     await until(lambda: received)
 
 
-async def test_our_latched_topics_reach_late_subscribers_there(graph: Ros2Graph, program: Program) -> None:
-    qos = QoS(depth=2, durability=Durability.TRANSIENT_LOCAL)
-    ours = graph.participant("/ours")
-    publisher = ours.advertise("/kept", graph.registry.message("std_msgs/String"), qos)
-    for data in "abc":
-        publisher.publish(text(graph, data))
-    program.run(
-        f"""
-from std_msgs.msg import String
-received = []
-node.create_subscription(String, '/kept', lambda m: received.append(m.data), {_DEPTHS.format(10)})
-"""
-    )
-    await until(lambda: program.run("result = received") == ["b", "c"])
-
-
 async def test_our_own_samples_do_not_come_back(graph: Ros2Graph, program: Program) -> None:
     ours = graph.participant("/ours")
     received = Received()
@@ -265,17 +248,6 @@ publisher = node.create_publisher(String, '/both', 10)
     program.run("publisher.publish(String(data='theirs'))")
     await until(lambda: "theirs" in received)
     assert received == ["ours", "theirs"]
-
-
-async def test_a_topic_of_another_process_has_a_type(graph: Ros2Graph, program: Program) -> None:
-    program.run("from std_msgs.msg import String; p = node.create_publisher(String, '/known', 10)")
-    await until(lambda: graph.topic("/known"))
-    string = graph.registry.message("std_msgs/String")
-    with pytest.raises(TypeConflict, match="established with type std_msgs/msg/String"):
-        graph.participant("/ours").advertise("/known", graph.registry.message("std_msgs/Int32"))
-    info = graph.topic("/known")
-    assert info is not None
-    assert info.type is string
 
 
 async def test_idle_subscriptions_need_no_threads_of_their_own(graph: Ros2Graph) -> None:
