@@ -37,17 +37,15 @@ async def wait_for_cancel(goal: ReceivedGoal) -> None:
     raise GoalCanceled(reason="as asked")
 
 
-async def test_success_with_feedback(graph: MemoryGraph) -> None:
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("fib", FIBONACCI, count)
-        feedback: list[Message] = []
-        handle = await node.send_goal("/fib", {"order": 4}, on_feedback=feedback.append)
-        status, result = await handle.result()
-        assert (status, result.sequence) == (GoalStatus.SUCCEEDED, [0, 1, 1, 2])
-        assert [message.sequence for message in feedback] == [[0, 1, 1], [0, 1, 1, 2]]
-        assert (await handle.result())[0] is handle.status is GoalStatus.SUCCEEDED
-        assert handle.reason == ""
+async def test_success_with_feedback(node: Node) -> None:
+    node.advertise_action("fib", FIBONACCI, count)
+    feedback: list[Message] = []
+    handle = await node.send_goal("/fib", {"order": 4}, on_feedback=feedback.append)
+    status, result = await handle.result()
+    assert (status, result.sequence) == (GoalStatus.SUCCEEDED, [0, 1, 1, 2])
+    assert [message.sequence for message in feedback] == [[0, 1, 1], [0, 1, 1, 2]]
+    assert (await handle.result())[0] is handle.status is GoalStatus.SUCCEEDED
+    assert handle.reason == ""
 
 
 async def test_cancel_by_handle_and_by_id(graph: MemoryGraph) -> None:
@@ -65,7 +63,7 @@ async def test_cancel_by_handle_and_by_id(graph: MemoryGraph) -> None:
             assert handle.reason == "as asked"
 
 
-async def test_rejections(graph: MemoryGraph) -> None:
+async def test_rejections(node: Node) -> None:
     verdicts: list[bool | str] = []
 
     def accept(goal: Message) -> bool | str:
@@ -73,21 +71,19 @@ async def test_rejections(graph: MemoryGraph) -> None:
             raise ValueError("negative")
         return verdicts.pop()
 
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("/fib", FIBONACCI, count, accept=accept)
-        verdicts[:] = [True, "too busy", False]
-        with pytest.raises(GoalRejected, match="action /fib rejected the goal"):
-            await node.send_goal("/fib")
-        with pytest.raises(GoalRejected, match=r"^too busy$"):
-            await node.send_goal("/fib")
-        with pytest.raises(GoalRejected, match=r"^negative$"):
-            await node.send_goal("/fib", {"order": -1})
-        assert (await (await node.send_goal("/fib")).result())[0] is GoalStatus.SUCCEEDED
-        with pytest.raises(NotFound, match="Action /nope does not exist"):
-            await node.send_goal("/nope")
-        with pytest.raises(InvalidMessage, match="order: "):
-            await node.send_goal("/fib", {"order": "many"})
+    node.advertise_action("/fib", FIBONACCI, count, accept=accept)
+    verdicts[:] = [True, "too busy", False]
+    with pytest.raises(GoalRejected, match="action /fib rejected the goal"):
+        await node.send_goal("/fib")
+    with pytest.raises(GoalRejected, match=r"^too busy$"):
+        await node.send_goal("/fib")
+    with pytest.raises(GoalRejected, match=r"^negative$"):
+        await node.send_goal("/fib", {"order": -1})
+    assert (await (await node.send_goal("/fib")).result())[0] is GoalStatus.SUCCEEDED
+    with pytest.raises(NotFound, match="Action /nope does not exist"):
+        await node.send_goal("/nope")
+    with pytest.raises(InvalidMessage, match="order: "):
+        await node.send_goal("/fib", {"order": "many"})
 
 
 @pytest.mark.parametrize(
@@ -99,22 +95,18 @@ async def test_rejections(graph: MemoryGraph) -> None:
         (GoalAborted({"sequence": "wrong"}, "stuck"), "sequence: ", []),
     ],
 )
-async def test_goals_that_end_badly(
-    graph: MemoryGraph, error: Exception, reason: str, sequence: list[int]
-) -> None:
+async def test_goals_that_end_badly(node: Node, error: Exception, reason: str, sequence: list[int]) -> None:
     async def execute(_goal: ReceivedGoal) -> None:
         raise error
 
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("/fib", FIBONACCI, execute)
-        handle = await node.send_goal("/fib")
-        status, result = await handle.result()
-        assert (status, list(result.sequence)) == (GoalStatus.ABORTED, sequence)
-        assert reason in handle.reason
+    node.advertise_action("/fib", FIBONACCI, execute)
+    handle = await node.send_goal("/fib")
+    status, result = await handle.result()
+    assert (status, list(result.sequence)) == (GoalStatus.ABORTED, sequence)
+    assert reason in handle.reason
 
 
-async def test_a_withdrawn_action_cancels_what_runs(graph: MemoryGraph) -> None:
+async def test_a_withdrawn_action_cancels_what_runs(node: Node, graph: MemoryGraph) -> None:
     ended: list[str] = []
 
     async def execute(_goal: ReceivedGoal) -> None:
@@ -123,25 +115,23 @@ async def test_a_withdrawn_action_cancels_what_runs(graph: MemoryGraph) -> None:
         finally:
             ended.append("execute")
 
-    async with graph:
-        node = Node(graph, "n")
-        action = node.advertise_action("/fib", FIBONACCI, execute)
-        handle = await node.send_goal("/fib")
-        await anyio.wait_all_tasks_blocked()
-        action.close()
-        with pytest.raises(ProviderGone, match="Action /fib was unadvertised"):
-            await handle.result()
-        await anyio.wait_all_tasks_blocked()
-        assert ended == ["execute"]
-        # Withdrawn between acceptance and the start of the task: it must not run at all.
-        action = node.advertise_action("/fib", FIBONACCI, execute)
-        await node.send_goal("/fib")
-        action.close()
-        await anyio.wait_all_tasks_blocked()
-        assert graph.action("/fib") is None
+    action = node.advertise_action("/fib", FIBONACCI, execute)
+    handle = await node.send_goal("/fib")
+    await anyio.wait_all_tasks_blocked()
+    action.close()
+    with pytest.raises(ProviderGone, match="Action /fib was unadvertised"):
+        await handle.result()
+    await anyio.wait_all_tasks_blocked()
+    assert ended == ["execute"]
+    # Withdrawn between acceptance and the start of the task: it must not run at all.
+    action = node.advertise_action("/fib", FIBONACCI, execute)
+    await node.send_goal("/fib")
+    action.close()
+    await anyio.wait_all_tasks_blocked()
+    assert graph.action("/fib") is None
 
 
-async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -> None:
+async def test_a_goal_knows_whether_its_feedback_is_wanted(node: Node) -> None:
     goals: dict[int, ReceivedGoal] = {}
 
     async def run(goal: ReceivedGoal) -> None:
@@ -151,15 +141,13 @@ async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -
     def wanted() -> dict[int, bool]:
         return {order: goal.feedback_wanted for order, goal in goals.items()}
 
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("fib", FIBONACCI, run)
-        with_feedback = await node.send_goal("/fib", {"order": 1}, on_feedback=lambda message: None)
-        await node.send_goal("/fib", {"order": 2})
-        await anyio.wait_all_tasks_blocked()
-        assert wanted() == {1: True, 2: True}
-        with_feedback.abandon()
-        assert wanted() == {1: False, 2: True}
+    node.advertise_action("fib", FIBONACCI, run)
+    with_feedback = await node.send_goal("/fib", {"order": 1}, on_feedback=lambda message: None)
+    await node.send_goal("/fib", {"order": 2})
+    await anyio.wait_all_tasks_blocked()
+    assert wanted() == {1: True, 2: True}
+    with_feedback.abandon()
+    assert wanted() == {1: False, 2: True}
 
 
 async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> None:

@@ -43,13 +43,11 @@ async def test_everything_that_is_no_coroutine_works_from_a_thread(graph: Memory
         assert graph.nodes() == ()
 
 
-async def test_any_coroutine_can_be_run_from_a_thread(graph: MemoryGraph) -> None:
-    async with graph:
-        node = Node(graph, "n")
-        node.parameters.declare("speed", 1.5)
-        assert await in_thread(lambda: node.run_blocking(lambda: node.params.get("/n:speed"))) == 1.5
-        with pytest.raises(ProviderNotFound):
-            await in_thread(lambda: node.run_blocking(lambda: node.call("/nope")))
+async def test_any_coroutine_can_be_run_from_a_thread(node: Node) -> None:
+    node.parameters.declare("speed", 1.5)
+    assert await in_thread(lambda: node.run_blocking(lambda: node.params.get("/n:speed"))) == 1.5
+    with pytest.raises(ProviderNotFound):
+        await in_thread(lambda: node.run_blocking(lambda: node.call("/nope")))
 
 
 async def test_a_blocking_call_on_the_graphs_own_thread_is_refused(graph: MemoryGraph) -> None:
