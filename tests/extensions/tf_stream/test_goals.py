@@ -73,13 +73,6 @@ async def test_only_what_moved_beyond_the_threshold_since_it_was_sent_is_sent_ag
     ]
 
 
-async def test_nothing_due_is_nothing_sent(lab: Lab, page: Asking) -> None:
-    await page.send_goal(goal("base"))
-    lab.publish("map", "base", 1.0)
-    await lab.pass_time(3.0)
-    assert len(page.feedback()) == 1
-
-
 @pytest.mark.parametrize(("angular", "linear"), [(0.0, 5.0), (5.0, 0.0)])
 async def test_a_threshold_of_zero_sends_everything_every_time(
     lab: Lab, page: Asking, angular: float, linear: float
@@ -176,17 +169,6 @@ async def test_what_was_told_once_before_the_goal_is_known(lab: Lab, page: Askin
     await page.send_goal(goal("base"))
     await lab.pass_time(1.0)
     assert [places(each) for each in page.feedback()] == [{"base": 1.0}]
-
-
-async def test_a_change_of_mind_finds_what_was_heard_already(lab: Lab, page: Asking) -> None:
-    """TFClient cancels and asks anew with every frame that is added."""
-    await page.send_goal(goal("base"), "first")
-    lab.publish("map", "base", 1.0)
-    page.cancel("first")
-    await lab.pass_time(1.0)
-    await page.send_goal(goal("base"), "second")
-    await lab.pass_time(5.0)
-    assert [places(each) for each in page.feedback("second")] == [{"base": 1.0}]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rwt_client import connect
-from tests.extensions.ros1.live.conftest import Ros
+from tests.extensions.ros1.live.conftest import Ros, serving
 from tests.extensions.ros1.live.test_actions import CLIENT, SERVER
 from tests.extensions.ros1.live.test_services import CALL, OFFER
-from tests.processes import running
 from tests.waiting import until, until_answered, wait_until
 
 if TYPE_CHECKING:
@@ -26,10 +24,8 @@ pytestmark = pytest.mark.anyio
 def core(tmp_path: Path) -> Iterator[tuple[Ros, str]]:
     """ROS 1 whose master is a server of this project, and the URL of the server."""
     ros = Ros(tmp_path)
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
     graph = ros.uri.replace("ros1:", "ros1-master:")
-    arguments = ("serve", "--graph", graph, "ws://127.0.0.1:0")
-    with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
+    with serving("serve", "--graph", graph, "ws://127.0.0.1:0") as (_, url):
         try:
             yield ros, url
         finally:
@@ -38,9 +34,8 @@ def core(tmp_path: Path) -> Iterator[tuple[Ros, str]]:
 
 def test_the_command_serves_programs_alone(tmp_path: Path) -> None:
     ros = Ros(tmp_path)
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
     address = f"127.0.0.1:{ros.port}"
-    with running("master", address, environment=environment, real=True, stderr=None) as (_, uri):
+    with serving("master", address) as (_, uri):
         try:
             assert uri == f"http://{address}/"
             assert ros.tool("rosnode", "list").split() == ["/rosout"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import struct
 from collections.abc import Iterator
 from typing import Any, Final, Protocol
@@ -18,8 +17,8 @@ from rosbridge_conformance.wire.cbor import read_cbor, typed_array
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
+from tests.extensions.ros2.live.test_server import serving
 from tests.extensions.ros2.live.values import TYPES, comparable
-from tests.processes import running
 from tests.statements import Program
 from tests.waiting import wait_until
 
@@ -36,9 +35,7 @@ def registry(domain: int) -> Registry:
 
 
 def _serve(*settings: str) -> Iterator[str]:
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
-    arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0", *settings)
-    with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
+    with serving("serve", "--graph", "ros2", "ws://127.0.0.1:0", *settings) as (_, url):
         yield url
 
 
