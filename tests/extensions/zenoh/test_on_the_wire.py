@@ -17,7 +17,7 @@ from rwt.extensions.zenoh.rmw.tokens import gid_of
 from rwt_graph import TypeConflict
 from rwt_graph.api import Sample
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.structs import ServiceType
+from rwt_interfaces.registry import Registry
 from rwt_participant.errors import ServiceFailed
 from rwt_participant.messages import Message
 from rwt_participant.qos import LATCHED, Durability, QoS
@@ -28,6 +28,9 @@ pytestmark = pytest.mark.anyio
 
 STRING = "std_msgs::msg::dds_::String_"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+TRIGGER = "std_srvs::srv::dds_::Trigger_"
+TRIGGER_HASH = Registry().service("std_srvs/Trigger").rihs01
+GO = f"0/go/{TRIGGER}/{TRIGGER_HASH}"
 CHATTER = f"0/chatter/{STRING}/{STRING_HASH}"
 #: "hi" in CDR: little-endian, the length with the final zero, the text.
 HI = bytes.fromhex("0001000003000000686900")
@@ -42,32 +45,15 @@ def payload(graph: ZenohGraph, data: str) -> Payload:
     return Payload.from_value(graph.registry.message("std_msgs/String"), {"data": data})
 
 
-@pytest.fixture
-def trigger(graph: ZenohGraph) -> ServiceType:
-    return graph.registry.service("std_srvs/Trigger")
-
-
-def key_of_go(trigger: ServiceType) -> str:
-    """The key of the service `/go`."""
-    return f"0/go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
-
-
-def declare(
-    peer: zenoh.Session,
-    kind: str,
-    name: str,
-    type: str,
-    type_hash: str,
-    qos: str = "::,10:,:,:,,",
-) -> zenoh.LivelinessToken:
+def declare(peer: zenoh.Session, kind: str, name: str, type: str, type_hash: str) -> zenoh.LivelinessToken:
     """A token of another program, whose node is `/them`."""
-    what = f"{name.replace('/', '%')}/{type}/{type_hash}/{qos}"
+    what = f"{name.replace('/', '%')}/{type}/{type_hash}/::,10:,:,:,,"
     return peer.liveliness().declare_token(f"@ros2_lv/0/{peer.zid()}/0/1/{kind}/%/%/them/{what}")
 
 
-def offer(peer: zenoh.Session, type_hash: str) -> zenoh.LivelinessToken:
+def offer(peer: zenoh.Session, type_hash: str = TRIGGER_HASH) -> zenoh.LivelinessToken:
     """A token of the service `/go` of another program."""
-    return declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", type_hash)
+    return declare(peer, "SS", "/go", TRIGGER, type_hash)
 
 
 async def seen(peer: zenoh.Session, *parts: str) -> str:
@@ -83,9 +69,8 @@ async def seen(peer: zenoh.Session, *parts: str) -> str:
     return key
 
 
-async def test_the_tokens_of_a_node_and_its_endpoints(
-    graph: ZenohGraph, peer: zenoh.Session, trigger: ServiceType
-) -> None:
+async def test_the_tokens_of_a_node_and_its_endpoints(graph: ZenohGraph, peer: zenoh.Session) -> None:
+    trigger = graph.registry.service("std_srvs/Trigger")
     node = graph.participant("/robot1/talker")
     string = graph.registry.message("std_msgs/String")
     node.advertise("/chatter", string)
@@ -93,12 +78,11 @@ async def test_the_tokens_of_a_node_and_its_endpoints(
     node.advertise_service("/go", trigger, lambda _: None)
     await seen(peer, "/SS/")
     prefix = f"@ros2_lv/0/{session_of(graph).zid()}/0"
-    trigger_type = f"std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
     assert tokens(peer) == [
         f"{prefix}/0/NN/%/%robot1/talker",
         f"{prefix}/1/MP/%/%robot1/talker/%chatter/{STRING}/{STRING_HASH}/::,10:,:,:,,",
         f"{prefix}/2/MS/%/%robot1/talker/%robot1%in/{STRING}/{STRING_HASH}/:1:,1:,:,:,,",
-        f"{prefix}/3/SS/%/%robot1/talker/%go/{trigger_type}/::,10:,:,:,,",
+        f"{prefix}/3/SS/%/%robot1/talker/%go/{TRIGGER}/{TRIGGER_HASH}/::,10:,:,:,,",
     ]
     node.close()
     await until(lambda: not tokens(peer))
@@ -205,17 +189,15 @@ async def test_a_late_subscriber_is_given_what_an_advanced_publisher_kept(
     await until(lambda: subscription.history() == ())
 
 
-async def test_a_service_is_a_complete_queryable(
-    graph: ZenohGraph, peer: zenoh.Session, trigger: ServiceType
-) -> None:
+async def test_a_service_is_a_complete_queryable(graph: ZenohGraph, peer: zenoh.Session) -> None:
+    trigger = graph.registry.service("std_srvs/Trigger")
     response = Payload.from_value(trigger.response, {"success": True, "message": "hi"})
     node = graph.participant("/p")
     node.advertise_service("/go", trigger, lambda call: call.reply(response))
     await seen(peer, "/SS/")
-    key = key_of_go(trigger)
     gid = bytes(range(16))
     request = struct.pack("<qqB16s", 9, 1, 16, gid)
-    replies = await ask(peer, key, bytes.fromhex("0001000000"), request)
+    replies = await ask(peer, GO, bytes.fromhex("0001000000"), request)
     (reply,) = replies
     assert reply.ok is not None
     assert reply.ok.payload.to_bytes() == bytes.fromhex("000100000100000003000000686900")
@@ -229,12 +211,12 @@ async def test_a_service_is_a_complete_queryable(
     ("body", "attached"), [(b"", 33), (b"\x00\x01\x00", 33), (bytes.fromhex("0001000000"), 0)]
 )
 async def test_a_request_that_is_none_is_refused(
-    graph: ZenohGraph, peer: zenoh.Session, trigger: ServiceType, body: bytes, attached: int
+    graph: ZenohGraph, peer: zenoh.Session, body: bytes, attached: int
 ) -> None:
+    trigger = graph.registry.service("std_srvs/Trigger")
     graph.participant("/p").advertise_service("/go", trigger, lambda _: None)
     await seen(peer, "/SS/")
-    key = key_of_go(trigger)
-    (reply,) = await ask(peer, key, body, struct.pack("<qqB16s", 1, 1, 16, bytes(16))[:attached])
+    (reply,) = await ask(peer, GO, body, struct.pack("<qqB16s", 1, 1, 16, bytes(16))[:attached])
     assert reply.err is not None
     assert reply.err.payload.to_bytes() == b"the request to /go is not a std_srvs/srv/Trigger_Request"
 
@@ -246,9 +228,8 @@ async def ask(peer: zenoh.Session, key: str, body: bytes, attached: bytes) -> li
     return await anyio.to_thread.run_sync(list, answers)
 
 
-async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session, trigger: ServiceType) -> None:
+async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session) -> None:
     """And an error reply of a program that is not this project's is the provider's failure."""
-    key = key_of_go(trigger)
     asked: list[Any] = []
 
     def serve(query: zenoh.Query) -> None:
@@ -258,8 +239,8 @@ async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session, 
         query.reply_err(b"not today")
         query.drop()
 
-    queryable = peer.declare_queryable(key, serve, complete=True)
-    alive = offer(peer, trigger.rihs01)
+    queryable = peer.declare_queryable(GO, serve, complete=True)
+    alive = offer(peer)
     await until(lambda: graph.service("/go") is not None)
     node = graph.node("caller")
     for _ in range(2):
@@ -276,9 +257,10 @@ async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session, 
 
 
 async def test_a_request_waits_for_a_provider_that_is_known_but_not_there_yet(
-    graph: ZenohGraph, peer: zenoh.Session, trigger: ServiceType
+    graph: ZenohGraph, peer: zenoh.Session
 ) -> None:
-    alive = offer(peer, trigger.rihs01)
+    trigger = graph.registry.service("std_srvs/Trigger")
+    alive = offer(peer)
     await until(lambda: graph.service("/go") is not None)
     answers: list[object] = []
     node, request = graph.participant("/caller"), Payload.from_value(trigger.request, {})
@@ -286,15 +268,14 @@ async def test_a_request_waits_for_a_provider_that_is_known_but_not_there_yet(
     node.call_service("/go", request, answers.append)
     cancelled.cancel()
     asked: list[int] = []
-    key = key_of_go(trigger)
 
     def serve(query: zenoh.Query) -> None:
         assert query.attachment is not None
         asked.append(struct.unpack("<q", query.attachment.to_bytes()[:8])[0])
-        query.reply(key, bytes.fromhex("00010000010000000100000000"))
+        query.reply(GO, bytes.fromhex("00010000010000000100000000"))
         query.drop()
 
-    queryable = peer.declare_queryable(key, serve, complete=True)
+    queryable = peer.declare_queryable(GO, serve, complete=True)
     await until(lambda: bool(answers))
     (answer,) = answers
     assert isinstance(answer, Payload)
@@ -304,9 +285,10 @@ async def test_a_request_waits_for_a_provider_that_is_known_but_not_there_yet(
 
 
 async def test_a_request_to_a_provider_that_never_comes_ends_with_it(
-    graph: ZenohGraph, peer: zenoh.Session, trigger: ServiceType
+    graph: ZenohGraph, peer: zenoh.Session
 ) -> None:
-    alive = offer(peer, trigger.rihs01)
+    trigger = graph.registry.service("std_srvs/Trigger")
+    alive = offer(peer)
     await until(lambda: graph.service("/go") is not None)
     answers: list[object] = []
     request = Payload.from_value(trigger.request, {})
