@@ -243,13 +243,7 @@ class Ros2Topics:
                     channel.end_probe()
 
     def _receive(
-        self,
-        topic: Topic,
-        channel: Channel,
-        type: MessageType,
-        raw: RawSample,
-        *,
-        history: bool,
+        self, topic: Topic, channel: Channel, type: MessageType, raw: RawSample, *, history: bool
     ) -> None:
         connection = self._connection
         gid, number = raw.gid, raw.number

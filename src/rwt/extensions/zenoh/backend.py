@@ -15,13 +15,7 @@ from rwt.extensions.zenoh.services import ZenohServices
 from rwt.extensions.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt.extensions.zenoh.topics import ZenohTopics
 from rwt_graph import Node
-from rwt_graph.backend import (
-    DistributedGraph,
-    Limitation,
-    MemoryParticipant,
-    NodeResources,
-    Ros2Actions,
-)
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, NodeResources, Ros2Actions
 from rwt_graph.clock import Clock
 from rwt_graph.errors import ZenohError
 from rwt_graph.names import resolve

@@ -39,8 +39,7 @@ class ZenohPublisher:
     def _send(self, sample: Sample) -> None:
         self._sequence = sequence = self._sequence + 1
         self._sender.put(
-            sample.payload.cdr(),
-            attachment=attachment.pack(sequence, sample.stamp_ns, _GID_SIZE, self._gid),
+            sample.payload.cdr(), attachment=attachment.pack(sequence, sample.stamp_ns, _GID_SIZE, self._gid)
         )
 
     def close(self) -> None:

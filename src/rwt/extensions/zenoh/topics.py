@@ -16,13 +16,7 @@ from rwt_graph.backend import belongs_to_action
 
 if TYPE_CHECKING:
     from rwt.extensions.zenoh.link import Presence, ZenohLink
-    from rwt_graph.backend import (
-        MemoryPublisher,
-        MemorySubscription,
-        RemoteEndpoint,
-        Topic,
-        Topics,
-    )
+    from rwt_graph.backend import MemoryPublisher, MemorySubscription, RemoteEndpoint, Topic, Topics
     from rwt_interfaces.structs import MessageType
 
 

@@ -1,4 +1,6 @@
-"""A real ROS 2 program, which runs statements that see `node`, `executor`, `rclpy`, `qos` and `plain`."""
+"""A real ROS 2 program, which runs statements.
+
+They see `node`, `executor`, `rclpy`, `qos`, `plain` and `String`."""
 
 from __future__ import annotations
 
@@ -30,6 +32,7 @@ def main() -> None:
     import rclpy
     from rclpy import qos
     from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+    from std_msgs.msg import String
 
     rclpy.init()
     namespace, _, name = NODE.rpartition("/")
@@ -45,7 +48,8 @@ def main() -> None:
 
     spinning = threading.Thread(target=spin)
     spinning.start()
-    run_statements({"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain})
+    names = {"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain, "String": String}
+    run_statements(names)
     rclpy.shutdown()
     spinning.join()
     executor.shutdown()

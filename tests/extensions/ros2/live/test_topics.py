@@ -93,7 +93,6 @@ message = UInt8MultiArray(data=bytes(range(256)) * 4000)
 async def test_nodes_topics_types_and_qos_are_discovered(graph: Ros2Graph, program: Program) -> None:
     program.run(
         """
-from std_msgs.msg import String
 a = node.create_publisher(String, '/a', qos.qos_profile_sensor_data)
 b = node.create_subscription(String, '/b', print, 10)
 """
@@ -140,7 +139,6 @@ async def test_late_subscribers_receive_what_two_publishers_retain(
 ) -> None:
     program.run(
         f"""
-from std_msgs.msg import String
 deep = node.create_publisher(String, '/kept', {_DEPTHS.format(3)})
 latched = node.create_publisher(String, '/kept', {_DEPTHS.format(1)})
 for number in range(1, 6): deep.publish(String(data=f'deep {{number}}'))
@@ -173,12 +171,7 @@ async def test_the_depth_of_a_publisher_that_starts_later(graph: Ros2Graph, prog
     ours = graph.participant("/ours")
     first = Received()
     ours.subscribe("/kept", first)
-    program.run(
-        f"""
-from std_msgs.msg import String
-deep = node.create_publisher(String, '/kept', {_DEPTHS.format(2)})
-"""
-    )
+    program.run(f"deep = node.create_publisher(String, '/kept', {_DEPTHS.format(2)})")
     await until(lambda: program.run("result = deep.get_subscription_count()") == 1)
     for number in range(1, 6):
         program.run(f"deep.publish(String(data='{number}'))")
@@ -196,7 +189,6 @@ deep = node.create_publisher(String, '/kept', {_DEPTHS.format(2)})
 async def test_a_mixture_of_latched_and_volatile_publishers(graph: Ros2Graph, program: Program) -> None:
     program.run(
         f"""
-from std_msgs.msg import String
 latched = node.create_publisher(String, '/mixed', {_DEPTHS.format(1)})
 latched.publish(String(data='latched'))
 volatile = node.create_publisher(String, '/mixed', qos.qos_profile_sensor_data)
@@ -219,7 +211,6 @@ async def test_a_subscription_follows_a_best_effort_publisher_that_starts_later(
     graph.participant("/ours").subscribe("/later", received, graph.registry.message("std_msgs/String"))
     program.run(
         """
-from std_msgs.msg import String
 publisher = node.create_publisher(String, '/later', qos.qos_profile_sensor_data)
 timer = node.create_timer(0.05, lambda: publisher.publish(String(data='x')))
 """
@@ -235,7 +226,6 @@ async def test_our_own_samples_do_not_come_back(graph: Ros2Graph, program: Progr
     publisher = ours.advertise("/both", string)
     program.run(
         """
-from std_msgs.msg import String
 received = []
 node.create_subscription(String, '/both', lambda m: received.append(m.data), 10)
 publisher = node.create_publisher(String, '/both', 10)
@@ -288,7 +278,6 @@ async def test_a_middleware_without_callbacks_is_waited_for(
         graph.participant("/ours").subscribe("/waited", received, graph.registry.message("std_msgs/String"))
         program.run(
             """
-from std_msgs.msg import String
 publisher = node.create_publisher(String, '/waited', 10)
 timer = node.create_timer(0.05, lambda: publisher.publish(String(data='x')))
 """
@@ -315,7 +304,6 @@ async def test_many_subscriptions_share_descriptors(
     assert len(os.listdir("/proc/self/fd")) == before
     program.run(
         """
-from std_msgs.msg import String
 publishers = [node.create_publisher(String, f'/shared_{n}', 10) for n in range(20)]
 """
     )
