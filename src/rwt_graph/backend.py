@@ -36,7 +36,13 @@ from rwt_graph.memory.actions import Actions, MemoryActionServer, NotifyingGoal,
 from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.memory.remote_services import RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall, MemoryProvider, RemoteServices, Services
+from rwt_graph.memory.services import (
+    MemoryCall,
+    MemoryProvider,
+    OfferedServices,
+    RemoteServices,
+    Services,
+)
 from rwt_graph.memory.tables import Changes, NodeResources, PerNode
 from rwt_graph.memory.topics import (
     KEEP_ALL_LIMIT,
@@ -72,6 +78,7 @@ __all__ = [
     "Services",
     "MemoryProvider",
     "MemoryCall",
+    "OfferedServices",
     "RemoteServices",
     "RemoteServiceTable",
     "Actions",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,15 @@ from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.type_supports import NotInstalled
 from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
-from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, PerNode, RemoteServiceTable, Services
+from rwt_graph.backend import (
+    MemoryCall,
+    MemoryProvider,
+    NodeResources,
+    OfferedServices,
+    PerNode,
+    RemoteServiceTable,
+    Services,
+)
 from rwt_graph.errors import Ros2Error
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -164,52 +172,34 @@ class Client:
         self._inbox.close()
 
 
-class Ros2Services:
+class Ros2Services(OfferedServices[Connection]):
     """Offers the services of this process to ROS 2, and calls those of others."""
 
     def __init__(self, services: Services, registry: Registry, clock: Clock) -> None:
-        self._services = services
+        super().__init__(services)
         self._registry = registry
         self._clock = clock
-        self._connection: Connection | None = None
-        self._servers: dict[MemoryProvider, Server] = {}
         self._clients: PerNode[Client] = PerNode()
         self._found: frozenset[tuple[str, str, str]] = frozenset()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         self._unknown: set[str] = set()
 
-    def open(self, connection: Connection) -> None:
-        """Offer every service of this process."""
-        self._connection = connection
-        for provider in self._services:
-            self.offered(provider)
-
     def close(self) -> None:
         """Close every endpoint; open calls end."""
         self._remote.close()
         for identity in tuple(self._clients.made):
             self._clients.close(*identity)
-        for server in self._servers.values():
-            server.close()
-        self._servers.clear()
-        self._connection = None
+        for withdraw in self._offers.values():
+            withdraw()
+        super().close()
 
-    # Services of this process
-
-    def offered(self, provider: MemoryProvider) -> None:
-        connection = self._connection
-        if connection is None or provider.owner.private:
-            return
+    def _offer(self, connection: Connection, provider: MemoryProvider) -> Callable[[], object] | None:
         try:
-            self._servers[provider] = Server(connection, provider, self._services)
+            return Server(connection, provider, self._services).close
         except NotInstalled as error:
             connection.note_missing(provider.name, error)
-
-    def withdrawn(self, provider: MemoryProvider) -> None:
-        server = self._servers.pop(provider, None)
-        if server is not None:
-            server.close()
+            return None
 
     # Services of other processes
 
