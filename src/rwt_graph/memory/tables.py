@@ -53,27 +53,21 @@ class NodeResources:
             release()
 
 
-class Closable(Protocol):
-    """Resource that can be closed."""
-
-    def close(self) -> None:
-        """Release it."""
-
-
-R = TypeVar("R", bound=Closable)
-
-
-class PerNode(Generic[R]):
+class PerNode(Generic[T]):
     """Resources of nodes, one for each node and name: made on first use, closed when the node leaves.
+
+    Args:
+        close: closes a resource.
 
     Attributes:
         made: resources by node and name.
     """
 
-    def __init__(self) -> None:
-        self.made: dict[tuple[NodeResources, str], R] = {}
+    def __init__(self, close: Callable[[T], None]) -> None:
+        self.made: dict[tuple[NodeResources, str], T] = {}
+        self._close = close
 
-    def get(self, owner: NodeResources, name: str, make: Callable[[], R]) -> R:
+    def get(self, owner: NodeResources, name: str, make: Callable[[], T]) -> T:
         found = self.made.get((owner, name))
         if found is None:
             found = self.made[owner, name] = make()
@@ -85,7 +79,7 @@ class PerNode(Generic[R]):
         made = self.made.pop((owner, name), None)
         if made is not None:
             owner.drop(made)
-            made.close()
+            self._close(made)
 
 
 class Provider(Registration):

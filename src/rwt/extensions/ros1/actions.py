@@ -50,7 +50,7 @@ class Ros1Actions:
         self.graph = graph
         self.ros_topics = topics
         self.session: Session | None = None
-        self._clients: PerNode[ActionClient] = PerNode()
+        self._clients: PerNode[ActionClient] = PerNode(ActionClient.close)
 
     def _goal_topics(self) -> Iterator[tuple[str, Topic]]:
         for topic in self.graph.topic_table.all():

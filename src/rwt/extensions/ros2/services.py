@@ -179,7 +179,7 @@ class Ros2Services(OfferedServices[Connection]):
         super().__init__(services)
         self._registry = registry
         self._clock = clock
-        self._clients: PerNode[Client] = PerNode()
+        self._clients: PerNode[Client] = PerNode(Client.close)
         self._found: frozenset[tuple[str, str, str]] = frozenset()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node

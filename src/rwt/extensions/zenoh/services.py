@@ -47,7 +47,7 @@ class ZenohServices(OfferedServices["ZenohLink"]):
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
-        self._clients: PerNode[Client] = PerNode()
+        self._clients: PerNode[Client] = PerNode(Client.close)
         self._callers = NodeResources("/_remote", private=True)
 
     def open(self, connection: ZenohLink) -> None:
