@@ -323,6 +323,7 @@ class MemoryActionServer(Provider):
     ) -> None:
         super().__init__(name, owner)
         self.type = interface
+        self.info = ActionInfo(name, interface, owner.name)
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.on_close: Callable[[], None] | None = None
@@ -394,9 +395,8 @@ class Actions(ProviderTable[MemoryActionServer]):
             full = f"{action} has {MOST_GOALS} goals that have not ended, which is the limit"
             return _refused(goal_id, action, events, GoalRejected(full))
         if self.observer is not None:
-            info = ActionInfo(action, server.type, server.node)
             try:
-                events = self.observer.on_goal(info, goal_id, payload, events)
+                events = self.observer.on_goal(server.info, goal_id, payload, events)
             except Exception:
                 logger.exception("a goal of %s could not be observed", action)
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
@@ -428,7 +428,7 @@ class Actions(ProviderTable[MemoryActionServer]):
     def info(self, name: str) -> ActionInfo | None:
         server = self.current.get(name)
         if server is not None:
-            return ActionInfo(name, server.type, server.node)
+            return server.info
         return None if self.remote is None else self.remote.info(name)
 
 

@@ -14,8 +14,6 @@ import pytest
 from rwt.extensions.zenoh import ZenohError, ZenohGraph, ZenohOptions
 from rwt.extensions.zenoh.session import configuration
 from rwt_graph import NotRunning
-from rwt_interfaces.distro import NOETIC
-from rwt_interfaces.registry import Registry
 from tests.waiting import PATIENCE, until
 from tests.zenoh_links import QUICK, free_endpoint
 
@@ -69,11 +67,6 @@ def test_endpoints_that_are_none(endpoint: str) -> None:
 def test_a_negative_domain() -> None:
     with pytest.raises(ZenohError, match="-1 is not a domain"):
         ZenohGraph(domain=-1)
-
-
-def test_ros_1_has_no_such_wire() -> None:
-    with pytest.raises(ZenohError, match="a graph of noetic cannot be joined over Zenoh"):
-        ZenohGraph(Registry(NOETIC))
 
 
 @pytest.mark.anyio
