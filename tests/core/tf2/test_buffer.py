@@ -102,13 +102,6 @@ def test_nothing_is_extrapolated(seconds: float, words: str) -> None:
     assert failure.value.future == (seconds > 2)
 
 
-def test_one_transform_serves_its_own_time_only() -> None:
-    buffer = filled(given("map", "base", 1, 1.0))
-    assert x_of(buffer, "map", "base", 1) == 1.0
-    for seconds in (0.9, 1.1):
-        assert not buffer.can_transform("map", "base", round(seconds * S))
-
-
 def test_a_gap_above_the_way_does_not_matter() -> None:
     buffer = filled(given("map", "base", 1), given("base", "arm", 5, 1.0), given("base", "tool", 5, 3.0))
     assert x_of(buffer, "arm", "tool", 5) == 2.0

@@ -10,7 +10,6 @@ import pytest
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Reliability
 from tests.extensions.ros2.live.program import NODE
-from tests.extensions.ros2.live.values import TYPES, comparable
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -37,37 +36,6 @@ def _data(sample: Sample) -> str:
 
 def text(graph: Ros2Graph, data: str) -> Payload:
     return Payload.from_value(graph.registry.message("std_msgs/String"), {"data": data})
-
-
-@pytest.mark.parametrize("name", TYPES)
-async def test_every_kind_of_field_in_both_directions(graph: Ros2Graph, program: Program, name: str) -> None:
-    type = graph.registry.message(f"test_msgs/{name}")
-    samples: list[Sample] = []
-    ours = graph.participant("/ours")
-    ours.subscribe("/theirs", samples.append, type)
-    publisher = ours.advertise("/ours", type)
-    sent = program.run(
-        f"""
-from test_msgs.msg import {name} as Type
-from test_msgs import message_fixtures
-from test_msgs.message_fixtures import *
-import re
-sent = getattr(message_fixtures, 'get_msg_' + re.sub('(?<=[a-z])(?=[A-Z])', '_', {name!r}).lower())()
-received = []
-node.create_subscription(Type, '/ours', received.append, 50)
-publisher = node.create_publisher(Type, '/theirs', 50)
-result = [plain(each) for each in sent]
-"""
-    )
-    await until(lambda: publisher.subscriber_count == 1)
-    await until(lambda: program.run("result = publisher.get_subscription_count()") == 1)
-    program.run("for each in sent: publisher.publish(each)")
-    await until(lambda: len(samples) == len(sent))
-    assert [comparable(sample.payload.value()) for sample in samples] == sent
-    for sample in samples:
-        publisher.publish(Payload.from_value(type, sample.payload.value()))
-    await until(lambda: program.run("result = len(received)") == len(sent))
-    assert program.run("result = [plain(each) for each in received]") == sent
 
 
 async def test_bytes_pass_unchanged(graph: Ros2Graph, program: Program) -> None:
