@@ -22,6 +22,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
@@ -313,19 +314,28 @@ class Room:
     def __init__(self, always: int) -> None:
         self._always = always
         self._running = 0
-        self._entrance = Lock()
+        self._counting = Lock()
+        self._measuring = Lock()
 
     @contextmanager
-    def taken(self) -> Iterator[None]:
-        """Wait until there is room for one process more; leave when it has ended."""
-        with self._entrance:
-            while self._running >= self._always and _idle_share() < IDLE_SHARE:
-                pass
-            self._running += 1
+    def taken(self, places: int) -> Iterator[None]:
+        """Wait until there is room for a process that counts as `places`; leave when it has ended."""
+        while not self._enter(places, self._always):
+            with self._measuring:
+                if _idle_share() >= IDLE_SHARE and self._enter(places, sys.maxsize):
+                    break
         try:
             yield
         finally:
-            self._running -= 1
+            with self._counting:
+                self._running -= places
+
+    def _enter(self, places: int, most: int) -> bool:
+        with self._counting:
+            if self._running and self._running + places > most:
+                return False
+            self._running += places
+            return True
 
 
 def _idle_share(seconds: float = 3.0) -> float:
@@ -346,29 +356,25 @@ def _processor_times() -> tuple[int, int]:
 
 
 def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[Outcome]:
-    """Run some files, `processes` at a time, or two less while one of them drives a browser.
+    """Run some files, `processes` at a time, and up to twice as many while processors are idle.
 
-    Chromium draws without a graphics card: several at a time starve each other, and their tests. Up to twice
-    as many of the others run while processors are idle.
+    Chromium draws without a graphics card: several at a time starve each other, and their tests. A process
+    that drives a browser therefore counts as two, and there are two of them at most.
     """
     outcomes: list[Outcome] = []
+    room = Room(processes)
 
-    def done(batch: tuple[str, ...]) -> None:
-        outcome = run(batch, further)
+    def done(batch: tuple[str, ...], places: int = 1) -> None:
+        with room.taken(places):
+            outcome = run(batch, further)
         outcome.show()
         outcomes.append(outcome)
 
     waiting = batches(files)
     drawing = [each for each in waiting if Path(each[0]).is_relative_to(BROWSER_TESTS)]
     others = [each for each in waiting if each not in drawing]
-    room = Room(max(1, processes - 2 * bool(drawing)))
-
-    def done_in_turn(batch: tuple[str, ...]) -> None:
-        with room.taken():
-            done(batch)
-
-    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(2 * processes) as pool:
-        list(chain(first.map(done, drawing), pool.map(done_in_turn, others)))
+    with ThreadPoolExecutor(2) as browsers, ThreadPoolExecutor(2 * processes) as pool:
+        list(chain(browsers.map(partial(done, places=2), drawing), pool.map(done, others)))
     return outcomes
 
 
