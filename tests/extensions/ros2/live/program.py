@@ -1,10 +1,12 @@
 """A real ROS 2 program, which runs statements.
 
-They see `node`, `executor`, `rclpy`, `qos`, `plain` and `String`."""
+They see `node`, `executor`, `rclpy`, `qos`, `plain` and `String`.
+"""
 
 from __future__ import annotations
 
 import threading
+from importlib import import_module
 from typing import Any, Final
 
 from tests.statements import run_statements
@@ -32,7 +34,6 @@ def main() -> None:
     import rclpy
     from rclpy import qos
     from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
-    from std_msgs.msg import String
 
     rclpy.init()
     namespace, _, name = NODE.rpartition("/")
@@ -48,8 +49,9 @@ def main() -> None:
 
     spinning = threading.Thread(target=spin)
     spinning.start()
-    names = {"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain, "String": String}
-    run_statements(names)
+    texts = import_module("std_msgs.msg")
+    names = {"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain}
+    run_statements({**names, "String": texts.String})
     rclpy.shutdown()
     spinning.join()
     executor.shutdown()
