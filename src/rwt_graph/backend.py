@@ -6,7 +6,7 @@ A backend is a :class:`DistributedGraph`. Nodes of this process meet in its tabl
 | table | this process → others | others → this process |
 |---|---|---|
 | `topic_table` (:class:`Topics`) | :class:`RemoteTopics` is told of each change of a :class:`Topic`; `on_publish_remote` of a :class:`MemoryPublisher` gets its samples | `remote_joined` and `remote_left` with a :class:`RemoteEndpoint`; `deliver` of each :class:`MemorySubscription` |
-| `service_table` (:class:`Services`) | :class:`RemoteServices` is told what is `offered` and `withdrawn`; `call` of the table carries out a call from outside | :class:`RemoteServices` finds and calls; :class:`RemoteServiceTable` keeps the providers |
+| `service_table` (:class:`Services`) | :class:`RemoteServices` is told what is `offered` and `withdrawn`; :class:`OfferedServices` keeps that; `call` of the table carries out a call from outside | :class:`RemoteServices` finds and calls; :class:`RemoteServiceTable` keeps the providers |
 | `action_table` (:class:`Actions`) | :class:`Ros2ActionServer`, as services and topics | :class:`RemoteActions`; :class:`Ros2Actions` makes them from services and topics |
 | nodes | `participant` and `left` are overridden | `node_joined` and `node_left` |
 
@@ -32,12 +32,18 @@ from rwt_graph.actions.names import belongs_to_action
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
 from rwt_graph.api import Limitation
-from rwt_graph.memory.actions import Actions, MemoryActionServer, RemoteActions
+from rwt_graph.memory.actions import Actions, MemoryActionServer, NotifyingGoal, RemoteActions
 from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.memory.remote_services import RemoteServiceTable
-from rwt_graph.memory.services import MemoryCall, MemoryProvider, RemoteServices, Services
-from rwt_graph.memory.tables import Changes, NodeResources
+from rwt_graph.memory.services import (
+    MemoryCall,
+    MemoryProvider,
+    OfferedServices,
+    RemoteServices,
+    Services,
+)
+from rwt_graph.memory.tables import Changes, NodeResources, PerNode
 from rwt_graph.memory.topics import (
     KEEP_ALL_LIMIT,
     MemoryPublisher,
@@ -47,6 +53,7 @@ from rwt_graph.memory.topics import (
     Topic,
     Topics,
     TransientLocalCache,
+    received_sample,
 )
 from rwt_graph.nodes.actionlib import STATUS, ActionlibStatus
 from rwt_graph.parameters.tree import ParameterTree
@@ -56,6 +63,7 @@ __all__ = [
     "Limitation",
     "MemoryParticipant",
     "NodeResources",
+    "PerNode",
     "Changes",
     "Topics",
     "Topic",
@@ -63,16 +71,19 @@ __all__ = [
     "MemorySubscription",
     "RemoteTopics",
     "RemoteEndpoint",
+    "received_sample",
     "EndpointTypes",
     "TransientLocalCache",
     "KEEP_ALL_LIMIT",
     "Services",
     "MemoryProvider",
     "MemoryCall",
+    "OfferedServices",
     "RemoteServices",
     "RemoteServiceTable",
     "Actions",
     "MemoryActionServer",
+    "NotifyingGoal",
     "RemoteActions",
     "Ros2Actions",
     "Ros2ActionServer",

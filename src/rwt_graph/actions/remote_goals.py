@@ -7,7 +7,7 @@ from typing import Any
 
 from rwt_graph.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
 from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, PendingCall, Sample, Subscription
-from rwt_graph.memory.actions import run_callback
+from rwt_graph.memory.actions import NotifyingGoal
 from rwt_graph.memory.services import RemoteServices, Services
 from rwt_graph.memory.tables import NodeResources
 from rwt_graph.memory.topics import Topics
@@ -158,31 +158,24 @@ class FeedbackReader:
         message: Any = sample.payload.value()
         goal = self._goals.get(bytes(message.goal_id.uuid).hex())
         if goal is not None:
-            goal.on_feedback(message)
+            goal.notify_feedback(Payload.from_value(goal.type.feedback, message.feedback))
 
 
-class RemoteGoal(ClientGoal):
+class RemoteGoal(NotifyingGoal):
     """Goal as its client sees it; only servers of this project send reasons."""
-
-    status = GoalStatus.UNKNOWN
-    reason = ""
 
     def __init__(
         self, actions: Ros2Actions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> None:
-        self.id = goal_id
-        self.action = info.name
+        super().__init__(goal_id, info.name, events, client)
         self.type = info.type
         self._names = ActionNames(info.name)
         self._actions = actions
-        self._events: GoalEvents | None = events
-        self.client = client
         self._reasons: Subscription | None = None
         self._pending: PendingCall | None = None
 
     def send(self, payload: Payload) -> None:
         """Subscribe to the goal's feedback and reason, then send it."""
-        self.client.add(self, self.client_closed)
         self.want_feedback(True)
         topics, registry = self._actions.topics, self._actions.registry
         reasons = topics.info(self._names.reasons)
@@ -197,7 +190,7 @@ class RemoteGoal(ClientGoal):
         """Subscribe to the feedback or unsubscribe: a server without subscribers sends none."""
         if not wanted:
             self._actions.drop_feedback(self)
-        elif self._events is not None and self._events.on_feedback is not None:
+        elif self.wants_feedback:
             self._actions.want_feedback(self)
 
     def _call(self, service: str, request: Payload, on_reply: Callable[[Payload | CallFailed], None]) -> None:
@@ -216,9 +209,8 @@ class RemoteGoal(ClientGoal):
             return
         # A cancel may have been granted before this answer came.
         self.status = max(self.status, GoalStatus.EXECUTING)
-        if self._events is not None:
-            if self._events.on_accepted is not None:
-                run_callback(self, self._events.on_accepted)
+        if self.is_heard:
+            self.notify_accepted()
             request = self._actions.registry.service(f"{self.type.name}_GetResult").request
             payload = struct_payload(request, goal_id=uuid_struct(request, self.id))
             self._call(self._names.get_result, payload, self._on_result)
@@ -240,11 +232,6 @@ class RemoteGoal(ClientGoal):
         else:
             self._end(self.status, failure)
 
-    def on_feedback(self, message: Any) -> None:
-        if self._events is not None and (on_feedback := self._events.on_feedback) is not None:
-            feedback = Payload.from_value(self.type.feedback, message.feedback)
-            run_callback(self, lambda: on_feedback(feedback))
-
     def _on_reason(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
         goal_id, _, reason = message.data.partition(" ")
@@ -255,15 +242,12 @@ class RemoteGoal(ClientGoal):
         self.status = status
         if isinstance(outcome, ProviderGone):
             self.reason = str(outcome)
-        events = self._events
-        self._let_go()
-        if events is not None:
-            run_callback(self, lambda: events.on_result(status, outcome))
+        self.notify_end(outcome)
 
     # Requests of the client
 
     def cancel(self) -> None:
-        if self._events is not None and not self.status.is_terminal:
+        if self.is_heard and not self.status.is_terminal:
             self._actions.ask_to_cancel(self.action, self.id, self.client, self._on_cancel_answer)
 
     def _on_cancel_answer(self, answer: Payload | CallFailed) -> None:
@@ -280,13 +264,8 @@ class RemoteGoal(ClientGoal):
             # Let the call be answered: cancelling it might cancel the goal.
             pending.cancel()
 
-    def client_closed(self) -> None:
-        """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
-        self._end(self.status, CallFailed(f"node {self.client.name} was closed"))
-
     def _let_go(self) -> None:
-        self._events = None
-        self.client.drop(self)
+        super()._let_go()
         self.want_feedback(False)
         if self._reasons is not None:
             self._reasons.close()

@@ -10,6 +10,7 @@ import logging
 import re
 from collections.abc import Callable, Iterator
 from enum import Enum, auto
+from functools import partial
 from typing import Any, Protocol
 from uuid import uuid4
 
@@ -104,15 +105,70 @@ class RemoteActions(RemoteProviders, Protocol):
         """Request cancellation of all goals of an action in another process."""
 
 
-def run_callback(goal: ClientGoal, callback: Callable[[], None]) -> None:
-    """Run a callback of a goal; log its exceptions."""
+def _run_callback(goal: ClientGoal, callback: Callable[[], None]) -> None:
     try:
         callback()
     except Exception:
         logger.exception("a callback of goal %s of %s failed", goal.id, goal.action)
 
 
-class MemoryGoal(ServerGoal, ClientGoal):
+class NotifyingGoal(ClientGoal):
+    """Goal that calls its client's callbacks, until it has ended or the client has left.
+
+    Attributes:
+        client: node that sent it.
+    """
+
+    status = GoalStatus.UNKNOWN
+    reason = ""
+
+    def __init__(self, goal_id: str, action: str, events: GoalEvents, client: NodeResources) -> None:
+        self.id = goal_id
+        self.action = action
+        self.client = client
+        self._events: GoalEvents | None = events
+        client.add(self, self.client_closed)
+
+    @property
+    def is_heard(self) -> bool:
+        """True until the goal has ended, or its client has left."""
+        return self._events is not None
+
+    @property
+    def wants_feedback(self) -> bool:
+        """True if the client takes feedback."""
+        return self._events is not None and self._events.on_feedback is not None
+
+    def notify_accepted(self) -> None:
+        """Report that the server has accepted the goal."""
+        if self._events is not None and self._events.on_accepted is not None:
+            _run_callback(self, self._events.on_accepted)
+
+    def notify_feedback(self, feedback: Payload) -> None:
+        """Report feedback."""
+        if self._events is not None and self._events.on_feedback is not None:
+            _run_callback(self, partial(self._events.on_feedback, feedback))
+
+    def notify_end(self, outcome: Payload | CallFailed) -> None:
+        """Report the end with the present status; no-op if it was reported."""
+        events = self._events
+        self._let_go()
+        if events is not None:
+            _run_callback(self, partial(events.on_result, self.status, outcome))
+
+    def client_closed(self) -> None:
+        """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
+        self.notify_end(CallFailed(f"node {self.client.name} was closed"))
+
+    def abandon(self) -> None:
+        self._let_go()
+
+    def _let_go(self) -> None:
+        self._events = None
+        self.client.drop(self)
+
+
+class MemoryGoal(NotifyingGoal, ServerGoal):
     """Goal as both sides see it.
 
     States, which are ROS 2's (:data:`TRANSITIONS`)::
@@ -124,13 +180,10 @@ class MemoryGoal(ServerGoal, ClientGoal):
         UNKNOWN, ended               SUCCEEDED or ABORTED    SUCCEEDED, CANCELED or ABORTED
 
     A goal has ended once its server's ``goals`` do not contain it. A cancel request before the acceptance
-    waits for it (``cancel_requested``), and reaches the server once (``_cancel_notified``). ``_events`` are
-    the client's callbacks: None once the goal has ended, or its client has left.
+    waits for it (``cancel_requested``), and reaches the server once (``_cancel_notified``).
     """
 
-    status = GoalStatus.UNKNOWN
     cancel_requested = False
-    reason = ""
 
     def __init__(
         self,
@@ -140,14 +193,11 @@ class MemoryGoal(ServerGoal, ClientGoal):
         events: GoalEvents,
         client: NodeResources,
     ) -> None:
-        self.id = goal_id
-        self.action = server.name
+        super().__init__(goal_id, server.name, events, client)
         self._goal: Payload | None = goal
         self.on_cancel: Callable[[], None] | None = None
         self.on_end: Callable[[CallFailed], None] | None = None
         self._server = server
-        self._client = client
-        self._events: GoalEvents | None = events
         self._cancel_notified = False
         self._listening = True
 
@@ -163,7 +213,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
 
     @property
     def feedback_wanted(self) -> bool:
-        if self._listening and self._events is not None and self._events.on_feedback is not None:
+        if self._listening and self.wants_feedback:
             return True
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
@@ -182,8 +232,7 @@ class MemoryGoal(ServerGoal, ClientGoal):
         """UNKNOWN → ACCEPTED → EXECUTING; then pass on an earlier cancel request."""
         self._step(GoalEvent.ACCEPT)
         self._step(GoalEvent.EXECUTE)
-        if self._events is not None and self._events.on_accepted is not None:
-            run_callback(self, self._events.on_accepted)
+        self.notify_accepted()
         if self.cancel_requested:
             self.cancel()
 
@@ -196,12 +245,10 @@ class MemoryGoal(ServerGoal, ClientGoal):
 
     def feedback(self, feedback: Payload) -> None:
         """Send feedback. Ignored before the goal was accepted and once it has ended (ACT-06)."""
-        events = self._events
-        running = self.status is not GoalStatus.UNKNOWN and not self.status.is_terminal
-        if not running:
+        if self.status is GoalStatus.UNKNOWN or self.status.is_terminal:
             return
-        if self._listening and events is not None and (on_feedback := events.on_feedback) is not None:
-            run_callback(self, lambda: on_feedback(feedback))
+        if self._listening:
+            self.notify_feedback(feedback)
         if self._server.watcher is not None:
             self._server.watcher.fed_back(self.id, feedback)
 
@@ -220,17 +267,14 @@ class MemoryGoal(ServerGoal, ClientGoal):
         on_end = self.on_end
         self._end(gone, str(gone))
         if on_end is not None:
-            run_callback(self, lambda: on_end(gone))
+            _run_callback(self, partial(on_end, gone))
 
     def _end(self, outcome: Payload | CallFailed, reason: str) -> None:
         self.reason = reason
-        events, self._events = self._events, None
-        self._client.drop(self)
         if self._server.watcher is not None:
             result = None if isinstance(outcome, CallFailed) else outcome
             self._server.watcher.ended(self.id, self.status, result, reason)
-        if events is not None:
-            run_callback(self, lambda: events.on_result(self.status, outcome))
+        self.notify_end(outcome)
 
     def cancel(self) -> None:
         """Pass a cancel request to the server, once, after the goal was accepted (ACT-07)."""
@@ -242,22 +286,10 @@ class MemoryGoal(ServerGoal, ClientGoal):
         self._step(GoalEvent.CANCEL)
         if self.on_cancel is not None and not self._cancel_notified:
             self._cancel_notified = True
-            run_callback(self, self.on_cancel)
-
-    def client_closed(self) -> None:
-        """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
-        events = self._events
-        self.abandon()
-        if events is not None:
-            why = CallFailed(f"node {self._client.name} was closed")
-            run_callback(self, lambda: events.on_result(self.status, why))
+            _run_callback(self, self.on_cancel)
 
     def want_feedback(self, wanted: bool) -> None:
         self._listening = wanted
-
-    def abandon(self) -> None:
-        self._events = None
-        self._client.drop(self)
 
 
 class _RefusedGoal(ClientGoal):
@@ -291,6 +323,7 @@ class MemoryActionServer(Provider):
     ) -> None:
         super().__init__(name, owner)
         self.type = interface
+        self.info = ActionInfo(name, interface, owner.name)
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.on_close: Callable[[], None] | None = None
@@ -362,13 +395,11 @@ class Actions(ProviderTable[MemoryActionServer]):
             full = f"{action} has {MOST_GOALS} goals that have not ended, which is the limit"
             return _refused(goal_id, action, events, GoalRejected(full))
         if self.observer is not None:
-            info = ActionInfo(action, server.type, server.node)
             try:
-                events = self.observer.on_goal(info, goal_id, payload, events)
+                events = self.observer.on_goal(server.info, goal_id, payload, events)
             except Exception:
                 logger.exception("a goal of %s could not be observed", action)
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
-        client.add(goal, goal.client_closed)
         try:
             server.on_goal(goal)
         except Exception:
@@ -397,13 +428,13 @@ class Actions(ProviderTable[MemoryActionServer]):
     def info(self, name: str) -> ActionInfo | None:
         server = self.current.get(name)
         if server is not None:
-            return ActionInfo(name, server.type, server.node)
+            return server.info
         return None if self.remote is None else self.remote.info(name)
 
 
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> ClientGoal:
     goal = _RefusedGoal(goal_id, action)
-    run_callback(goal, lambda: events.on_result(GoalStatus.UNKNOWN, why))
+    _run_callback(goal, partial(events.on_result, GoalStatus.UNKNOWN, why))
     return goal
 
 

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import logging
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from heapq import heappop, heappush
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, ServiceCall, ServiceInfo
 from rwt_graph.clock import Clock
@@ -24,6 +25,8 @@ from rwt_participant.errors import CallFailed, CallTimeout, ProviderGone, Provid
 from rwt_participant.timers import LONGEST_DELAY, Timer
 
 logger = logging.getLogger(__name__)
+
+C = TypeVar("C")
 
 OnCall = Callable[[ServiceCall], None]
 
@@ -48,11 +51,13 @@ class MemoryCall(ServiceCall, PendingCall):
     def done(self) -> bool:
         return self._on_reply is None
 
-    def wait(self, pending: set[MemoryCall], caller: NodeResources, due: set[MemoryCall] | None) -> None:
+    def wait(
+        self, pending: set[MemoryCall], caller: NodeResources, deadlines: Deadlines, timeout: float | None
+    ) -> None:
         """Keep the call open: register it with its provider, its caller and its deadline, if any."""
         self._open = pending
         self._caller = caller
-        self._due = due
+        self._due = None if timeout is None else deadlines.add(self, timeout)
         pending.add(self)
         caller.add(self, self.caller_closed)
 
@@ -157,6 +162,46 @@ class RemoteServices(RemoteProviders, Protocol):
         """Call a service of another process; None if no other process offers it."""
 
 
+class OfferedServices(ABC, Generic[C]):
+    """Services of this process, offered to other processes while the graph is connected to them.
+
+    Args:
+        services: services of the graph, which notify this object.
+    """
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+        self._connection: C | None = None
+        # Functions that withdraw services.
+        self._offers: dict[MemoryProvider, Callable[[], object]] = {}
+
+    def open(self, connection: C) -> None:
+        """Offer every service of this process."""
+        self._connection = connection
+        for provider in self._services:
+            self.offered(provider)
+
+    def close(self) -> None:
+        """Offer no more services; those offered end with the connection."""
+        self._connection = None
+        self._offers.clear()
+
+    def offered(self, provider: MemoryProvider) -> None:
+        if self._connection is not None and not provider.owner.private:
+            withdraw = self._offer(self._connection, provider)
+            if withdraw is not None:
+                self._offers[provider] = withdraw
+
+    def withdrawn(self, provider: MemoryProvider) -> None:
+        withdraw = self._offers.pop(provider, None)
+        if withdraw is not None:
+            withdraw()
+
+    @abstractmethod
+    def _offer(self, connection: C, provider: MemoryProvider) -> Callable[[], object] | None:
+        """Offer a service; return a function that withdraws it, None if it cannot be offered."""
+
+
 class MemoryProvider(Provider):
     """Service that a node offers; `open` are its pending calls."""
 
@@ -257,9 +302,7 @@ class Services(ProviderTable[MemoryProvider]):
             if provider.closed:
                 call.end_with(provider.gone())
             else:
-                call.wait(
-                    provider.open, caller, None if timeout is None else self.deadlines.add(call, timeout)
-                )
+                call.wait(provider.open, caller, self.deadlines, timeout)
         return call
 
     def _call_remote(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from rwt_graph.api import Registration
@@ -50,6 +51,35 @@ class NodeResources:
         while self._release:
             _, release = self._release.popitem()
             release()
+
+
+class PerNode(Generic[T]):
+    """Resources of nodes, one for each node and name: made on first use, closed when the node leaves.
+
+    Args:
+        close: closes a resource.
+
+    Attributes:
+        made: resources by node and name.
+    """
+
+    def __init__(self, close: Callable[[T], None]) -> None:
+        self.made: dict[tuple[NodeResources, str], T] = {}
+        self._close = close
+
+    def get(self, owner: NodeResources, name: str, make: Callable[[], T]) -> T:
+        found = self.made.get((owner, name))
+        if found is None:
+            found = self.made[owner, name] = make()
+            owner.add(found, partial(self.close, owner, name))
+        return found
+
+    def close(self, owner: NodeResources, name: str) -> None:
+        """Close a resource; no-op if there is none."""
+        made = self.made.pop((owner, name), None)
+        if made is not None:
+            owner.drop(made)
+            self._close(made)
 
 
 class Provider(Registration):

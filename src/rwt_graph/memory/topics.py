@@ -128,6 +128,15 @@ class RemoteEndpoint:
     cache: TransientLocalCache | None = None
 
 
+def received_sample(topic: str, payload: Payload, stamp_ns: int, publisher: RemoteEndpoint | None) -> Sample:
+    """Return a sample of another process, with the lifespan that its publisher offers."""
+    if publisher is None:
+        return Sample(topic, payload, stamp_ns, "")
+    lifespan = publisher.qos.lifespan
+    expires = stamp_ns + round(lifespan * NANOSECONDS) if lifespan else 0
+    return Sample(topic, payload, stamp_ns, publisher.node, expires)
+
+
 class RemoteTopics(Protocol):
     """Announcer of this process's topics to others."""
 
@@ -240,6 +249,20 @@ class MemoryPublisher(Publisher):
     @property
     def is_closed(self) -> bool:
         return self._state is None
+
+    def connect_remote(self, send: OnSample, send_if_matched: OnSample) -> None:
+        """Send samples to other processes: those that are retained now, and all later ones.
+
+        Args:
+            send: sends a sample; used if samples are retained, for subscribers that come later.
+            send_if_matched: sends a sample if another process subscribes, and does not encode it otherwise.
+        """
+        if self.cache is None:
+            self.on_publish_remote = send_if_matched
+            return
+        for sample in self.cache.samples():
+            send(sample)
+        self.on_publish_remote = send
 
     def publish(self, payload: Payload) -> None:
         if self._state is None:

@@ -222,8 +222,7 @@ class QueueServices:
         call, number, graph = MemoryCall(name, request, on_reply), next(self._numbers), self._graph
         self._asked[number] = call
         call.on_end = partial(self._on_end, number)
-        deadlines = graph.service_table.deadlines
-        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(service.open, caller, graph.service_table.deadlines, timeout)
         graph.post(partial(self._other.on_request, number, name, request.cdr()))
         return call
 

@@ -12,7 +12,6 @@ from rwt_participant.errors import (
     CallFailed,
     CallTimeout,
     NotFound,
-    ProviderGone,
     ProviderNotFound,
     ServiceFailed,
 )
@@ -136,25 +135,6 @@ async def test_without_a_timeout_a_call_waits(
     assert replies == ["patience"]
 
 
-@pytest.mark.parametrize("how", ["registration", "participant"])
-async def test_calls_in_flight_fail_when_the_provider_goes(
-    harness: Harness, trigger: ServiceType, replies: Replies, how: str
-) -> None:
-    provider = harness.graph.participant("/p")
-    registration = provider.advertise_service("/s", trigger, lambda _: None)
-    await harness.settle()
-    harness.graph.participant("/c").call_service("/s", harness.request(), replies, timeout=5.0)
-    await harness.settle()
-    registration.close() if how == "registration" else provider.close()
-    registration.close()
-    await harness.settle()
-    assert replies == ["ProviderGone: Service /s was unadvertised"]
-    assert isinstance(replies.raw[0], ProviderGone)
-    assert harness.graph.service("/s") is None
-    await harness.advance(10)
-    assert len(replies) == 1
-
-
 async def test_a_second_provider_replaces_the_first(harness: Harness, trigger: ServiceType) -> None:
     first, second = harness.graph.participant("/n1"), harness.graph.participant("/n2")
     old = first.advertise_service("/s", trigger, lambda _: None)
@@ -227,43 +207,20 @@ async def test_a_displaced_provider_does_not_take_calls_of_another_type(
     assert taken == [trigger.request.name]
 
 
-async def test_a_cancelled_call_hears_nothing(
-    harness: Harness, trigger: ServiceType, replies: Replies
-) -> None:
-    calls: list[ServiceCall] = []
-    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
-    caller = harness.graph.participant("/c")
-    await harness.settle()
-    pending = caller.call_service("/s", harness.request(), replies, timeout=1.0)
-    await harness.settle()
-    pending.cancel()
-    pending.cancel()
-    await harness.settle()
-    assert calls[0].done
-    calls[0].reply(harness.response("x"))
-    await harness.advance(5)
-    assert replies == []
+#: What the caller hears, by the end of a call.
+_ENDS: dict[str, list[str]] = {
+    "reply": ["done"],
+    "fail": ["ServiceFailed: no"],
+    "timeout": ["CallTimeout: Timeout exceeded while waiting for service response"],
+    "cancel": [],
+    "caller leaves": ["CallFailed: node /c was closed"],
+    "provider leaves": ["ProviderGone: Service /s was unadvertised"],
+    "its node leaves": ["ProviderGone: Service /s was unadvertised"],
+}
 
 
-async def test_open_calls_of_a_node_that_leaves_end(
-    harness: Harness, trigger: ServiceType, replies: Replies
-) -> None:
-    calls: list[ServiceCall] = []
-    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
-    caller = harness.graph.participant("/c")
-    await harness.settle()
-    caller.call_service("/s", harness.request(), replies, timeout=1.0)
-    await harness.settle()
-    caller.close()
-    await harness.settle()
-    assert calls[0].done
-    calls[0].reply(harness.response("y"))
-    await harness.advance(5)
-    assert replies == ["CallFailed: node /c was closed"]
-
-
-@pytest.mark.parametrize("how", ["reply", "fail", "timeout", "cancel", "caller leaves", "provider leaves"])
-async def test_a_provider_learns_once_that_a_call_has_ended(
+@pytest.mark.parametrize("how", _ENDS)
+async def test_both_sides_learn_once_that_a_call_has_ended(
     harness: Harness, trigger: ServiceType, replies: Replies, how: str
 ) -> None:
     provider, caller = harness.graph.participant("/p"), harness.graph.participant("/c")
@@ -290,15 +247,20 @@ async def test_a_provider_learns_once_that_a_call_has_ended(
             pending.cancel()
         case "caller leaves":
             caller.close()
-        case _:
+        case "provider leaves":
             registration.close()
+        case _:
+            provider.close()
     await harness.settle()
-    assert ended == [True]
+    assert ended == [calls[0].done] == [True]
+    assert replies == _ENDS[how]
+    assert (harness.graph.service("/s") is None) is (how in ("provider leaves", "its node leaves"))
     pending.cancel()
     calls[0].reply(harness.response("late"))
     registration.close()
     await harness.advance(2)
     assert ended == [True]
+    assert replies == _ENDS[how]
 
 
 async def test_a_provider_that_raises_when_a_call_ends_is_logged(

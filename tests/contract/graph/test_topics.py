@@ -119,7 +119,8 @@ async def test_late_joiners_receive_what_transient_local_publishers_kept(harness
     for data in ("1", "2", "3"):
         deep.publish(harness.text(data))
         await harness.advance(1)
-    latched.publish(harness.text("latched"))
+    for data in ("replaced", "latched"):
+        latched.publish(harness.text(data))
     a.advertise("/t", string).publish(harness.text("volatile"))
     await harness.settle()
     late, volatile = Received(), Received()

@@ -1,12 +1,12 @@
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import TypeAlias
 
 import anyio
 import pytest
 
-from rwt_graph import MemoryGraph, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
 
@@ -22,6 +22,13 @@ def clock() -> SimulatedClock:
 def graph(clock: SimulatedClock) -> MemoryGraph:
     """A jazzy graph in simulated time, not entered."""
     return MemoryGraph(Registry(), clock)
+
+
+@pytest.fixture
+async def node(graph: MemoryGraph) -> AsyncIterator[Node]:
+    """A node of the jazzy graph, which is entered."""
+    async with graph:
+        yield Node(graph, "n")
 
 
 @pytest.fixture

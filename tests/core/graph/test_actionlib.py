@@ -205,13 +205,5 @@ async def test_a_replaced_server_is_silent(noetic: MemoryGraph, advance: Advance
         assert len(client.status) == 3
 
 
-async def test_the_graphs_own_clients_reach_the_action_too(noetic: MemoryGraph) -> None:
-    async with noetic:
-        node = Node(noetic, "server")
-        node.advertise_action("/fib", ACTION, count)
-        status, result = await (await node.send_goal("/fib", {"order": 2})).result()
-        assert (status, list(result.sequence)) == (GoalStatus.SUCCEEDED, [0, 1])
-
-
 def test_every_state_has_its_number() -> None:
     assert set(STATUS) == set(GoalStatus)

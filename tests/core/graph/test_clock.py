@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from rwt_graph.clock import (
     COMPACT_AT,
     END_OF_TIME_NS,
-    Clock,
     HeapTimer,
     SimulatedClock,
     SteadyClock,
@@ -185,10 +184,6 @@ async def test_sleeping_on_real_time() -> None:
     before = time.monotonic()
     await WallClock().sleep(0.001)
     assert time.monotonic() - before >= 0.001
-
-
-def test_the_clock_is_an_interface() -> None:
-    assert Clock.__abstractmethods__ == {"time_ns", "monotonic", "call_later", "sleep", "drive"}
 
 
 def test_the_time_until_the_next_timer() -> None:

@@ -147,44 +147,39 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
 
 @pytest.mark.anyio
-async def test_no_task_per_message(graph: MemoryGraph, tasks: list[object]) -> None:
-    async with graph:
-        node = Node(graph, "n")
-        publisher = node.advertise("/t", "std_msgs/String")
-        plain: list[Message] = []
-        queued: list[Message] = []
+async def test_no_task_per_message(node: Node, tasks: list[object]) -> None:
+    publisher = node.advertise("/t", "std_msgs/String")
+    plain: list[Message] = []
+    queued: list[Message] = []
 
-        async def callback(message: Message) -> None:
-            queued.append(message)
+    async def callback(message: Message) -> None:
+        queued.append(message)
 
-        node.subscribe("/t", plain.append)
-        node.subscribe("/t", callback, queue_size=100)
-        node.advertise_service("/plain", "std_srvs/Trigger", lambda _: {"success": True})
-        await anyio.wait_all_tasks_blocked()
-        tasks.clear()
-        for number in range(100):
-            publisher.publish({"data": str(number)})
-        await anyio.wait_all_tasks_blocked()
-        for _ in range(10):
-            assert (await node.call("/plain")).success
-        assert (len(plain), len(queued)) == (100, 100)
-        assert tasks == []
+    node.subscribe("/t", plain.append)
+    node.subscribe("/t", callback, queue_size=100)
+    node.advertise_service("/plain", "std_srvs/Trigger", lambda _: {"success": True})
+    await anyio.wait_all_tasks_blocked()
+    tasks.clear()
+    for number in range(100):
+        publisher.publish({"data": str(number)})
+    await anyio.wait_all_tasks_blocked()
+    for _ in range(10):
+        assert (await node.call("/plain")).success
+    assert (len(plain), len(queued)) == (100, 100)
+    assert tasks == []
 
 
 @pytest.mark.anyio
-async def test_one_task_per_running_coroutine_handler(graph: MemoryGraph, tasks: list[object]) -> None:
-    async with graph:
-        node = Node(graph, "n")
+async def test_one_task_per_running_coroutine_handler(node: Node, tasks: list[object]) -> None:
+    async def handler(_request: Message) -> dict[str, object]:
+        return {"success": True}
 
-        async def handler(_request: Message) -> dict[str, object]:
-            return {"success": True}
-
-        node.advertise_service("/s", "std_srvs/Trigger", handler)
-        await anyio.wait_all_tasks_blocked()
-        tasks.clear()
-        for _ in range(5):
-            await node.call("/s", timeout=1)
-        assert len(tasks) == 5
+    node.advertise_service("/s", "std_srvs/Trigger", handler)
+    await anyio.wait_all_tasks_blocked()
+    tasks.clear()
+    for _ in range(5):
+        await node.call("/s", timeout=1)
+    assert len(tasks) == 5
 
 
 def test_timeouts_of_many_calls_take_one_timer_and_leave_nothing() -> None:

@@ -6,14 +6,13 @@ import anyio
 import pytest
 
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.memory.actions import ENDINGS, TRANSITIONS, GoalEvent
 from rwt_interfaces.errors import InvalidMessage
-from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
+from rwt_participant.errors import GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
 from rwt_participant.goals import GoalStatus, ReceivedGoal
 from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
-    from tests.core.graph.conftest import Advance
+    pass
 
 pytestmark = pytest.mark.anyio
 
@@ -38,17 +37,15 @@ async def wait_for_cancel(goal: ReceivedGoal) -> None:
     raise GoalCanceled(reason="as asked")
 
 
-async def test_success_with_feedback(graph: MemoryGraph) -> None:
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("fib", FIBONACCI, count)
-        feedback: list[Message] = []
-        handle = await node.send_goal("/fib", {"order": 4}, on_feedback=feedback.append)
-        status, result = await handle.result()
-        assert (status, result.sequence) == (GoalStatus.SUCCEEDED, [0, 1, 1, 2])
-        assert [message.sequence for message in feedback] == [[0, 1, 1], [0, 1, 1, 2]]
-        assert (await handle.result())[0] is handle.status is GoalStatus.SUCCEEDED
-        assert handle.reason == ""
+async def test_success_with_feedback(node: Node) -> None:
+    node.advertise_action("fib", FIBONACCI, count)
+    feedback: list[Message] = []
+    handle = await node.send_goal("/fib", {"order": 4}, on_feedback=feedback.append)
+    status, result = await handle.result()
+    assert (status, result.sequence) == (GoalStatus.SUCCEEDED, [0, 1, 1, 2])
+    assert [message.sequence for message in feedback] == [[0, 1, 1], [0, 1, 1, 2]]
+    assert (await handle.result())[0] is handle.status is GoalStatus.SUCCEEDED
+    assert handle.reason == ""
 
 
 async def test_cancel_by_handle_and_by_id(graph: MemoryGraph) -> None:
@@ -66,7 +63,7 @@ async def test_cancel_by_handle_and_by_id(graph: MemoryGraph) -> None:
             assert handle.reason == "as asked"
 
 
-async def test_rejections(graph: MemoryGraph) -> None:
+async def test_rejections(node: Node) -> None:
     verdicts: list[bool | str] = []
 
     def accept(goal: Message) -> bool | str:
@@ -74,21 +71,19 @@ async def test_rejections(graph: MemoryGraph) -> None:
             raise ValueError("negative")
         return verdicts.pop()
 
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("/fib", FIBONACCI, count, accept=accept)
-        verdicts[:] = [True, "too busy", False]
-        with pytest.raises(GoalRejected, match="action /fib rejected the goal"):
-            await node.send_goal("/fib")
-        with pytest.raises(GoalRejected, match=r"^too busy$"):
-            await node.send_goal("/fib")
-        with pytest.raises(GoalRejected, match=r"^negative$"):
-            await node.send_goal("/fib", {"order": -1})
-        assert (await (await node.send_goal("/fib")).result())[0] is GoalStatus.SUCCEEDED
-        with pytest.raises(NotFound, match="Action /nope does not exist"):
-            await node.send_goal("/nope")
-        with pytest.raises(InvalidMessage, match="order: "):
-            await node.send_goal("/fib", {"order": "many"})
+    node.advertise_action("/fib", FIBONACCI, count, accept=accept)
+    verdicts[:] = [True, "too busy", False]
+    with pytest.raises(GoalRejected, match="action /fib rejected the goal"):
+        await node.send_goal("/fib")
+    with pytest.raises(GoalRejected, match=r"^too busy$"):
+        await node.send_goal("/fib")
+    with pytest.raises(GoalRejected, match=r"^negative$"):
+        await node.send_goal("/fib", {"order": -1})
+    assert (await (await node.send_goal("/fib")).result())[0] is GoalStatus.SUCCEEDED
+    with pytest.raises(NotFound, match="Action /nope does not exist"):
+        await node.send_goal("/nope")
+    with pytest.raises(InvalidMessage, match="order: "):
+        await node.send_goal("/fib", {"order": "many"})
 
 
 @pytest.mark.parametrize(
@@ -100,22 +95,18 @@ async def test_rejections(graph: MemoryGraph) -> None:
         (GoalAborted({"sequence": "wrong"}, "stuck"), "sequence: ", []),
     ],
 )
-async def test_goals_that_end_badly(
-    graph: MemoryGraph, error: Exception, reason: str, sequence: list[int]
-) -> None:
+async def test_goals_that_end_badly(node: Node, error: Exception, reason: str, sequence: list[int]) -> None:
     async def execute(_goal: ReceivedGoal) -> None:
         raise error
 
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("/fib", FIBONACCI, execute)
-        handle = await node.send_goal("/fib")
-        status, result = await handle.result()
-        assert (status, list(result.sequence)) == (GoalStatus.ABORTED, sequence)
-        assert reason in handle.reason
+    node.advertise_action("/fib", FIBONACCI, execute)
+    handle = await node.send_goal("/fib")
+    status, result = await handle.result()
+    assert (status, list(result.sequence)) == (GoalStatus.ABORTED, sequence)
+    assert reason in handle.reason
 
 
-async def test_a_withdrawn_action_cancels_what_runs(graph: MemoryGraph) -> None:
+async def test_a_withdrawn_action_cancels_what_runs(node: Node, graph: MemoryGraph) -> None:
     ended: list[str] = []
 
     async def execute(_goal: ReceivedGoal) -> None:
@@ -124,43 +115,23 @@ async def test_a_withdrawn_action_cancels_what_runs(graph: MemoryGraph) -> None:
         finally:
             ended.append("execute")
 
-    async with graph:
-        node = Node(graph, "n")
-        action = node.advertise_action("/fib", FIBONACCI, execute)
-        handle = await node.send_goal("/fib")
-        await anyio.wait_all_tasks_blocked()
-        action.close()
-        with pytest.raises(ProviderGone, match="Action /fib was unadvertised"):
-            await handle.result()
-        await anyio.wait_all_tasks_blocked()
-        assert ended == ["execute"]
-        # Withdrawn between acceptance and the start of the task: it must not run at all.
-        action = node.advertise_action("/fib", FIBONACCI, execute)
-        await node.send_goal("/fib")
-        action.close()
-        await anyio.wait_all_tasks_blocked()
-        assert graph.action("/fib") is None
+    action = node.advertise_action("/fib", FIBONACCI, execute)
+    handle = await node.send_goal("/fib")
+    await anyio.wait_all_tasks_blocked()
+    action.close()
+    with pytest.raises(ProviderGone, match="Action /fib was unadvertised"):
+        await handle.result()
+    await anyio.wait_all_tasks_blocked()
+    assert ended == ["execute"]
+    # Withdrawn between acceptance and the start of the task: it must not run at all.
+    action = node.advertise_action("/fib", FIBONACCI, execute)
+    await node.send_goal("/fib")
+    action.close()
+    await anyio.wait_all_tasks_blocked()
+    assert graph.action("/fib") is None
 
 
-async def test_a_client_that_leaves_hears_so_and_the_goal_runs_on(graph: MemoryGraph) -> None:
-    goals: list[ReceivedGoal] = []
-
-    async def execute(goal: ReceivedGoal) -> None:
-        goals.append(goal)
-        await anyio.sleep_forever()
-
-    async with graph:
-        server, client = Node(graph, "server"), Node(graph, "client")
-        server.advertise_action("/fib", FIBONACCI, execute)
-        handle = await client.send_goal("/fib")
-        await anyio.wait_all_tasks_blocked()
-        client.close()
-        with pytest.raises(CallFailed, match="node /client was closed"):
-            await handle.result()
-        assert goals[0].id == handle.id
-
-
-async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -> None:
+async def test_a_goal_knows_whether_its_feedback_is_wanted(node: Node) -> None:
     goals: dict[int, ReceivedGoal] = {}
 
     async def run(goal: ReceivedGoal) -> None:
@@ -170,15 +141,13 @@ async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -
     def wanted() -> dict[int, bool]:
         return {order: goal.feedback_wanted for order, goal in goals.items()}
 
-    async with graph:
-        node = Node(graph, "n")
-        node.advertise_action("fib", FIBONACCI, run)
-        with_feedback = await node.send_goal("/fib", {"order": 1}, on_feedback=lambda message: None)
-        await node.send_goal("/fib", {"order": 2})
-        await anyio.wait_all_tasks_blocked()
-        assert wanted() == {1: True, 2: True}
-        with_feedback.abandon()
-        assert wanted() == {1: False, 2: True}
+    node.advertise_action("fib", FIBONACCI, run)
+    with_feedback = await node.send_goal("/fib", {"order": 1}, on_feedback=lambda message: None)
+    await node.send_goal("/fib", {"order": 2})
+    await anyio.wait_all_tasks_blocked()
+    assert wanted() == {1: True, 2: True}
+    with_feedback.abandon()
+    assert wanted() == {1: False, 2: True}
 
 
 async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> None:
@@ -191,33 +160,3 @@ async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> N
 async def test_plain_functions_cannot_execute(graph: MemoryGraph) -> None:
     with pytest.raises(TypeError, match="must be a coroutine function"):
         Node(graph, "n").advertise_action("/fib", FIBONACCI, lambda _: {"sequence": []})  # type: ignore[arg-type, return-value]  # the mistake under test
-
-
-async def test_simulated_time_drives_an_action(graph: MemoryGraph, advance: Advance) -> None:
-    async with graph:
-        node = Node(graph, "n")
-
-        async def execute(_goal: ReceivedGoal) -> dict[str, object]:
-            await node.clock.sleep(3)
-            return {"sequence": [3]}
-
-        node.advertise_action("/fib", FIBONACCI, execute)
-        handle = await node.send_goal("/fib")
-        await advance(2.9)
-        assert not handle.status.is_terminal
-        await advance(0.2)
-        assert (await handle.result())[0] is GoalStatus.SUCCEEDED
-
-
-def test_the_table_of_the_state_machine() -> None:
-    terminal = {status for status in GoalStatus if status.is_terminal}
-    assert terminal == {GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED}
-    # Nothing leads out of an end, every end is reached, and from every other state there is a way to one.
-    assert {state for before, _ in TRANSITIONS.values() for state in before} == set(GoalStatus) - terminal
-    assert terminal <= {after for _, after in TRANSITIONS.values()}
-    assert set(ENDINGS) == terminal
-    before, after = TRANSITIONS[GoalEvent.LOSE]
-    assert (set(before), after) == (set(GoalStatus) - terminal, GoalStatus.ABORTED)
-    # Canceled only after it was asked for, and success only by who executes.
-    assert TRANSITIONS[GoalEvent.CANCELED][0] == (GoalStatus.CANCELING,)
-    assert GoalStatus.ACCEPTED not in TRANSITIONS[GoalEvent.SUCCEED][0]

@@ -176,43 +176,6 @@ async def test_a_subscription_with_a_callback_cannot_be_iterated(graph: MemoryGr
     assert subscription.type is None
 
 
-async def test_latching(graph: MemoryGraph) -> None:
-    node = Node(graph, "n")
-    publisher = node.advertise("/t", "std_msgs/String", latch=True)
-    for data in ("old", "new"):
-        publisher.publish({"data": data})
-    received: list[Message] = []
-    node.subscribe("/t", received.append)
-    assert [message.data for message in received] == ["new"]
-    info = graph.topic("/t")
-    assert info is not None
-    assert info.publishers[0].qos == LATCHED
-
-
-async def test_timers_keep_their_grid(graph: MemoryGraph, clock: SimulatedClock) -> None:
-    node = Node(graph, "n")
-    ticks: list[float] = []
-    timer = node.create_timer(0.1, lambda: ticks.append(round(clock.monotonic(), 6)))
-    clock.advance(0.35)
-    timer.cancel()
-    timer.cancel()
-    clock.advance(1)
-    assert ticks == [0.1, 0.2, 0.3]
-    with pytest.raises(ValueError, match="period is from"):
-        node.create_timer(0, lambda: None)
-
-
-async def test_a_timer_that_raises_ticks_on(
-    graph: MemoryGraph, clock: SimulatedClock, caplog: pytest.LogCaptureFixture
-) -> None:
-    def fail() -> None:
-        raise ZeroDivisionError
-
-    Node(graph, "n").create_timer(0.1, fail)
-    clock.advance(0.3)
-    assert caplog.text.count("a timer's callback failed") == 3
-
-
 async def test_a_coroutine_timer_skips_ticks_while_it_runs(graph: MemoryGraph, advance: Advance) -> None:
     node = Node(graph, "n")
     began: list[float] = []

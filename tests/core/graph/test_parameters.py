@@ -350,7 +350,3 @@ def test_ros_1s_core_says_what_it_is_and_gives_each_run_an_id(noetic: MemoryGrap
     assert noetic.parameters.get("/rosversion") == "1.17.0\n"
     another = MemoryGraph(Registry(DISTROS["noetic"]))
     assert noetic.parameters.get("/run_id") != another.parameters.get("/run_id")
-
-
-def test_ros_2_has_no_such_parameters(graph: MemoryGraph) -> None:
-    assert graph.parameters.names() == ()

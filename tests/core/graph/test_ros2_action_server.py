@@ -80,14 +80,6 @@ def test_a_goal_is_accepted_with_the_time_and_its_result_waited_for(asker: Asker
     assert asker.answers[2] == asker.answers[1]
 
 
-def test_a_goal_is_rejected_and_says_why_beside_it(asker: Asker) -> None:
-    reasons = asker.listen("reasons")
-    asker.send(1)
-    asker.goals[0].reject("not today")
-    assert [answer.accepted for answer in asker.answers] == [False]
-    assert [message.data for message in reasons] == ["01" * 16 + " not today"]
-
-
 def test_the_result_of_a_goal_that_nobody_knows(asker: Asker) -> None:
     asker.ask_result(9)
     assert [(answer.status, answer.result.sequence) for answer in asker.answers] == [(0, [])]
@@ -116,18 +108,6 @@ def test_states_and_feedback_of_every_goal_are_published(asker: Asker) -> None:
     assert {bytes(m.status_list[0].goal_info.goal_id.uuid) for m in states} == {b"\xab" * 16}
     (feedback,) = feedbacks
     assert (bytes(feedback.goal_id.uuid), feedback.feedback.sequence) == (b"\xab" * 16, [1])
-
-
-def test_who_waits_for_a_result_hears_that_the_server_left(asker: Asker) -> None:
-    asker.send(1)
-    asker.goals[0].accept()
-    asker.ask_result(1)
-    asker.server.close()
-    assert [str(answer) for answer in asker.answers[1:]] == [
-        "Service /fib/_action/get_result was unadvertised"
-    ]
-    assert [service.name for service in asker.graph.services()] == []
-    assert [topic.name for topic in asker.graph.topics() if "/_action/" in topic.name] == []
 
 
 def test_a_question_for_a_result_that_is_withdrawn_is_forgotten(asker: Asker) -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from functools import partial
 
@@ -9,39 +8,12 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, NotRunning, TypeConflict
 from rwt_participant.errors import ProviderNotFound, WrongThread
-from rwt_participant.messages import Message
 
 pytestmark = pytest.mark.anyio
 
 
 async def in_thread(function: Callable[[], object]) -> object:
     return await anyio.to_thread.run_sync(function)
-
-
-async def test_messages_of_each_thread_stay_in_order(graph: MemoryGraph) -> None:
-    async with graph:
-        node = Node(graph, "n")
-        publisher = node.advertise("/t", "std_msgs/String")
-        received: list[str] = []
-        threads: set[int] = set()
-
-        def callback(message: Message) -> None:
-            received.append(message.data)
-            threads.add(threading.get_ident())
-
-        node.subscribe("/t", callback)
-
-        def many(name: str) -> None:
-            for number in range(100):
-                publisher.publish({"data": f"{name} {number}"})
-
-        async with anyio.create_task_group() as group:
-            for name in "abc":
-                group.start_soon(anyio.to_thread.run_sync, many, name)
-        await anyio.wait_all_tasks_blocked()
-        for name in "abc":
-            assert [data for data in received if data[0] == name] == [f"{name} {n}" for n in range(100)]
-        assert threads == {threading.get_ident()}
 
 
 async def test_everything_that_is_no_coroutine_works_from_a_thread(graph: MemoryGraph) -> None:
@@ -71,13 +43,11 @@ async def test_everything_that_is_no_coroutine_works_from_a_thread(graph: Memory
         assert graph.nodes() == ()
 
 
-async def test_any_coroutine_can_be_run_from_a_thread(graph: MemoryGraph) -> None:
-    async with graph:
-        node = Node(graph, "n")
-        node.parameters.declare("speed", 1.5)
-        assert await in_thread(lambda: node.run_blocking(lambda: node.params.get("/n:speed"))) == 1.5
-        with pytest.raises(ProviderNotFound):
-            await in_thread(lambda: node.run_blocking(lambda: node.call("/nope")))
+async def test_any_coroutine_can_be_run_from_a_thread(node: Node) -> None:
+    node.parameters.declare("speed", 1.5)
+    assert await in_thread(lambda: node.run_blocking(lambda: node.params.get("/n:speed"))) == 1.5
+    with pytest.raises(ProviderNotFound):
+        await in_thread(lambda: node.run_blocking(lambda: node.call("/nope")))
 
 
 async def test_a_blocking_call_on_the_graphs_own_thread_is_refused(graph: MemoryGraph) -> None:

@@ -26,6 +26,16 @@ def image(**fields: object) -> Any:
     return Payload.from_value(REGISTRY.message("sensor_msgs/Image"), fields).value()
 
 
+def compressed(**fields: object) -> Any:
+    return Payload.from_value(REGISTRY.message("sensor_msgs/CompressedImage"), fields).value()
+
+
+def file_of(picture: Image.Image, kind: str) -> bytes:
+    stream = io.BytesIO()
+    picture.save(stream, format=kind)
+    return stream.getvalue()
+
+
 @pytest.mark.parametrize(
     ("encoding", "pixel", "mode", "expected"),
     [
@@ -86,48 +96,36 @@ def test_there_and_back(mode: str) -> None:
 
 @pytest.mark.parametrize("kind", ["png", "jpeg"])
 def test_compressed_there_and_back(kind: str) -> None:
-    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
-    message = Payload.from_value(
-        message_type, compressed_image(Image.new("RGB", (8, 4), "red"), kind)
-    ).value()
+    message = compressed(**compressed_image(Image.new("RGB", (8, 4), "red"), kind))
     picture = image_to_pillow(message).convert("RGB")
     red, green, blue = np.asarray(picture)[2, 2]
     assert (picture.size, red > 250, green < 5, blue < 5) == ((8, 4), True, True, True)
 
 
 def test_compressed_depth_has_a_header_in_front() -> None:
-    stream = io.BytesIO()
-    Image.new("L", (2, 1), 9).save(stream, format="PNG")
-    fields = {"format": "16UC1; compressedDepth", "data": bytes(12) + stream.getvalue()}
-    message = Payload.from_value(REGISTRY.message("sensor_msgs/CompressedImage"), fields).value()
+    data = bytes(12) + file_of(Image.new("L", (2, 1), 9), "PNG")
+    message = compressed(format="16UC1; compressedDepth", data=data)
     assert image_to_pillow(message).getpixel((0, 0)) == 9
 
 
 def test_nothing_is_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pillow hands PostScript to a program."""
     monkeypatch.setattr("PIL.EpsImagePlugin.Ghostscript", lambda *_, **__: Image.new("RGB", (2, 2)))
-    stream = io.BytesIO()
-    Image.new("RGB", (2, 2)).save(stream, format="EPS")
-    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
-    message = Payload.from_value(message_type, {"format": "jpeg", "data": stream.getvalue()}).value()
+    message = compressed(format="jpeg", data=file_of(Image.new("RGB", (2, 2)), "EPS"))
     with pytest.raises(ImageFormat, match="cannot be read"):
         image_to_pillow(message)
 
 
 def test_a_picture_that_unfolds_into_gigabytes_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1)
-    stream = io.BytesIO()
-    Image.new("L", (2, 2)).save(stream, format="PNG")
-    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
-    message = Payload.from_value(message_type, {"format": "png", "data": stream.getvalue()}).value()
+    message = compressed(format="png", data=file_of(Image.new("L", (2, 2)), "PNG"))
     with pytest.raises(ImageFormat, match="cannot be read"):
         image_to_pillow(message)
 
 
 def test_a_damaged_picture_and_an_unknown_format() -> None:
-    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
     with pytest.raises(ImageFormat, match='a compressed picture of format "jpeg" cannot be read'):
-        image_to_pillow(Payload.from_value(message_type, {"format": "jpeg", "data": b"no"}).value())
+        image_to_pillow(compressed(format="jpeg", data=b"no"))
     with pytest.raises(ImageFormat, match="expected jpeg or png"):
         compressed_image(Image.new("L", (1, 1)), "gif")
 
@@ -196,9 +194,7 @@ def test_an_array_that_is_no_image_says_why(
 @pytest.mark.parametrize(("shape", "mode"), [((4, 8), "L"), ((4, 8, 3), "RGB"), ((4, 8, 4), "RGBA")])
 def test_an_array_is_compressed_like_a_picture(shape: tuple[int, ...], mode: str) -> None:
     pixels = np.full(shape, 90, np.uint8)
-    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
-    fields = compressed_image(pixels, "png", frame_id="eye", stamp_ns=1)
-    message: Any = Payload.from_value(message_type, fields).value()
+    message = compressed(**compressed_image(pixels, "png", frame_id="eye", stamp_ns=1))
     assert np.array_equal(image_to_numpy(message), pixels)
     assert (message.header.frame_id, message.header.stamp.nanosec) == ("eye", 1)
     with pytest.raises(ImageFormat, match="float32, 2 x 2, is no picture: expected uint8"):
@@ -206,8 +202,5 @@ def test_an_array_is_compressed_like_a_picture(shape: tuple[int, ...], mode: str
 
 
 def test_a_palette_is_read_as_colours() -> None:
-    stream = io.BytesIO()
-    Image.new("RGB", (2, 1), "orange").convert("P").save(stream, format="PNG")
-    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
-    message = Payload.from_value(message_type, {"format": "png", "data": stream.getvalue()}).value()
+    message = compressed(format="png", data=file_of(Image.new("RGB", (2, 1), "orange").convert("P"), "PNG"))
     assert image_to_numpy(message).shape == (1, 2, 3)

@@ -58,11 +58,6 @@ def test_a_lookup_takes_points_of_the_source_to_the_target() -> None:
     )
 
 
-def test_siblings_are_joined_through_their_parent() -> None:
-    buffer = filled(given("base", "left", 1, 1.0), given("base", "right", 1, -1.0))
-    assert x_of(buffer, "left", "right") == -2.0
-
-
 def test_a_leading_slash_is_removed_everywhere() -> None:
     buffer = filled(given("/map", "/base", 1, 1.0))
     assert buffer.frames() == ("base", "map")
@@ -78,24 +73,6 @@ def test_a_frame_seen_from_itself_is_the_identity_known_or_not() -> None:
 
 
 # -- time
-
-
-def test_between_two_times_translation_is_linear_and_rotation_slerped() -> None:
-    start = Transform.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    end = Transform.from_rpy((1.0, 0.0, 0.0), 0.0, 0.0, 1.0)
-    buffer = filled(given("map", "base", 1, start), given("map", "base", 2, end))
-    quarter = buffer.lookup_transform("map", "base", round(1.25 * S)).transform
-    assert quarter.translation == pytest.approx((0.25, 0.0, 0.0))
-    assert quarter.rpy() == pytest.approx((0.0, 0.0, 0.25))
-
-
-def test_rotation_takes_the_shorter_way() -> None:
-    start = Transform.from_rpy((0.0, 0.0, 0.0), 0.0, 0.0, 0.2)
-    x, y, z, w = Transform.from_rpy((0, 0, 0), 0, 0, 0.4).rotation
-    end = Transform(rotation=(-x, -y, -z, -w))
-    buffer = filled(given("map", "base", 1, start), given("map", "base", 2, end))
-    middle = buffer.lookup_transform("map", "base", round(1.5 * S)).transform
-    assert middle.rpy()[2] == pytest.approx(0.3)
 
 
 def test_what_comes_late_is_sorted_in_and_the_same_time_again_replaces() -> None:
@@ -123,13 +100,6 @@ def test_nothing_is_extrapolated(seconds: float, words: str) -> None:
     assert str(failure.value) == f"{asked} needs map <- base extrapolated into {words}"
     assert (failure.value.parent, failure.value.child) == ("map", "base")
     assert failure.value.future == (seconds > 2)
-
-
-def test_one_transform_serves_its_own_time_only() -> None:
-    buffer = filled(given("map", "base", 1, 1.0))
-    assert x_of(buffer, "map", "base", 1) == 1.0
-    for seconds in (0.9, 1.1):
-        assert not buffer.can_transform("map", "base", round(seconds * S))
 
 
 def test_a_gap_above_the_way_does_not_matter() -> None:

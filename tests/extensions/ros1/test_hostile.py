@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
 from functools import partial
 from typing import Any
 from xmlrpc.client import Fault, ServerProxy
@@ -52,6 +53,19 @@ async def opened(graph: Ros1Graph, name: str) -> Ros1Node:
     node = graph.session.nodes[name]
     await node.opened.wait()
     return node
+
+
+@pytest.fixture
+async def talker(graph: Ros1Graph) -> Ros1Node:
+    """A node that publishes on `/chatter`."""
+    graph.node("talker").advertise("/chatter", "std_msgs/String")
+    return await opened(graph, "/talker")
+
+
+def master_that_answers(graph: Ros1Graph, answer: rpc.Dispatch) -> AbstractAsyncContextManager[int]:
+    """A master of another program, and its port."""
+    assert graph.session is not None
+    return rpc.serve(graph.session.network, "127.0.0.1", answer)
 
 
 @pytest.fixture
@@ -156,11 +170,9 @@ async def test_a_hostile_publisher_hurts_nobody_else(
     await until(lambda: "hi" in texts)
 
 
-async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_peer_that_says_nothing_is_dropped(talker: Ros1Node, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(links, "CONNECT_SECONDS", 0.1)
-    graph.node("talker").advertise("/chatter", "std_msgs/String")
-    node = await opened(graph, "/talker")
-    host, port = rpc.address_of(node.service_uri, "rosrpc")
+    host, port = rpc.address_of(talker.service_uri, "rosrpc")
     async with await anyio.connect_tcp(host, port) as stream:
         await stream.send(b"\x10")  # A drip.
         with anyio.fail_after(20):
@@ -177,9 +189,8 @@ async def test_a_peer_that_says_nothing_is_dropped(graph: Ros1Graph, monkeypatch
         b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n<a/>\n",
     ],
 )
-async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_bytes: bytes) -> None:
-    graph.node("talker").advertise("/chatter", "std_msgs/String")
-    uri = (await opened(graph, "/talker")).uri
+async def test_garbage_on_the_slave_api_is_survived(talker: Ros1Node, request_bytes: bytes) -> None:
+    uri = talker.uri
     async with await anyio.connect_tcp(*rpc.address_of(uri)) as stream:
         await stream.send(request_bytes)
         assert await rpc.call(uri, "getName", "/me") == "/talker"
@@ -188,9 +199,8 @@ async def test_garbage_on_the_slave_api_is_survived(graph: Ros1Graph, request_by
             await rpc.call(uri, *wrong)
 
 
-async def test_connections_to_one_node_are_limited(graph: Ros1Graph) -> None:
-    graph.node("talker").advertise("/chatter", "std_msgs/String")
-    uri = (await opened(graph, "/talker")).uri
+async def test_connections_to_one_node_are_limited(talker: Ros1Node) -> None:
+    uri = talker.uri
     streams = [await anyio.connect_tcp(*rpc.address_of(uri)) for _ in range(80)]
     with anyio.fail_after(30), pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
         await streams[0].receive()  # The one that was idle for longest made room.
@@ -239,8 +249,7 @@ async def test_ten_thousand_topics_are_listed(graph: Ros1Graph, caplog: pytest.L
     state = [[[f"/t{number}", ["/many"]] for number in range(10_000)], [], []]
     types = [[f"/t{number}", "std_msgs/String"] for number in range(10_000)]
     answers = {"getSystemState": state, "getTopicTypes": types}
-    assert graph.session is not None
-    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    fake = master_that_answers(graph, lambda method, _: [1, "", answers.get(method, {})])
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         await until(lambda: len(other.topics()) > 10_000)
         assert [node.name for node in other.nodes() if node.name == "/many"] == ["/many"]
@@ -254,8 +263,7 @@ async def test_a_hostile_master_is_survived(
     graph: Ros1Graph, answer: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    assert graph.session is not None
-    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda _method, _params: answer)
+    fake = master_that_answers(graph, lambda _method, _params: answer)
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("both")
         heard: list[str] = []
@@ -266,10 +274,10 @@ async def test_a_hostile_master_is_survived(
     assert xmlrpc.BODY_BYTES < 2**25
 
 
+@pytest.mark.usefixtures("talker")
 async def test_a_node_that_cannot_connect_back_is_reported_with_the_address_it_was_given(
     graph: Ros1Graph, caplog: pytest.LogCaptureFixture
 ) -> None:
-    graph.node("talker").advertise("/chatter", "std_msgs/String")
     deaf = "http://127.0.0.1:9/"
     await rpc.call(graph.master, "registerSubscriber", "/deaf", "/chatter", "std_msgs/String", deaf)
     await until(lambda: "has not connected to this process" in caplog.text)
@@ -287,8 +295,7 @@ async def test_publishers_are_found_where_no_update_of_the_master_arrives(
         "registerSubscriber": [],
         "lookupNode": good.uri,
     }
-    assert graph.session is not None
-    fake = rpc.serve(graph.session.network, "127.0.0.1", lambda method, _: [1, "", answers.get(method, {})])
+    fake = master_that_answers(graph, lambda method, _: [1, "", answers.get(method, {})])
     texts: list[str] = []
     async with fake as port, Ros1Graph(master=f"ros1://127.0.0.1:{port}") as other:
         node = other.node("listener")

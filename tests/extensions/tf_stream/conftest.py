@@ -79,7 +79,7 @@ class Asking:
         self.lab = lab
         self.client = Client(lab.bridge)
 
-    def send_goal(self, goal: dict[str, object], id: str = "g1", package: str = "interfaces") -> None:
+    async def send_goal(self, goal: dict[str, object], id: str = "g1", package: str = "interfaces") -> None:
         self.client.say(
             "send_action_goal",
             action="/tf2_web_republisher",
@@ -88,6 +88,7 @@ class Asking:
             args=goal,
             id=id,
         )
+        await settle()
 
     def cancel(self, id: str = "g1") -> None:
         self.client.say("cancel_action_goal", action="/tf2_web_republisher", id=id)

@@ -7,7 +7,7 @@ from itertools import count
 import pytest
 
 from rwt.extensions.tf_stream.streams import CPU_FRACTION, CpuBudget
-from tests.extensions.tf_stream.conftest import Asking, Lab, settle
+from tests.extensions.tf_stream.conftest import Asking, Lab
 
 
 class Worker:
@@ -68,7 +68,7 @@ async def test_a_goal_for_a_thousand_frames_a_hundred_times_a_second_rests(
     seconds = map(float, count())
     monkeypatch.setattr(CpuBudget.__init__, "__defaults__", (lambda: next(seconds),))
     frames = [f"f{number}" for number in range(1000)]
-    page.send_goal(
+    await page.send_goal(
         {
             "source_frames": frames,
             "target_frame": "map",
@@ -77,6 +77,5 @@ async def test_a_goal_for_a_thousand_frames_a_hundred_times_a_second_rests(
             "rate": 100.0,
         }
     )
-    await settle()
     await lab.pass_time(2.0)
     assert 0 < len(asked) < 5

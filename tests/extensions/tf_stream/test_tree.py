@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rwt.extensions.tf_stream.transform_filters import MissingFrames, Request, TreeFilter
 from rwt_tf2 import Buffer, StampedTransform, Transform
-from tests.extensions.tf_stream.conftest import Asking, Lab, places, settle
+from tests.extensions.tf_stream.conftest import Asking, Lab, places
 
 LINEAR, ANGULAR = 0.01, 0.01
 TREE = {
@@ -50,8 +50,7 @@ class Arm:
 
 @pytest.mark.anyio
 async def test_a_goal_without_a_target_gets_the_tree(lab: Lab, page: Asking) -> None:
-    page.send_goal(GOAL)
-    await settle()
+    await page.send_goal(GOAL)
     lab.publish_all([("map", "base", 1.0), ("base", "arm", 0.5)])
     lab.publish_fixed("base", "laser", 0.25)
     await lab.pass_time(0.1)

@@ -14,8 +14,6 @@ import pytest
 from rwt.extensions.zenoh import ZenohError, ZenohGraph, ZenohOptions
 from rwt.extensions.zenoh.session import configuration
 from rwt_graph import NotRunning
-from rwt_interfaces.distro import NOETIC
-from rwt_interfaces.registry import Registry
 from tests.waiting import PATIENCE, until
 from tests.zenoh_links import QUICK, free_endpoint
 
@@ -69,11 +67,6 @@ def test_endpoints_that_are_none(endpoint: str) -> None:
 def test_a_negative_domain() -> None:
     with pytest.raises(ZenohError, match="-1 is not a domain"):
         ZenohGraph(domain=-1)
-
-
-def test_ros_1_has_no_such_wire() -> None:
-    with pytest.raises(ZenohError, match="a graph of noetic cannot be joined over Zenoh"):
-        ZenohGraph(Registry(NOETIC))
 
 
 @pytest.mark.anyio
@@ -136,26 +129,6 @@ async def test_peers_of_one_peer_find_each_other_if_they_listen() -> None:
         b.node("b")
         await until(lambda: [node.name for node in a.nodes()] == ["/a", "/b"])
         await until(lambda: a.nodes() == b.nodes())
-
-
-@pytest.mark.anyio
-async def test_two_clients_of_a_router_find_each_other() -> None:
-    endpoint = free_endpoint()
-    async with (
-        ZenohGraph(listen=[endpoint], mode="router", config=QUICK),
-        ZenohGraph(connect=[endpoint], mode="client", config=QUICK) as a,
-        ZenohGraph(connect=[endpoint], mode="client", config=QUICK) as b,
-    ):
-        heard: list[str] = []
-        b.node("ear").subscribe("/chatter", lambda message: heard.append(message.data), "std_msgs/String")
-        publisher = a.node("mouth").advertise("/chatter", "std_msgs/String")
-        await until(lambda: publisher.subscriber_count == 1)
-        # By way of a router, that there is a subscriber and the way to it are known one after the other.
-        with anyio.fail_after(PATIENCE):
-            while not heard:
-                publisher.publish({"data": "through the router"})
-                await anyio.sleep(0.01)
-        assert set(heard) == {"through the router"}
 
 
 _PROGRAM = """

@@ -17,6 +17,7 @@ from rwt.extensions.zenoh.rmw.tokens import gid_of
 from rwt_graph import TypeConflict
 from rwt_graph.api import Sample
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
 from rwt_participant.errors import ServiceFailed
 from rwt_participant.messages import Message
 from rwt_participant.qos import LATCHED, Durability, QoS
@@ -27,6 +28,9 @@ pytestmark = pytest.mark.anyio
 
 STRING = "std_msgs::msg::dds_::String_"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+TRIGGER = "std_srvs::srv::dds_::Trigger_"
+TRIGGER_HASH = Registry().service("std_srvs/Trigger").rihs01
+GO = f"0/go/{TRIGGER}/{TRIGGER_HASH}"
 CHATTER = f"0/chatter/{STRING}/{STRING_HASH}"
 #: "hi" in CDR: little-endian, the length with the final zero, the text.
 HI = bytes.fromhex("0001000003000000686900")
@@ -39,6 +43,17 @@ def tokens(peer: zenoh.Session) -> list[str]:
 
 def payload(graph: ZenohGraph, data: str) -> Payload:
     return Payload.from_value(graph.registry.message("std_msgs/String"), {"data": data})
+
+
+def declare(peer: zenoh.Session, kind: str, name: str, type: str, type_hash: str) -> zenoh.LivelinessToken:
+    """A token of another program, whose node is `/them`."""
+    what = f"{name.replace('/', '%')}/{type}/{type_hash}/::,10:,:,:,,"
+    return peer.liveliness().declare_token(f"@ros2_lv/0/{peer.zid()}/0/1/{kind}/%/%/them/{what}")
+
+
+def offer(peer: zenoh.Session, type_hash: str = TRIGGER_HASH) -> zenoh.LivelinessToken:
+    """A token of the service `/go` of another program."""
+    return declare(peer, "SS", "/go", TRIGGER, type_hash)
 
 
 async def seen(peer: zenoh.Session, *parts: str) -> str:
@@ -55,20 +70,19 @@ async def seen(peer: zenoh.Session, *parts: str) -> str:
 
 
 async def test_the_tokens_of_a_node_and_its_endpoints(graph: ZenohGraph, peer: zenoh.Session) -> None:
+    trigger = graph.registry.service("std_srvs/Trigger")
     node = graph.participant("/robot1/talker")
     string = graph.registry.message("std_msgs/String")
     node.advertise("/chatter", string)
     node.subscribe("/robot1/in", lambda _: None, string, LATCHED)
-    trigger = graph.registry.service("std_srvs/Trigger")
     node.advertise_service("/go", trigger, lambda _: None)
     await seen(peer, "/SS/")
     prefix = f"@ros2_lv/0/{session_of(graph).zid()}/0"
-    trigger_type = f"std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
     assert tokens(peer) == [
         f"{prefix}/0/NN/%/%robot1/talker",
         f"{prefix}/1/MP/%/%robot1/talker/%chatter/{STRING}/{STRING_HASH}/::,10:,:,:,,",
         f"{prefix}/2/MS/%/%robot1/talker/%robot1%in/{STRING}/{STRING_HASH}/:1:,1:,:,:,,",
-        f"{prefix}/3/SS/%/%robot1/talker/%go/{trigger_type}/::,10:,:,:,,",
+        f"{prefix}/3/SS/%/%robot1/talker/%go/{TRIGGER}/{TRIGGER_HASH}/::,10:,:,:,,",
     ]
     node.close()
     await until(lambda: not tokens(peer))
@@ -181,10 +195,9 @@ async def test_a_service_is_a_complete_queryable(graph: ZenohGraph, peer: zenoh.
     node = graph.participant("/p")
     node.advertise_service("/go", trigger, lambda call: call.reply(response))
     await seen(peer, "/SS/")
-    key = f"0/go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
     gid = bytes(range(16))
     request = struct.pack("<qqB16s", 9, 1, 16, gid)
-    replies = await ask(peer, key, bytes.fromhex("0001000000"), request)
+    replies = await ask(peer, GO, bytes.fromhex("0001000000"), request)
     (reply,) = replies
     assert reply.ok is not None
     assert reply.ok.payload.to_bytes() == bytes.fromhex("000100000100000003000000686900")
@@ -203,8 +216,7 @@ async def test_a_request_that_is_none_is_refused(
     trigger = graph.registry.service("std_srvs/Trigger")
     graph.participant("/p").advertise_service("/go", trigger, lambda _: None)
     await seen(peer, "/SS/")
-    key = f"0/go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
-    (reply,) = await ask(peer, key, body, struct.pack("<qqB16s", 1, 1, 16, bytes(16))[:attached])
+    (reply,) = await ask(peer, GO, body, struct.pack("<qqB16s", 1, 1, 16, bytes(16))[:attached])
     assert reply.err is not None
     assert reply.err.payload.to_bytes() == b"the request to /go is not a std_srvs/srv/Trigger_Request"
 
@@ -218,8 +230,6 @@ async def ask(peer: zenoh.Session, key: str, body: bytes, attached: bytes) -> li
 
 async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session) -> None:
     """And an error reply of a program that is not this project's is the provider's failure."""
-    trigger = graph.registry.service("std_srvs/Trigger")
-    key = f"0/go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
     asked: list[Any] = []
 
     def serve(query: zenoh.Query) -> None:
@@ -229,10 +239,8 @@ async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session) 
         query.reply_err(b"not today")
         query.drop()
 
-    queryable = peer.declare_queryable(key, serve, complete=True)
-    alive = peer.liveliness().declare_token(
-        f"@ros2_lv/0/{peer.zid()}/0/1/SS/%/%/them/%go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}/::,10:,:,:,,"
-    )
+    queryable = peer.declare_queryable(GO, serve, complete=True)
+    alive = offer(peer)
     await until(lambda: graph.service("/go") is not None)
     node = graph.node("caller")
     for _ in range(2):
@@ -252,7 +260,7 @@ async def test_a_request_waits_for_a_provider_that_is_known_but_not_there_yet(
     graph: ZenohGraph, peer: zenoh.Session
 ) -> None:
     trigger = graph.registry.service("std_srvs/Trigger")
-    alive = declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", trigger.rihs01)
+    alive = offer(peer)
     await until(lambda: graph.service("/go") is not None)
     answers: list[object] = []
     node, request = graph.participant("/caller"), Payload.from_value(trigger.request, {})
@@ -260,15 +268,14 @@ async def test_a_request_waits_for_a_provider_that_is_known_but_not_there_yet(
     node.call_service("/go", request, answers.append)
     cancelled.cancel()
     asked: list[int] = []
-    key = f"0/go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
 
     def serve(query: zenoh.Query) -> None:
         assert query.attachment is not None
         asked.append(struct.unpack("<q", query.attachment.to_bytes()[:8])[0])
-        query.reply(key, bytes.fromhex("00010000010000000100000000"))
+        query.reply(GO, bytes.fromhex("00010000010000000100000000"))
         query.drop()
 
-    queryable = peer.declare_queryable(key, serve, complete=True)
+    queryable = peer.declare_queryable(GO, serve, complete=True)
     await until(lambda: bool(answers))
     (answer,) = answers
     assert isinstance(answer, Payload)
@@ -281,7 +288,7 @@ async def test_a_request_to_a_provider_that_never_comes_ends_with_it(
     graph: ZenohGraph, peer: zenoh.Session
 ) -> None:
     trigger = graph.registry.service("std_srvs/Trigger")
-    alive = declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", trigger.rihs01)
+    alive = offer(peer)
     await until(lambda: graph.service("/go") is not None)
     answers: list[object] = []
     request = Payload.from_value(trigger.request, {})
@@ -314,12 +321,6 @@ CANCEL_GOAL = "RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbe
 STATUS = "RIHS01_6c1684b00f177d37438febe6e709fc4e2b0d4248dca4854946f9ed8b30cda83e"
 
 
-def declare(peer: zenoh.Session, kind: str, name: str, type: str, type_hash: str) -> zenoh.LivelinessToken:
-    """A token of another program."""
-    what = f"{name.replace('/', '%')}/{type}/{type_hash}/::,10:,:,:,,"
-    return peer.liveliness().declare_token(f"@ros2_lv/0/{peer.zid()}/0/1/{kind}/%/%/them/{what}")
-
-
 async def test_types_that_are_not_known_or_defined_otherwise(
     graph: ZenohGraph, peer: zenoh.Session, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -350,7 +351,7 @@ async def test_types_that_are_not_known_or_defined_otherwise(
 
 
 async def test_a_service_of_another_definition_is_not_called(graph: ZenohGraph, peer: zenoh.Session) -> None:
-    alive = declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", "RIHS01_1")
+    alive = offer(peer, "RIHS01_1")
     await until(lambda: graph.service("/go") is not None)
     with pytest.raises(Exception, match="Service /go defines std_srvs/srv/Trigger otherwise"):
         await graph.node("caller").call("/go")
@@ -373,22 +374,22 @@ async def test_a_type_that_only_subscribers_elsewhere_have(graph: ZenohGraph, pe
     await until(lambda: (info := graph.topic("/chatter")) is not None and info.type is None)
 
 
-@pytest.mark.parametrize(
-    "key",
-    [
-        "@ros2_lv/0/z/0/0/NN/%/%/bad name",
-        "@ros2_lv/0/z/0/0/XX/%/%/n",
-        "@ros2_lv/0/z/0/0/NN/%",
-        f"@ros2_lv/0/z/0/1/MP/%/%/n/%bad-name/{STRING}/{STRING_HASH}/::,10:,:,:,,",
-        f"@ros2_lv/0/z/0/1/MP/%/%/n/%a/{STRING}/{STRING_HASH}/junk",
-    ],
-)
-async def test_tokens_that_are_none_are_left_out(graph: ZenohGraph, peer: zenoh.Session, key: str) -> None:
-    alive = [peer.liveliness().declare_token(key)]
-    alive.append(peer.liveliness().declare_token("@ros2_lv/0/z/0/0/NN/%/%/good"))
+async def test_tokens_that_are_none_are_left_out(graph: ZenohGraph, peer: zenoh.Session) -> None:
+    alive = [
+        peer.liveliness().declare_token(f"@ros2_lv/0/z/0/{rest}")
+        for rest in (
+            "0/NN/%/%/bad name",
+            "0/XX/%/%/n",
+            "0/NN/%",
+            f"1/MP/%/%/n/%bad-name/{STRING}/{STRING_HASH}/::,10:,:,:,,",
+            f"1/MP/%/%/n/%a/{STRING}/{STRING_HASH}/junk",
+            "0/NN/%/%/good",
+        )
+    ]
     await until(lambda: bool(graph.nodes()))
     assert [node.name for node in graph.nodes()] == ["/good"]
     assert [topic.name for topic in graph.topics()] == ["/rosout"]
+    del alive
 
 
 async def test_another_domain_is_another_graph(graph: ZenohGraph, peer: zenoh.Session) -> None:

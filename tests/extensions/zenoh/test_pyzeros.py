@@ -19,8 +19,8 @@ from ros2_pyterfaces.cydr.all_msgs import String
 
 from rwt.extensions.zenoh import ZenohGraph
 from rwt_graph.api import Sample
-from rwt_participant.errors import CallFailed, ProviderNotFound, ServiceFailed
-from rwt_participant.messages import Message, to_payload
+from rwt_participant.errors import ProviderNotFound, ServiceFailed
+from rwt_participant.messages import Message
 from rwt_participant.qos import SENSOR_DATA
 from tests.waiting import PATIENCE, until
 
@@ -119,18 +119,6 @@ async def test_a_service_of_pyzeros_is_called(graph: ZenohGraph, other: Any) -> 
         await graph.node("late").call("/demo/switch")
 
 
-async def test_a_call_of_a_service_of_pyzeros_that_goes_away_fails(graph: ZenohGraph, other: Any) -> None:
-    server = other.create_service(SetBool, "/never")
-    await until(lambda: graph.service("/never") is not None)
-    answers: list[object] = []
-    switch = graph.registry.service("std_srvs/SetBool")
-    request = to_payload(switch.request, {})
-    graph.participant("/c").call_service("/never", request, answers.append)
-    server.close()
-    await until(lambda: bool(answers))
-    assert isinstance(answers[0], CallFailed)
-
-
 async def test_pyzeros_calls_a_service_of_the_graph(graph: ZenohGraph, other: Any) -> None:
     def switch(request: Message) -> dict[str, object]:
         if not request.data:
@@ -146,16 +134,3 @@ async def test_pyzeros_calls_a_service_of_the_graph(graph: ZenohGraph, other: An
         with pytest.raises(RuntimeError, match=r"^only on$"):
             await client.call_async(SetBool.Request(data=False))
     client.close()
-
-
-async def test_a_nodes_parameter_services_are_seen(graph: ZenohGraph, other: Any) -> None:
-    """Under the names that `ros2 param` asks for. (pyzeros has other hashes for them than ROS 2.)"""
-    graph.node("arm").parameters.declare("speed", 1.5)
-    names = {"get_parameters", "set_parameters", "list_parameters", "describe_parameters"}
-
-    def offered() -> set[str]:
-        replies = other.session.liveliness().get("@ros2_lv/0/**")
-        tokens = [str(reply.ok.key_expr) for reply in replies if reply.ok]
-        return {token.split("/")[9].rpartition("%")[2] for token in tokens if "/SS/" in token}
-
-    await until(lambda: names <= offered())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rwt.extensions.zenoh import ZenohError, ZenohGraph, ZenohOptions
+from rwt.extensions.zenoh import ZenohGraph, ZenohOptions
 from rwt.extensions.zenoh.worker_mesh import mesh_options
 from tests.waiting import until
 from tests.zenoh_links import QUICK, free_endpoint
@@ -59,11 +59,6 @@ def test_of_a_router_the_others_are_clients(tmp_path: Path) -> None:
     first, second = (mesh_options(options, tmp_path, number, 2) for number in (1, 2))
     assert (first.mode, first.listen) == ("router", (socket_of(tmp_path, 1), "tcp/0.0.0.0:7447"))
     assert (second.mode, second.listen, second.connect) == ("client", (), (socket_of(tmp_path, 1),))
-
-
-def test_a_file_that_is_not_zenohs(tmp_path: Path) -> None:
-    with pytest.raises(ZenohError, match="cannot be used"):
-        mesh_options(ZenohOptions(config=tmp_path / "none.json5"), tmp_path, 1, 2)
 
 
 @pytest.mark.anyio

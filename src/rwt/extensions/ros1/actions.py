@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import anyio
 
 from rwt_graph.api import ActionInfo, ClientGoal, Sample
-from rwt_graph.backend import STATUS, ActionlibStatus
+from rwt_graph.backend import STATUS, ActionlibStatus, NotifyingGoal, PerNode
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from rwt.extensions.ros1.topics import Ros1Topics
     from rwt_graph.api import GoalEvents
     from rwt_graph.backend import DistributedGraph, NodeResources, Topic
-
-logger = logging.getLogger(__name__)
 
 _GOAL: Final = "/goal"
 _GOAL_TYPE: Final = "ActionGoal"
@@ -53,7 +50,7 @@ class Ros1Actions:
         self.graph = graph
         self.ros_topics = topics
         self.session: Session | None = None
-        self._clients: dict[tuple[NodeResources, str], ActionClient] = {}
+        self._clients: PerNode[ActionClient] = PerNode(ActionClient.close)
 
     def _goal_topics(self) -> Iterator[tuple[str, Topic]]:
         for topic in self.graph.topic_table.all():
@@ -94,19 +91,11 @@ class Ros1Actions:
         self.cancel(action, "", client)  # An empty id without a time means all goals (ALB-07).
 
     def _client(self, info: ActionInfo, session: Session, owner: NodeResources) -> ActionClient:
-        key = (owner, info.name)
-        client = self._clients.get(key)
-        if client is None:
-            client = self._clients[key] = ActionClient(self, session, info, owner)
-            owner.add(client, partial(self.close_client, key))
-        return client
+        return self._clients.get(owner, info.name, lambda: ActionClient(self, session, info, owner))
 
-    def close_client(self, key: tuple[NodeResources, str]) -> None:
-        """Close the client of a node that leaves, or of an action that is gone."""
-        client = self._clients.pop(key, None)
-        if client is not None:
-            key[0].drop(client)
-            client.close()
+    def close_client(self, client: ActionClient) -> None:
+        """Close the client of an action that is gone."""
+        self._clients.close(client.owner, client.info.name)
 
 
 def _action_type(topic: Topic) -> str:
@@ -145,7 +134,6 @@ class ActionClient:
     def send(self, payload: Payload, events: GoalEvents, goal_id: str) -> Ros1Goal:
         """Send a goal as soon as the server is connected."""
         goal = self._goals[goal_id] = Ros1Goal(self, goal_id, events)
-        self.owner.add(goal, goal.client_closed)
         now = self._distro.time(self._clock.time_ns())
         header, identity = {"stamp": now}, {"stamp": now, "id": goal_id}
         message = {"header": header, "goal_id": identity, "goal": payload.value()}
@@ -189,7 +177,7 @@ class ActionClient:
                     send()
                 if self._actions.info(self.info.name) is None:
                     self._lose_goals(f"Action {self.info.name} was unadvertised")
-                    self._actions.close_client((self.owner, self.info.name))
+                    self._actions.close_client(self)
                     return
                 await anyio.sleep(_CONNECT_LOOKS if self._unsent else _GONE_LOOKS)
         finally:
@@ -200,10 +188,9 @@ class ActionClient:
         for goal in tuple(self._goals.values()):
             goal.end(GoalStatus.ABORTED, ProviderGone(why))
 
-    def forget(self, goal: Ros1Goal) -> None:
+    def forget(self, goal_id: str) -> None:
         """Remove a goal that has ended."""
-        self._goals.pop(goal.id, None)
-        self.owner.drop(goal)
+        self._goals.pop(goal_id, None)
 
     def _on_status(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
@@ -216,7 +203,7 @@ class ActionClient:
         message: Any = sample.payload.value()
         goal = self._goals.get(message.status.goal_id.id)
         if goal is not None:
-            goal.on_feedback(Payload.from_value(self.info.type.feedback, message.feedback))
+            goal.notify_feedback(Payload.from_value(self.info.type.feedback, message.feedback))
 
     def _on_result(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
@@ -246,57 +233,30 @@ class ActionClient:
             endpoint.close()
 
 
-class Ros1Goal(ClientGoal):
+class Ros1Goal(NotifyingGoal):
     """Goal as its client sees it."""
 
-    status = GoalStatus.UNKNOWN
-    reason = ""
-
-    def __init__(self, client: ActionClient, goal_id: str, events: GoalEvents) -> None:
-        self.id = goal_id
-        self.action = client.info.name
-        self._client = client
-        self._events: GoalEvents | None = events
+    def __init__(self, server: ActionClient, goal_id: str, events: GoalEvents) -> None:
+        super().__init__(goal_id, server.info.name, events, server.owner)
+        self._server = server
 
     def on_status(self, status: GoalStatus) -> None:
         """Follow the server's state, until the result ends the goal."""
         if status.is_terminal or status is self.status:
             return
         was_unknown, self.status = self.status is GoalStatus.UNKNOWN, status
-        if was_unknown and self._events is not None and self._events.on_accepted is not None:
-            self._run_callback(self._events.on_accepted)
-
-    @property
-    def wants_feedback(self) -> bool:
-        return self._events is not None and self._events.on_feedback is not None
-
-    def on_feedback(self, feedback: Payload) -> None:
-        """Pass feedback on."""
-        if self._events is not None and self._events.on_feedback is not None:
-            self._run_callback(partial(self._events.on_feedback, feedback))
+        if was_unknown:
+            self.notify_accepted()
 
     def end(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         """End the goal; no-op if it has ended."""
         self.status = status
-        events, self._events = self._events, None
-        self._client.forget(self)
-        if events is not None:
-            self._run_callback(partial(events.on_result, status, outcome))
+        self.notify_end(outcome)
 
     def cancel(self) -> None:
-        if self._events is not None:
-            self._client.cancel(self.id)
+        if self.is_heard:
+            self._server.cancel(self.id)
 
-    def abandon(self) -> None:
-        self._events = None
-        self._client.forget(self)
-
-    def client_closed(self) -> None:
-        """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
-        self.end(self.status, CallFailed(f"node {self._client.owner.name} was closed"))
-
-    def _run_callback(self, callback: Callable[[], None]) -> None:
-        try:
-            callback()
-        except Exception:
-            logger.exception("a callback of goal %s of %s failed", self.id, self.action)
+    def _let_go(self) -> None:
+        super()._let_go()
+        self._server.forget(self.id)

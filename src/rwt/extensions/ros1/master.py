@@ -147,11 +147,11 @@ class Master:
         tree.set("/run_id", str(uuid.uuid1()))
         methods: dict[str, Callable[..., Value]] = {
             "registerPublisher": self._register_publisher,
-            "unregisterPublisher": self._unregister_publisher,
+            "unregisterPublisher": partial(self._unregister, self._publishers),
             "registerSubscriber": self._register_subscriber,
-            "unregisterSubscriber": self._unregister_subscriber,
+            "unregisterSubscriber": partial(self._unregister, self._subscribers),
             "registerService": self._register_service,
-            "unregisterService": self._unregister_service,
+            "unregisterService": partial(self._unregister, self._services),
             "lookupNode": self._lookup_node,
             "lookupService": self._lookup_service,
             "getPublishedTopics": self._published_topics,
@@ -218,10 +218,10 @@ class Master:
             if name not in self._publishers and name not in self._subscribers:
                 self._types.pop(name, None)
 
-    def _unregister(self, table: Table, name: str, node: str, uri: str) -> Value:
-        if table.get(name, {}).get(node) != uri:
-            return [1, f"{node} is not registered for {name}", 0]
-        self._remove(table, name, node)
+    def _unregister(self, table: Table, caller: str, name: str, uri: str) -> Value:
+        if table.get(name, {}).get(caller) != uri:
+            return [1, f"{caller} is not registered for {name}", 0]
+        self._remove(table, name, caller)
         return [1, "unregistered", 1]
 
     def _update(self, topic: str) -> None:
@@ -237,26 +237,17 @@ class Master:
         self._update(topic)
         return [1, "registered", list(self._subscribers.get(topic, {}).values())]
 
-    def _unregister_publisher(self, caller: str, topic: str, uri: str) -> Value:
-        return self._unregister(self._publishers, topic, caller, uri)
-
     def _register_subscriber(self, caller: str, topic: str, type: str, uri: str) -> Value:
         self._register(self._subscribers, topic, caller, uri, uri)
         if type != "*":
             self._types.setdefault(topic, type)
         return [1, "registered", list(dict.fromkeys(self._publishers.get(topic, {}).values()))]
 
-    def _unregister_subscriber(self, caller: str, topic: str, uri: str) -> Value:
-        return self._unregister(self._subscribers, topic, caller, uri)
-
     def _register_service(self, caller: str, service: str, service_uri: str, uri: str) -> Value:
         for other in tuple(self._services.get(service, ())):
             self._remove(self._services, service, other)
         self._register(self._services, service, caller, service_uri, uri)
         return [1, "registered", 1]
-
-    def _unregister_service(self, caller: str, service: str, service_uri: str) -> Value:
-        return self._unregister(self._services, service, caller, service_uri)
 
     def _lookup_node(self, _caller: str, node: str) -> Value:
         uri = self._nodes.get(node)
@@ -317,7 +308,7 @@ class Master:
         if len(self._watches) >= _MOST_ENTRIES:
             return [-1, f"{_MOST_ENTRIES} parameters are watched, which is the limit", 0]
         self._watches[uri, name] = caller
-        return [1, f"subscribed to {name}", self._parameters.get(name) if self._parameters.has(name) else {}]
+        return [1, f"subscribed to {name}", self._branch(name)]
 
     def _unsubscribe_param(self, caller: str, uri: str, key: str) -> Value:
         return [1, "unsubscribed", int(self._watches.pop((uri, _absolute(caller, key)), None) is not None)]
@@ -330,8 +321,11 @@ class Master:
             if is_below(name, watched):
                 self._notifications.add(uri, "paramUpdate", name.rstrip("/") + "/", value)
             elif is_below(watched, name):
-                inner = self._parameters.get(watched) if self._parameters.has(watched) else {}
-                self._notifications.add(uri, "paramUpdate", watched + "/", inner)
+                self._notifications.add(uri, "paramUpdate", watched + "/", self._branch(watched))
+
+    def _branch(self, name: str) -> Value:
+        """Return a value or branch; an empty table if it does not exist."""
+        return self._parameters.get(name) if self._parameters.has(name) else {}
 
     def _on_deaf(self, uri: str) -> None:
         for watch in [each for each in self._watches if each[0] == uri]:

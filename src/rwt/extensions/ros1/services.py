@@ -13,7 +13,7 @@ from rwt.extensions.ros1.registrar import Registration
 from rwt.extensions.ros1.wire.links import connected, exchange_headers
 from rwt.extensions.ros1.wire.rpc import address_of
 from rwt_graph.api import ServiceInfo
-from rwt_graph.backend import MemoryCall, NodeResources
+from rwt_graph.backend import MemoryCall, NodeResources, OfferedServices
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
@@ -123,45 +123,33 @@ class ServiceOffer:
         self._links.clear()
 
 
-class Ros1Services:
+class Ros1Services(OfferedServices["Session"]):
     """Services of other nodes, and those of this process on ROS 1."""
 
     def __init__(self, services: Services) -> None:
-        self._services = services
-        self._session: Session | None = None
+        super().__init__(services)
         self._remote: dict[str, tuple[str, ServiceInfo | None]] = {}
         self._open: set[MemoryCall] = set()
 
-    def open(self, session: Session) -> None:
-        """Offer every service of this process."""
-        self._session = session
-        for provider in self._services:
-            self.offered(provider)
-
     def close(self) -> None:
         """End the calls of services of other nodes."""
-        self._session = None
+        super().close()
         self._remote.clear()
         while self._open:
             self._open.pop().end_with(ProviderGone("the connection to ROS 1 was closed"))
 
-    # Services of this process
+    def _offer(self, connection: Session, provider: MemoryProvider) -> Callable[[], object]:
+        node = connection.node_of(provider.owner)
+        offer = node.services[provider.name] = ServiceOffer(self._services, node, provider)
+        connection.registrar.add(offer.registration)
 
-    def offered(self, provider: MemoryProvider) -> None:
-        session = self._session
-        if session is not None and not provider.owner.private:
-            node = session.node_of(provider.owner)
-            offer = ServiceOffer(self._services, node, provider)
-            node.services[provider.name] = offer
-            session.registrar.add(offer.registration)
+        def withdraw() -> None:
+            if node.services.get(provider.name) is offer:
+                del node.services[provider.name]
+            connection.registrar.remove(offer.registration)
+            connection.run_on_graph(offer.close)
 
-    def withdrawn(self, provider: MemoryProvider) -> None:
-        session = self._session
-        node = None if session is None else session.nodes.get(provider.node)
-        offer = None if node is None else node.services.pop(provider.name, None)
-        if session is not None and offer is not None:
-            session.registrar.remove(offer.registration)
-            session.run_on_graph(offer.close)
+        return withdraw
 
     # Services of other nodes
 
@@ -185,10 +173,10 @@ class Ros1Services:
                 probe(_probe_key(name, node), partial(self._ask_type, name, node))
 
     def _learn(self, name: str, node: str, type_name: str, md5: str | None) -> None:
-        if self._session is None or self._remote.get(name, ("",))[0] != node:
+        if self._connection is None or self._remote.get(name, ("",))[0] != node:
             return
         try:
-            type = self._session.graph.registry.service(type_name)
+            type = self._connection.graph.registry.service(type_name)
         except InterfaceError as error:
             raise Ros1Error(
                 f"service {name} cannot be called: {error}. Give its definition with --interfaces, since"
@@ -203,7 +191,7 @@ class Ros1Services:
         self._services.changes.note()
 
     async def _ask_type(self, name: str, node: str) -> None:
-        session = self._session
+        session = self._connection
         if session is not None:
             host, port = await self._address(session, name)
             async with connected(session.network, host, port) as link:
@@ -231,12 +219,11 @@ class Ros1Services:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        info, session = self.info(name), self._session
+        info, session = self.info(name), self._connection
         if info is None or session is None:
             return None
         call = MemoryCall(name, request, on_reply)
-        deadlines = self._services.deadlines
-        call.wait(self._open, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(self._open, caller, self._services.deadlines, timeout)
         session.network.spawn(partial(self._run, session, call, info, caller.name), f"call of {name}")
         return call
 

@@ -13,12 +13,7 @@ from rwt.extensions.ros2.remapping import RemappedParticipant, Remapping
 from rwt.extensions.ros2.services import Ros2Services
 from rwt.extensions.ros2.topics import Ros2Topics
 from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
-from rwt_graph.backend import (
-    DistributedGraph,
-    Limitation,
-    MemoryParticipant,
-    Ros2Actions,
-)
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, Ros2Actions
 from rwt_graph.clock import Clock
 from rwt_graph.errors import InvalidGraphName, Ros2Error
 from rwt_graph.names import validate

@@ -142,7 +142,7 @@ class Connection:
         """
         full = type.request.registry.type_name(type)
         endpoint = _rclpy.Service(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
-        return RawService(endpoint, full)
+        return RawService(endpoint, name, full)
 
     def client(self, owner: NodeResources, name: str, type: ServiceType) -> RawClient:
         """Make a raw client of a service.
@@ -152,7 +152,7 @@ class Connection:
         """
         full = type.request.registry.type_name(type)
         endpoint = _rclpy.Client(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
-        return RawClient(endpoint, full)
+        return RawClient(endpoint, name, full)
 
     def note_missing(self, name: str, error: NotInstalled) -> None:
         """Log that a topic or service is not exchanged with ROS 2; once for each package that it lacks."""

@@ -11,6 +11,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
 
+#: Policies of `rclpy` that are not those of a default profile.
+_HISTORIES = {HistoryPolicy.KEEP_ALL: History.KEEP_ALL}
+_RELIABILITIES = {ReliabilityPolicy.BEST_EFFORT: Reliability.BEST_EFFORT}
+_DURABILITIES = {DurabilityPolicy.TRANSIENT_LOCAL: Durability.TRANSIENT_LOCAL}
+
 
 def to_ros(qos: QoS) -> Any:
     """Return the profile for an endpoint; whatever is "best available" becomes ROS 2's default."""
@@ -34,18 +39,10 @@ def _duration(seconds: float | None) -> Any:
 def from_ros(policies: Mapping[str, Any]) -> QoS:
     """Return the profile of a discovered endpoint. Depth 0 means that the middleware does not announce it."""
     return QoS(
-        history=History.KEEP_ALL if policies["history"] == HistoryPolicy.KEEP_ALL else History.KEEP_LAST,
+        history=_HISTORIES.get(policies["history"], History.KEEP_LAST),
         depth=min(policies["depth"], MOST_DEPTH),
-        reliability=(
-            Reliability.BEST_EFFORT
-            if policies["reliability"] == ReliabilityPolicy.BEST_EFFORT
-            else Reliability.RELIABLE
-        ),
-        durability=(
-            Durability.TRANSIENT_LOCAL
-            if policies["durability"] == DurabilityPolicy.TRANSIENT_LOCAL
-            else Durability.VOLATILE
-        ),
+        reliability=_RELIABILITIES.get(policies["reliability"], Reliability.RELIABLE),
+        durability=_DURABILITIES.get(policies["durability"], Durability.VOLATILE),
         deadline=_seconds(policies["deadline"]),
         lifespan=_seconds(policies["lifespan"]),
     )

@@ -10,7 +10,7 @@ import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from rwt.extensions.ros2.ament import library
 from rwt.extensions.ros2.rcl import CallInfo, RequestId, SerialisedMessage, check, rcl, rmw, taken
@@ -71,61 +71,63 @@ class _Structs:
 _structs = cache(_Structs)
 
 
-class RawClient:
-    """Client that exchanges serialised messages.
+class RawCall(NamedTuple):
+    """Serialised request or response, with the id of the request."""
+
+    id: RequestId
+    data: bytes
+
+
+class _RawCalls:
+    """Client or service that exchanges serialised messages.
 
     Args:
-        endpoint: client of `rclpy`.
+        endpoint: client or service of `rclpy`.
+        name: name of the service.
         type: full name of the service type.
     """
 
-    def __init__(self, endpoint: Any, type: str) -> None:
+    _receives: Literal["request", "response"]
+
+    def __init__(self, endpoint: Any, name: str, type: str) -> None:
         self.endpoint = endpoint
-        self._request = _structs(f"{type}_Request")
-        self._response = _structs(f"{type}_Response")
+        self._name = name
+        structs = {kind.lower(): _structs(f"{type}_{kind}") for kind in ("Request", "Response")}
+        self._received = structs.pop(self._receives)
+        (self._sent,) = structs.values()
+        self._take = getattr(rcl(), f"rcl_take_{self._receives}_with_info")
+
+    def take(self) -> RawCall | None:
+        """Return the next request or response; None if none is waiting."""
+        info = CallInfo()
+        with self._received.empty() as message:
+            result = self._take(self.endpoint.pointer, ctypes.byref(info), message)
+            if not taken(result, f"cannot take a {self._receives} of {self._name}"):
+                return None
+            return RawCall(info.request_id, self._received.serialise(message))
+
+
+class RawClient(_RawCalls):
+    """Client that exchanges serialised messages."""
+
+    _receives = "response"
 
     def send(self, request: bytes) -> int:
         """Send a request; return its number."""
         number = ctypes.c_int64()
-        with self._request.filled(request) as message:
+        with self._sent.filled(request) as message:
             result = rcl().rcl_send_request(self.endpoint.pointer, message, ctypes.byref(number))
-            check(result, f"cannot call {self.endpoint.service_name}")
+            check(result, f"cannot call {self._name}")
         return number.value
 
-    def take(self) -> tuple[int, bytes] | None:
-        """Return the next response with the number of its request; None if none is waiting."""
-        info = CallInfo()
-        with self._response.empty() as message:
-            result = rcl().rcl_take_response_with_info(self.endpoint.pointer, ctypes.byref(info), message)
-            if not taken(result, f"cannot take a response of {self.endpoint.service_name}"):
-                return None
-            return info.request_id.number, self._response.serialise(message)
 
+class RawService(_RawCalls):
+    """Service that exchanges serialised messages."""
 
-class RawService:
-    """Service that exchanges serialised messages.
-
-    Args:
-        endpoint: service of `rclpy`.
-        type: full name of the service type.
-    """
-
-    def __init__(self, endpoint: Any, type: str) -> None:
-        self.endpoint = endpoint
-        self._request = _structs(f"{type}_Request")
-        self._response = _structs(f"{type}_Response")
-
-    def take(self) -> tuple[RequestId, bytes] | None:
-        """Return the next request with its id; None if none is waiting."""
-        info = CallInfo()
-        with self._request.empty() as message:
-            result = rcl().rcl_take_request_with_info(self.endpoint.pointer, ctypes.byref(info), message)
-            if not taken(result, f"cannot take a request of {self.endpoint.name}"):
-                return None
-            return info.request_id, self._request.serialise(message)
+    _receives = "request"
 
     def answer(self, request_id: RequestId, response: bytes) -> None:
         """Send the response to a request."""
-        with self._response.filled(response) as message:
+        with self._sent.filled(response) as message:
             result = rcl().rcl_send_response(self.endpoint.pointer, ctypes.byref(request_id), message)
-            check(result, f"cannot answer a call of {self.endpoint.name}")
+            check(result, f"cannot answer a call of {self._name}")

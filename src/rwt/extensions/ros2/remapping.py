@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from functools import wraps
+from typing import Any, TypeVar, cast
 
-from rwt_graph.api import (
-    ClientGoal,
-    GoalEvents,
-    OnReply,
-    PendingCall,
-    Publisher,
-    Registration,
-    Sample,
-    ServerGoal,
-    ServiceCall,
-    Subscription,
-)
 from rwt_graph.backend import DistributedGraph, MemoryParticipant
 from rwt_graph.errors import InvalidGraphName, Ros2Error
 from rwt_graph.names import namespace_of, resolve
-from rwt_interfaces.payload import Payload
-from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Remapping:
@@ -74,47 +63,28 @@ class Remapping:
         return self._names.get(name, name)
 
 
+def _remapped(method: Method) -> Method:
+    """Return a method of a participant whose first argument, a name, is remapped."""
+
+    @wraps(method)
+    def with_new_name(self: RemappedParticipant, name: str, *args: Any, **options: Any) -> Any:
+        return method(self, self.remapping.name(name), *args, **options)
+
+    return cast("Method", with_new_name)
+
+
 class RemappedParticipant(MemoryParticipant):
     """Node whose topics, services and actions are remapped."""
 
     def __init__(self, graph: DistributedGraph, name: str, remapping: Remapping) -> None:
         super().__init__(graph, name)
-        self._remapped = remapping.name
+        self.remapping = remapping
 
-    def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
-        return super().advertise(self._remapped(topic), type, qos)
-
-    def subscribe(
-        self,
-        topic: str,
-        on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,
-        qos: QoS = BEST_AVAILABLE,
-    ) -> Subscription:
-        return super().subscribe(self._remapped(topic), on_sample, type, qos)
-
-    def advertise_service(
-        self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]
-    ) -> Registration:
-        return super().advertise_service(self._remapped(service), type, on_call)
-
-    def call_service(
-        self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
-    ) -> PendingCall:
-        return super().call_service(self._remapped(service), request, on_reply, timeout)
-
-    def advertise_action(
-        self, action: str, type: ActionType, on_goal: Callable[[ServerGoal], None]
-    ) -> Registration:
-        return super().advertise_action(self._remapped(action), type, on_goal)
-
-    def send_goal(
-        self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
-    ) -> ClientGoal:
-        return super().send_goal(self._remapped(action), goal, events, goal_id)
-
-    def cancel_goal(self, action: str, goal_id: str) -> None:
-        super().cancel_goal(self._remapped(action), goal_id)
-
-    def cancel_every_goal(self, action: str) -> Iterator[None]:
-        return super().cancel_every_goal(self._remapped(action))
+    advertise = _remapped(MemoryParticipant.advertise)
+    subscribe = _remapped(MemoryParticipant.subscribe)
+    advertise_service = _remapped(MemoryParticipant.advertise_service)
+    call_service = _remapped(MemoryParticipant.call_service)
+    advertise_action = _remapped(MemoryParticipant.advertise_action)
+    send_goal = _remapped(MemoryParticipant.send_goal)
+    cancel_goal = _remapped(MemoryParticipant.cancel_goal)
+    cancel_every_goal = _remapped(MemoryParticipant.cancel_every_goal)

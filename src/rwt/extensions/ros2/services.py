@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
-from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, RemoteServiceTable, Services
+from rwt_graph.backend import (
+    MemoryCall,
+    MemoryProvider,
+    NodeResources,
+    OfferedServices,
+    PerNode,
+    RemoteServiceTable,
+    Services,
+)
 from rwt_graph.errors import Ros2Error
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -20,15 +29,13 @@ from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
 from rwt_participant.errors import CallFailed
 
 if TYPE_CHECKING:
+    from rwt.extensions.ros2.raw_services import RawCall
     from rwt.extensions.ros2.rcl import RequestId
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
     from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
-
-#: Maximum requests or responses per turn, so that a flood on one service does not block the event loop.
-_BATCH = 64
 
 #: Maximum unanswered requests of other processes to one service.
 _MOST_OPEN = 1000
@@ -51,35 +58,24 @@ class Server:
         self._connection = connection
         self._provider = provider
         self._services = services
-        self._raw = connection.service(provider.owner, provider.name, provider.type)
+        self._raw = raw = connection.service(provider.owner, provider.name, provider.type)
         self._decode = compile_decoder(provider.type.request, FOLLOWED_CDR)
-        self._wakeup = connection.wakeups.add("service", self._raw.endpoint, self._take_batch)
+        self._inbox = Inbox(connection.wakeups, "service", raw.endpoint, raw.take, self._serve)
         self._names = (provider.owner.name, provider.name)
         connection.own_services[self._names] = float("inf")
         self._callers = NodeResources("/_remote", private=True)
-        self._closed = False
 
-    def _take_batch(self) -> bool:
-        for _ in range(_BATCH):
-            taken = self._raw.take()
-            if taken is None:
-                return False
-            self._serve(*taken)
-            if self._closed:
-                return False
-        return True
-
-    def _serve(self, request_id: RequestId, data: bytes) -> None:
+    def _serve(self, request: RawCall) -> None:
         provider = self._provider
         if len(provider.open) >= _MOST_OPEN:
             logger.warning("a request to %s is dropped: %d are unanswered", provider.name, _MOST_OPEN)
             return
         try:
-            request = Payload(provider.type.request, self._decode(data))
+            payload = Payload(provider.type.request, self._decode(request.data))
         except InvalidMessage as error:
             logger.warning("a request to %s from another process is dropped: %s", provider.name, error)
             return
-        self._services.call(provider.name, request, partial(self._answer, request_id), None, self._callers)
+        self._services.call(provider.name, payload, partial(self._answer, request.id), None, self._callers)
 
     def _answer(self, request_id: RequestId, answer: Payload | CallFailed) -> None:
         if isinstance(answer, CallFailed):
@@ -87,14 +83,12 @@ class Server:
             logger.warning(
                 "a call of %s from another process is not answered: %s", self._provider.name, answer
             )
-        elif not self._closed:
+        elif not self._inbox.is_closed:
             self._raw.answer(request_id, answer.cdr())
 
     def close(self) -> None:
         """Take no more requests."""
-        self._closed = True
-        self._connection.wakeups.remove(self._wakeup)
-        self._raw.endpoint.destroy_when_not_in_use()
+        self._inbox.close()
         self._connection.own_services[self._names] = now()
 
 
@@ -105,19 +99,17 @@ class Client:
     """
 
     def __init__(self, connection: Connection, owner: NodeResources, info: ServiceInfo, clock: Clock) -> None:
-        self._connection = connection
         self._clock = clock
         self._response = info.type.response
-        self._raw = connection.client(owner, info.name, info.type)
+        self._raw = raw = connection.client(owner, info.name, info.type)
         self._decode = compile_decoder(self._response, FOLLOWED_CDR)
-        self._wakeup = connection.wakeups.add("client", self._raw.endpoint, self._take_batch)
+        self._inbox = Inbox(connection.wakeups, "client", raw.endpoint, raw.take, self._on_response)
         self._waiting: deque[MemoryCall] = deque()
         # Open calls by number; those that count as the service's load are in `_load`.
         self._sent: dict[int, MemoryCall] = {}
         self._load: set[int] = set()
         self._answers = 0
         self._timer: Timer | None = None
-        self._closed = False
 
     def ask(self, call: MemoryCall) -> None:
         """Send a request, now or later."""
@@ -159,24 +151,14 @@ class Client:
         self._load.discard(number)
         self.send_waiting()
 
-    def _take_batch(self) -> bool:
-        for _ in range(_BATCH):
-            taken = self._raw.take()
-            if taken is None:
-                return False
-            number, data = taken
-            self._answers += 1
-            # A call that has ended is no longer there; so is one that another provider has answered.
-            call = self._sent.get(number)
-            if call is not None:
-                self._reply(call, data)
-            if self._closed:
-                return False
-        return True
-
-    def _reply(self, call: MemoryCall, data: bytes) -> None:
+    def _on_response(self, received: RawCall) -> None:
+        self._answers += 1
+        # A call that has ended is no longer there; so is one that another provider has answered.
+        call = self._sent.get(received.id.number)
+        if call is None:
+            return
         try:
-            response = Payload(self._response, self._decode(data))
+            response = Payload(self._response, self._decode(received.data))
         except InvalidMessage as error:
             call.fail(f"the answer of {call.service} is not a {self._response.name}: {error}")
         else:
@@ -184,60 +166,40 @@ class Client:
 
     def close(self) -> None:
         """Send and receive nothing more; the calls have ended, or end later without an answer."""
-        self._closed = True
         if self._timer is not None:
             self._timer.cancel()
         self._waiting.clear()
-        self._connection.wakeups.remove(self._wakeup)
-        self._raw.endpoint.destroy_when_not_in_use()
+        self._inbox.close()
 
 
-class Ros2Services:
+class Ros2Services(OfferedServices[Connection]):
     """Offers the services of this process to ROS 2, and calls those of others."""
 
     def __init__(self, services: Services, registry: Registry, clock: Clock) -> None:
-        self._services = services
+        super().__init__(services)
         self._registry = registry
         self._clock = clock
-        self._connection: Connection | None = None
-        self._servers: dict[MemoryProvider, Server] = {}
-        self._clients: dict[tuple[NodeResources, str], Client] = {}
+        self._clients: PerNode[Client] = PerNode(Client.close)
         self._found: frozenset[tuple[str, str, str]] = frozenset()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         self._unknown: set[str] = set()
 
-    def open(self, connection: Connection) -> None:
-        """Offer every service of this process."""
-        self._connection = connection
-        for provider in self._services:
-            self.offered(provider)
-
     def close(self) -> None:
         """Close every endpoint; open calls end."""
         self._remote.close()
-        for identity in tuple(self._clients):
-            self._forget_client(identity)
-        for server in self._servers.values():
-            server.close()
-        self._servers.clear()
-        self._connection = None
+        for identity in tuple(self._clients.made):
+            self._clients.close(*identity)
+        for withdraw in self._offers.values():
+            withdraw()
+        super().close()
 
-    # Services of this process
-
-    def offered(self, provider: MemoryProvider) -> None:
-        connection = self._connection
-        if connection is None or provider.owner.private:
-            return
+    def _offer(self, connection: Connection, provider: MemoryProvider) -> Callable[[], object] | None:
         try:
-            self._servers[provider] = Server(connection, provider, self._services)
+            return Server(connection, provider, self._services).close
         except NotInstalled as error:
             connection.note_missing(provider.name, error)
-
-    def withdrawn(self, provider: MemoryProvider) -> None:
-        server = self._servers.pop(provider, None)
-        if server is not None:
-            server.close()
+            return None
 
     # Services of other processes
 
@@ -257,9 +219,9 @@ class Ros2Services:
         for key in self._found - found:
             self._remote.lost(key, key[1])
         self._found = found
-        for identity, client in tuple(self._clients.items()):
+        for identity, client in tuple(self._clients.made.items()):
             if self._remote.get(identity[1]) is None:
-                self._forget_client(identity)
+                self._clients.close(*identity)
             else:
                 client.send_waiting()
 
@@ -269,26 +231,12 @@ class Ros2Services:
         service, connection = self._remote.get(name), self._connection
         if service is None or connection is None:
             return None
-        call = MemoryCall(name, request, on_reply)
+        call, info = MemoryCall(name, request, on_reply), service.first[0]
         try:
-            client = self._client(connection, caller, service.first[0])
+            client = self._clients.get(caller, name, lambda: Client(connection, caller, info, self._clock))
         except Ros2Error as error:
             call.end_with(CallFailed(f"Service {name} cannot be called: {error}"))
             return call
-        deadlines = self._services.deadlines
-        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(service.open, caller, self._services.deadlines, timeout)
         client.ask(call)
         return call
-
-    def _client(self, connection: Connection, caller: NodeResources, info: ServiceInfo) -> Client:
-        identity = (caller, info.name)
-        client = self._clients.get(identity)
-        if client is None:
-            client = self._clients[identity] = Client(connection, caller, info, self._clock)
-            caller.add(client, partial(self._forget_client, identity))
-        return client
-
-    def _forget_client(self, identity: tuple[NodeResources, str]) -> None:
-        client = self._clients.pop(identity)
-        identity[0].drop(client)
-        client.close()

@@ -15,6 +15,7 @@ from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.history import ALL_RETAINED, Probe, RemoteHistory
 from rwt.extensions.ros2.rcl import NO_NUMBER, RawSample
 from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import Sample
 from rwt_graph.backend import (
     MemoryPublisher,
@@ -23,19 +24,16 @@ from rwt_graph.backend import (
     RemoteEndpoint,
     Topic,
     Topics,
+    received_sample,
 )
 from rwt_graph.clock import Clock
 from rwt_graph.errors import Ros2Error
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
-from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS, Reliability
 from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
-
-#: Maximum samples per turn, so that a flood on one topic does not block the event loop.
-_BATCH = 64
 
 #: Maximum queued samples of a subscription.
 _MOST_QUEUED = 1000
@@ -49,10 +47,8 @@ _PROBE_SECONDS = 0.1
 #: Seconds between two probes if publishers send while they run: at first, and at most.
 _SHORTEST_PROBE_DELAY, _LONGEST_PROBE_DELAY = 0.05, 10.0
 
-OnRaw = Callable[["RawSample"], None]
 
-
-class Reader:
+class Reader(Inbox[RawSample]):
     """Raw subscription of one topic.
 
     Args:
@@ -67,38 +63,20 @@ class Reader:
         type: MessageType,
         owner: NodeResources,
         qos: QoS,
-        on_raw: OnRaw,
+        on_raw: Callable[[RawSample], None],
     ) -> None:
         self.profile = (type, owner, qos)
         self._connection = connection
-        self._on_raw = on_raw
-        self._endpoint = connection.subscription(owner, topic, type, qos)
         self._names = (owner.name, topic)
+        endpoint = connection.subscription(owner, topic, type, qos)
         connection.own_subscriptions[self] = (self._names, float("inf"))
-        self._wakeup = connection.wakeups.add("subscription", self._endpoint, self._take_batch)
-        self._closed = False
-
-    def _take_batch(self) -> bool:
-        return self.take(_BATCH)
-
-    def take(self, most: int) -> bool:
-        """Deliver waiting samples; returns True if it has stopped at the limit."""
-        take = self._connection.take
-        for _ in range(most):
-            taken = take(self._endpoint)
-            if taken is None:
-                return False
-            self._on_raw(taken)
-            if self._closed:
-                return False
-        return True
+        super().__init__(
+            connection.wakeups, "subscription", endpoint, partial(connection.take, endpoint), on_raw
+        )
 
     def close(self) -> None:
-        """Receive nothing more."""
-        if not self._closed:
-            self._closed = True
-            self._connection.wakeups.remove(self._wakeup)
-            self._endpoint.destroy_when_not_in_use()
+        if not self.is_closed:
+            super().close()
             self._connection.own_subscriptions[self] = (self._names, now())
 
 
@@ -113,16 +91,10 @@ class Writer:
             publisher.owner, publisher.topic, publisher.type, publisher.qos
         )
         connection.own_gids[self._gid] = float("inf")
-        if publisher.cache is None:
-            publisher.on_publish_remote = self._send_if_matched
-            return
-        # The middleware retains samples for late subscribers, so it needs every one.
-        for sample in publisher.cache.samples():
-            self._send(sample)
-        publisher.on_publish_remote = self._send
+        publisher.connect_remote(self._send, self._send_if_matched)
 
     def _send_if_matched(self, sample: Sample) -> None:
-        # Encode only for remote subscribers; readers of this process match, too.
+        # Readers of this process match, too.
         if self._endpoint.get_subscription_count() > len(self._channel.readers):
             self._send(sample)
 
@@ -271,13 +243,7 @@ class Ros2Topics:
                     channel.end_probe()
 
     def _receive(
-        self,
-        topic: Topic,
-        channel: Channel,
-        type: MessageType,
-        raw: RawSample,
-        *,
-        history: bool,
+        self, topic: Topic, channel: Channel, type: MessageType, raw: RawSample, *, history: bool
     ) -> None:
         connection = self._connection
         gid, number = raw.gid, raw.number
@@ -287,7 +253,8 @@ class Ros2Topics:
         if publisher is None:
             self.find_publishers(topic.name)
             publisher = self.publishers.get(gid)
-        sample = self._sample(topic, type, raw, publisher)
+        stamp = self._clock.time_ns() if self._is_simulated else raw.stamp_ns
+        sample = received_sample(topic.name, Payload.relayed_cdr(type, raw.data), stamp, publisher)
         if history and publisher is not None:
             if not isinstance(publisher.cache, RemoteHistory):
                 publisher.cache = RemoteHistory(publisher.qos, self._clock)
@@ -307,21 +274,6 @@ class Ros2Topics:
         for subscription in topic.subscribers:
             if _takes(subscription, history=history, has_other=has_other):
                 subscription.deliver(sample)
-
-    def _sample(
-        self,
-        topic: Topic,
-        type: MessageType,
-        raw: RawSample,
-        publisher: RemoteEndpoint | None,
-    ) -> Sample:
-        stamp = self._clock.time_ns() if self._is_simulated else raw.stamp_ns
-        payload = Payload.relayed_cdr(type, raw.data)
-        if publisher is None:
-            return Sample(topic.name, payload, stamp, "")
-        lifespan = publisher.qos.lifespan
-        expires = stamp + round(lifespan * NANOSECONDS) if lifespan else 0
-        return Sample(topic.name, payload, stamp, publisher.node, expires)
 
     def _retry_probe(self, connection: Connection, topic: Topic, channel: Channel) -> None:
         channel.probe_timer = None

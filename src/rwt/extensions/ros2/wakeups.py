@@ -19,7 +19,7 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import anyio
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -31,6 +31,8 @@ from rwt_graph.errors import Ros2Error
 
 logger = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 Kind = Literal["subscription", "client", "service"]
 
 #: rcl's function that sets the callback of an endpoint.
@@ -39,6 +41,10 @@ SETTERS: dict[Kind, str] = {
     "client": "rcl_client_set_on_new_response_callback",
     "service": "rcl_service_set_on_new_request_callback",
 }
+
+#: Maximum samples, requests or responses of one endpoint per turn, so that a flood does not block the event
+#: loop.
+_BATCH = 64
 
 #: Maximum descriptors of one graph.
 MOST_DESCRIPTORS = 256
@@ -95,6 +101,47 @@ class Wakeup:
         """End the callback, before its descriptor is closed: the number may be used again at once."""
         if self._clear is not None:
             self._clear()
+
+
+class Inbox(Generic[T]):
+    """Samples, requests or responses of one endpoint, which are taken on the graph's thread.
+
+    Args:
+        take: takes the next one; returns None if none is waiting.
+        handle: called with each.
+    """
+
+    def __init__(
+        self,
+        wakeups: Wakeups,
+        kind: Kind,
+        endpoint: Any,
+        take: Callable[[], T | None],
+        handle: Callable[[T], None],
+    ) -> None:
+        self.is_closed = False
+        self._take = take
+        self._handle = handle
+        self._wakeups = wakeups
+        self._wakeup = wakeups.add(kind, endpoint, self.take)
+
+    def take(self, most: int = _BATCH) -> bool:
+        """Handle what is waiting; returns True if it has stopped at the limit."""
+        for _ in range(most):
+            taken = self._take()
+            if taken is None:
+                return False
+            self._handle(taken)
+            if self.is_closed:
+                return False
+        return True
+
+    def close(self) -> None:
+        """Take nothing more, and destroy the endpoint; no-op if it is closed."""
+        if not self.is_closed:
+            self.is_closed = True
+            self._wakeups.remove(self._wakeup)
+            self._wakeup.endpoint.destroy_when_not_in_use()
 
 
 class Wakeups:

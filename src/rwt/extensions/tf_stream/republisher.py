@@ -9,13 +9,14 @@ from typing import Final
 
 import anyio
 
-from rwt.extensions.tf_stream.streams import CpuBudget, GoalStream, TopicStream
+from rwt.extensions.tf_stream.streams import FEEDBACK_TIMEOUT, CpuBudget, Stream, to_message
 from rwt.extensions.tf_stream.transform_filters import InvalidRequest, MissingFrames, Request, make_filter
 from rwt_graph import Graph, Node
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import GoalAborted, GoalCanceled, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message
+from rwt_participant.qos import Durability, QoS
 from rwt_tf2 import Buffer, Feed, stamp_ns
 
 NAME: Final = "/tf2_web_republisher"
@@ -26,6 +27,9 @@ TOPIC_TIMEOUT: Final = 10.0
 
 MOST_STREAMS: Final = 100
 """Maximum number of goals and topics. Closed pages leave theirs behind, so the oldest is ended."""
+
+#: QoS of a topic: late subscribers receive the last messages.
+_TOPIC_QOS = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
 
 _PACKAGE = "tf2_web_republisher"
 #: Type of the action on ROS 2 in the newest clients; the bridge accepts every spelling.
@@ -42,7 +46,7 @@ class Tf2WebRepublisher(Node):
     def __init__(self, graph: Graph) -> None:
         super().__init__(graph, NAME)
         self._buffer = listen(self)
-        self._streams: dict[int, GoalStream | TopicStream] = {}
+        self._streams: dict[Stream, None] = {}
         self._numbers = count()
         over_topics = f"{_PACKAGE}/TFSubscription"
         if self.distro.action_transport == "topics":
@@ -63,17 +67,14 @@ class Tf2WebRepublisher(Node):
     async def _run_goal(self, goal: ReceivedGoal) -> None:
         """Send feedback until the goal is canceled (TFR-08), or no client has received any for a while."""
         request = Request.read(goal.request)
-        number = self._make_room()
         with anyio.CancelScope() as scope:
-            filter_ = make_filter(request, self._missing())
-            stream = GoalStream(self, self._buffer, filter_, self._budget(), goal, scope.cancel)
-            self._streams[number] = stream
-            timer = self.create_timer(request.period, stream.tick)
+            stream = self._start(
+                request, lambda: goal.feedback_wanted, goal.publish_feedback, FEEDBACK_TIMEOUT, scope.cancel
+            )
             try:
                 await goal.cancel_event.wait()
             finally:
-                timer.cancel()
-                self._streams.pop(number, None)
+                stream.stop()
         if stream.reason:
             raise GoalAborted({}, stream.reason)
         raise GoalCanceled({})
@@ -87,28 +88,38 @@ class Tf2WebRepublisher(Node):
         timeout = stamp_ns(message.timeout) / NANOSECONDS or TOPIC_TIMEOUT
         if timeout < 0:
             raise ServiceFailed(f"timeout must not be negative, got {timeout:g} s")
-        number = self._make_room()
-        publisher = self.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", qos=TopicStream.QOS)
-        filter_ = make_filter(request, self._missing())
-        ended = partial(self._streams.pop, number, None)
-        stream = TopicStream(self, self._buffer, filter_, self._budget(), publisher, timeout, ended)
-        self._streams[number] = stream
-        stream.start(request.period)
+        name = f"{NAME}/tf_repub_{next(self._numbers)}"
+        publisher = self.advertise(name, f"{_PACKAGE}/TFArray", qos=_TOPIC_QOS)
+        self._start(request, lambda: publisher.subscriber_count, publisher.publish, timeout, publisher.close)
         return {"topic_name": publisher.name}
 
-    def _make_room(self) -> int:
+    def _start(
+        self,
+        request: Request,
+        readers: Callable[[], int],
+        send: Callable[[dict[str, object]], object],
+        timeout: float,
+        end: Callable[[], object],
+    ) -> Stream:
         if len(self._streams) >= MOST_STREAMS:
             oldest = next(iter(self._streams))
-            self._streams.pop(oldest).stop(
-                f"there are more than {MOST_STREAMS} subscriptions; the oldest ended"
-            )
-        return next(self._numbers)
+            oldest.stop(f"there are more than {MOST_STREAMS} subscriptions; the oldest ended")
+        filter_ = make_filter(request, MissingFrames(self.log.error, self.clock.monotonic))
+        budget = CpuBudget(self.clock.monotonic, lambda: len(self._streams))
 
-    def _budget(self) -> CpuBudget:
-        return CpuBudget(self.clock.monotonic, lambda: len(self._streams))
+        def send_due() -> None:
+            due = filter_.due(self._buffer, self.clock.time_ns())
+            if due:
+                send(to_message(due))
 
-    def _missing(self) -> MissingFrames:
-        return MissingFrames(self.log.error, self.clock.monotonic)
+        def on_end() -> None:
+            self._streams.pop(stream, None)
+            end()
+
+        send_in_turn = partial(budget.turn, send_due)
+        stream = Stream(self, request.period, readers, filter_.forget, send_in_turn, timeout, on_end)
+        self._streams[stream] = None
+        return stream
 
 
 _TYPE: Final = "tf2_msgs/TFMessage"

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from time import thread_time
-from typing import ClassVar, Final
+from typing import Final
 
-from rwt.extensions.tf_stream.transform_filters import TargetFrameFilter, TreeFilter
-from rwt_graph import Node, Timer, TopicPublisher
-from rwt_participant.goals import ReceivedGoal
-from rwt_participant.qos import Durability, QoS
-from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
+from rwt_graph import Node
+from rwt_tf2 import StampedTransform, Transform, write_transform
 
 FEEDBACK_TIMEOUT: Final = 10.0
 """Time that a goal continues without a reader of its feedback, in seconds: a page may reconnect."""
@@ -38,99 +35,62 @@ def _rounded(stamped: StampedTransform) -> StampedTransform:
     )
 
 
-@dataclass(eq=False)
-class GoalStream:
-    """Stream of transforms as feedback of one goal.
+class Stream:
+    """Stream of transforms to one client: feedback of a goal, or a topic (TFR-09).
+
+    Nothing is sent without a reader, and each new one receives all transforms.
+
+    Args:
+        period: seconds between two updates.
+        readers: returns the number of readers now.
+        forget: makes every transform due, for a new reader.
+        send: sends the transforms that are due, if any (TFR-06).
+        timeout: seconds without a reader after which the stream ends.
+        on_end: called once when it has ended.
 
     Attributes:
-        reason: reason why it was stopped; empty while it runs.
+        reason: reason why it was stopped; empty while it runs, and if its client has ended it.
     """
 
-    node: Node
-    buffer: Buffer
-    filter_: TargetFrameFilter | TreeFilter
-    budget: CpuBudget
-    goal: ReceivedGoal
-    end: Callable[[], None]
-    reason: str = ""
-
-    def __post_init__(self) -> None:
-        self._taken_at = self.node.clock.monotonic()
-
-    def tick(self) -> None:
-        """Send the transforms that are due, if any (TFR-06)."""
-        now = self.node.clock.monotonic()
-        if not self.goal.feedback_wanted:
-            self.filter_.forget()
-            if now - self._taken_at >= FEEDBACK_TIMEOUT:
-                self.stop(f"no client took the feedback for {FEEDBACK_TIMEOUT:g} s")
-            return
-        self._taken_at = now
-        self.budget.turn(self._send)
-
-    def _send(self) -> None:
-        due = self.filter_.due(self.buffer, self.node.clock.time_ns())
-        if due:
-            self.goal.publish_feedback(to_message(due))
-
-    def stop(self, reason: str) -> None:
-        """End the goal as aborted."""
-        self.reason = reason
-        self.end()
-
-
-@dataclass(eq=False)
-class TopicStream:
-    """Stream on a topic, for one call of the service (TFR-09).
-
-    It ends after `timeout` seconds without a subscriber. Nothing is sent before the first subscriber, and
-    each new one receives all transforms.
-    """
-
-    QOS: ClassVar = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
-
-    node: Node
-    buffer: Buffer
-    filter_: TargetFrameFilter | TreeFilter
-    budget: CpuBudget
-    publisher: TopicPublisher
-    timeout: float
-    ended: Callable[[], object]
-
-    def __post_init__(self) -> None:
-        self._timer: Timer | None = None
-        self._subscribers = 0
-        self._subscribed_at = self.node.clock.monotonic()
-
-    def start(self, period: float) -> None:
-        """Begin to publish every `period` seconds."""
-        self._timer = self.node.create_timer(period, self._tick)
+    def __init__(
+        self,
+        node: Node,
+        period: float,
+        readers: Callable[[], int],
+        forget: Callable[[], None],
+        send: Callable[[], None],
+        timeout: float,
+        on_end: Callable[[], object],
+    ) -> None:
+        self.reason = ""
+        self._monotonic = node.clock.monotonic
+        self._readers = readers
+        self._forget = forget
+        self._send = send
+        self._timeout = timeout
+        self._on_end: Callable[[], object] | None = on_end
+        self._last_readers = 0
+        self._read_at = self._monotonic()
+        self._timer = node.create_timer(period, self._tick)
 
     def _tick(self) -> None:
-        now = self.node.clock.monotonic()
-        subscribers = self.publisher.subscriber_count
-        if subscribers > self._subscribers:
-            self.filter_.forget()
-        self._subscribers = subscribers
-        if subscribers:
-            self._subscribed_at = now
-            self.budget.turn(self._publish)
-        elif now - self._subscribed_at >= self.timeout:
-            self.stop("")
+        readers = self._readers()
+        if readers > self._last_readers:
+            self._forget()
+        self._last_readers = readers
+        if readers:
+            self._read_at = self._monotonic()
+            self._send()
+        elif self._monotonic() - self._read_at >= self._timeout:
+            self.stop(f"no client took the feedback for {self._timeout:g} s")
 
-    def _publish(self) -> None:
-        due = self.filter_.due(self.buffer, self.node.clock.time_ns())
-        if due:
-            self.publisher.publish(to_message(due))
-
-    def stop(self, reason: str) -> None:
-        """Withdraw the topic. The reason is ignored: only goals have a client to send it to."""
-        if self._timer is None:
-            return
+    def stop(self, reason: str = "") -> None:
+        """End the stream. No-op if it has ended."""
         self._timer.cancel()
-        self._timer = None
-        self.publisher.close()
-        self.ended()
+        on_end, self._on_end = self._on_end, None
+        if on_end is not None:
+            self.reason = reason
+            on_end()
 
 
 CPU_FRACTION: Final = 0.25

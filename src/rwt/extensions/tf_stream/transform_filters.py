@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from rwt_participant.messages import Message
 from rwt_tf2 import IDENTITY, Buffer, LookupFailed, StampedTransform, Transform, UnknownFrame
@@ -116,7 +116,7 @@ class TransformFilter(ABC, Generic[T]):
         self._sent.clear()
 
 
-def make_filter(request: Request, missing: MissingFrames) -> TargetFrameFilter | TreeFilter:
+def make_filter(request: Request, missing: MissingFrames) -> TransformFilter[Any]:
     """Return the filter for a request."""
     return TargetFrameFilter(request, missing) if request.target else TreeFilter(request, missing)
 

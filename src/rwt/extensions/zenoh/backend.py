@@ -15,13 +15,7 @@ from rwt.extensions.zenoh.services import ZenohServices
 from rwt.extensions.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt.extensions.zenoh.topics import ZenohTopics
 from rwt_graph import Node
-from rwt_graph.backend import (
-    DistributedGraph,
-    Limitation,
-    MemoryParticipant,
-    NodeResources,
-    Ros2Actions,
-)
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, NodeResources, Ros2Actions
 from rwt_graph.clock import Clock
 from rwt_graph.errors import ZenohError
 from rwt_graph.names import resolve
@@ -109,7 +103,7 @@ class ZenohGraph(DistributedGraph):
     async def join(self) -> None:
         """Connect to the other processes. Raises :exc:`ZenohError`."""
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
-        link = ZenohLink(session, self.options.domain, self.run_on_graph)
+        link = ZenohLink(session, self.options.domain, self.registry, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
         info, asked = session.info, ", ".join(self.options.connect)
         met = len(info.peers_zid()) + len(info.routers_zid())

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rwt.extensions.zenoh.rmw.attachment import Attachment
-from rwt.extensions.zenoh.rmw.keys import data_key
 from rwt_graph.backend import MemoryCall
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -107,7 +106,7 @@ class Client:
         self._unsent: dict[RemoteCall, set[str]] = {}
         self._listener: zenoh.MatchingListener[None] | None = None
         self._querier = link.session.declare_querier(
-            data_key(link.domain, end.name, end.dds_type, end.type_hash),
+            end.data_key(link.domain),
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=_ZENOH_TIMEOUT,

@@ -10,8 +10,12 @@ from typing import TypeVar
 
 import zenoh
 
+from rwt.extensions.zenoh.rmw.keys import dds_type
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
 from rwt_graph.backend import NodeResources
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType, ServiceType
+from rwt_participant.qos import DEFAULT_QOS, QoS
 
 T = TypeVar("T")
 
@@ -38,8 +42,13 @@ class ZenohLink:
     """
 
     def __init__(
-        self, session: zenoh.Session, domain: int, run_on_graph: Callable[[Callable[[], None]], None]
+        self,
+        session: zenoh.Session,
+        domain: int,
+        registry: Registry,
+        run_on_graph: Callable[[Callable[[], None]], None],
     ) -> None:
+        self._registry = registry
         self.session = session
         self.domain = domain
         self.id = str(session.zid())
@@ -77,6 +86,10 @@ class ZenohLink:
         if number is None:
             number = self._nodes[owner] = next(self._next)
         return number
+
+    def endpoint(self, name: str, type: MessageType | ServiceType, qos: QoS = DEFAULT_QOS) -> TokenEndpoint:
+        """Return a topic or service of this process, as tokens and keys name it."""
+        return TokenEndpoint(name, dds_type(self._registry.type_name(type)), type.rihs01, qos)
 
     def declare(self, kind: EntityKind, owner: NodeResources, endpoint: TokenEndpoint) -> Presence:
         node, entity = self._node(owner), next(self._next)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -55,23 +56,12 @@ def _make(context: GraphContext, settings: ZenohSettings) -> Graph:
         raise SettingsError(
             "`graph`: the graph over Zenoh needs more packages: pip install 'robot-web-tools[zenoh]'"
         ) from error
-    options = ZenohOptions(
-        settings.listen, settings.connect, settings.mode, settings.multicast, settings.config, settings.domain
-    )
+    options = ZenohOptions(**settings.model_dump())
     if context.worker is not None:
         from rwt.extensions.zenoh.worker_mesh import mesh_options
 
         options = mesh_options(options, context.worker.folder, context.worker.number, context.processes)
-    return ZenohGraph(
-        context.registry,
-        context.clock,
-        listen=options.listen,
-        connect=options.connect,
-        mode=options.mode,
-        multicast=options.multicast,
-        config=options.config,
-        domain=options.domain,
-    )
+    return ZenohGraph(context.registry, context.clock, **asdict(options))
 
 
 PART = GraphPart(

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 from rwt.extensions.zenoh.rmw import attachment
 from rwt_graph.api import Sample
-from rwt_graph.backend import MemorySubscription, RemoteEndpoint, Topic, TransientLocalCache
+from rwt_graph.backend import MemorySubscription, RemoteEndpoint, Topic, TransientLocalCache, received_sample
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, QoS
 
 if TYPE_CHECKING:
@@ -97,9 +96,10 @@ class SampleRouter:
         """Deliver one sample, on the graph's thread."""
         raw = received.attachment
         data = b"" if raw is None else raw.to_bytes()
+        name, payload = self._topic.name, Payload.relayed_cdr(self._type, received.payload.to_bytes())
         if len(data) != attachment.SIZE:
             # Sent by a program other than ROS 2's that knows the key and the type.
-            self._deliver(self._sample(received, self._clock.time_ns(), None))
+            self._deliver(received_sample(name, payload, self._clock.time_ns(), None))
             return
         number, stamp_ns, _, gid = attachment.unpack(data)
         if gid in self._own_gids:
@@ -108,7 +108,7 @@ class SampleRouter:
         if publisher is None and len(self._topic.remote_publishers) == 1:
             # Its GID was not made as in rmw_zenoh.
             publisher = self._topic.remote_publishers[0]
-        sample = self._sample(received, stamp_ns, publisher)
+        sample = received_sample(name, payload, stamp_ns, publisher)
         if sample.expires_ns and sample.expires_ns < self._clock.time_ns():
             return
         filters = self._filters
@@ -116,14 +116,6 @@ class SampleRouter:
             self._deliver(sample)
         else:
             self._deliver_new(filters, publisher, sample, gid, number)
-
-    def _sample(self, received: zenoh.Sample, stamp_ns: int, publisher: RemoteEndpoint | None) -> Sample:
-        payload = Payload.relayed_cdr(self._type, received.payload.to_bytes())
-        if publisher is None:
-            return Sample(self._topic.name, payload, stamp_ns, "")
-        lifespan = publisher.qos.lifespan
-        expires = stamp_ns + round(lifespan * NANOSECONDS) if lifespan else 0
-        return Sample(self._topic.name, payload, stamp_ns, publisher.node, expires)
 
     def _deliver(self, sample: Sample) -> None:
         history = self._filters is not None

@@ -12,10 +12,18 @@ import zenoh
 from rwt.extensions.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt.extensions.zenoh.rmw import attachment
 from rwt.extensions.zenoh.rmw.attachment import Attachment
-from rwt.extensions.zenoh.rmw.keys import data_key, dds_type, type_name
+from rwt.extensions.zenoh.rmw.keys import type_name
 from rwt.extensions.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
-from rwt_graph.backend import MemoryCall, MemoryProvider, NodeResources, RemoteServiceTable, Services
+from rwt_graph.backend import (
+    MemoryCall,
+    MemoryProvider,
+    NodeResources,
+    OfferedServices,
+    PerNode,
+    RemoteServiceTable,
+    Services,
+)
 from rwt_graph.errors import WireError
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -28,64 +36,49 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-class ZenohServices:
+class ZenohServices(OfferedServices["ZenohLink"]):
     """Declares the services of this process, and calls those of others."""
 
     def __init__(self, services: Services, registry: Registry, time_ns: Callable[[], int]) -> None:
-        self._services = services
+        super().__init__(services)
         self._registry = registry
         self._time_ns = time_ns
-        self._link: ZenohLink | None = None
-        # Functions that undeclare the services of this process.
-        self._offers: dict[MemoryProvider, Callable[[], None]] = {}
         self._remote: RemoteServiceTable[tuple[Token, TokenEndpoint]] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
-        self._clients: dict[tuple[NodeResources, str, str], Client] = {}
+        self._clients: PerNode[Client] = PerNode(Client.close)
         self._callers = NodeResources("/_remote", private=True)
 
-    def open(self, link: ZenohLink) -> None:
-        self._link = link
-        self._abandonments = link.session.declare_subscriber(
-            abandoned_key(link.domain, link.id),
-            link.callback(self._on_abandoned),
+    def open(self, connection: ZenohLink) -> None:
+        self._abandonments = connection.session.declare_subscriber(
+            abandoned_key(connection.domain, connection.id),
+            connection.callback(self._on_abandoned),
             allowed_origin=zenoh.Locality.REMOTE,
         )
-        for provider in self._services:
-            self.offered(provider)
+        super().open(connection)
 
     def close(self) -> None:
-        """Declare no more services; those declared end with the session."""
-        self._link = None
+        super().close()
         self._remote.close()
 
     # Services of this process
 
-    def offered(self, provider: MemoryProvider) -> None:
-        link = self._link
-        if link is None or provider.owner.private:
-            return
-        names = dds_type(self._registry.type_name(provider.type)), provider.type.rihs01
-        key = data_key(link.domain, provider.name, *names)
-        handler = link.callback(partial(self._serve, provider, key))
-        queryable = link.session.declare_queryable(
+    def _offer(self, connection: ZenohLink, provider: MemoryProvider) -> Callable[[], object]:
+        end = connection.endpoint(provider.name, provider.type)
+        key = end.data_key(connection.domain)
+        handler = connection.callback(partial(self._serve, provider, key))
+        queryable = connection.session.declare_queryable(
             key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE
         )
-        presence = link.declare(EntityKind.SERVICE, provider.owner, TokenEndpoint(provider.name, *names))
+        presence = connection.declare(EntityKind.SERVICE, provider.owner, end)
 
         def undeclare() -> None:
             presence.end()
             queryable.undeclare()
 
-        self._offers[provider] = undeclare
-
-    def withdrawn(self, provider: MemoryProvider) -> None:
-        undeclare = self._offers.pop(provider, None)
-        link = self._link
-        if undeclare is not None and link is not None:
-            # Deferred until its open calls have ended, which the caller does next.
-            link.run_on_graph(undeclare)
+        # Deferred until its open calls have ended, which the caller does next.
+        return partial(connection.run_on_graph, undeclare)
 
     def _serve(self, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
         raw, body = query.attachment, query.payload
@@ -147,7 +140,7 @@ class ZenohServices:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        service, link = self._remote.get(name), self._link
+        service, link = self._remote.get(name), self._connection
         if service is None or link is None:
             return None
         info, (_, end) = service.first
@@ -156,28 +149,16 @@ class ZenohServices:
             refused = RemoteCall(name, request, on_reply, info.type.response)
             refused.end_with(CallFailed(text))
             return refused
-        client = self._client(link, caller, end)
+        key = f"{name} {end.dds_type}"
+        client = self._clients.get(caller, key, partial(self._make_client, link, caller, end))
         sessions = {token.session for _, (token, _) in service.offers.values()}
         call = client.ask(name, request, on_reply, info.type.response, sessions)
-        deadlines = self._services.deadlines
-        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(service.open, caller, self._services.deadlines, timeout)
         return call
 
-    def _client(self, link: ZenohLink, caller: NodeResources, end: TokenEndpoint) -> Client:
-        identity = (caller, end.name, end.dds_type)
-        client = self._clients.get(identity)
-        if client is None:
-            presence = link.declare(
-                EntityKind.CLIENT, caller, TokenEndpoint(end.name, end.dds_type, end.type_hash)
-            )
-            client = self._clients[identity] = Client(link, end, presence, self._time_ns)
-
-            def close() -> None:
-                del self._clients[identity]
-                client.close()
-
-            caller.add(client, close)
-        return client
+    def _make_client(self, link: ZenohLink, caller: NodeResources, end: TokenEndpoint) -> Client:
+        own = TokenEndpoint(end.name, end.dds_type, end.type_hash)
+        return Client(link, end, link.declare(EntityKind.CLIENT, caller, own), self._time_ns)
 
 
 def _refuse(query: zenoh.Query, text: str, kind: str) -> None:

@@ -10,22 +10,13 @@ from typing import TYPE_CHECKING
 
 from rwt.extensions.zenoh.receive_queue import ReceiveQueue
 from rwt.extensions.zenoh.remote_publisher import ZenohPublisher
-from rwt.extensions.zenoh.rmw.keys import data_key, dds_type
-from rwt.extensions.zenoh.rmw.tokens import EntityKind, TokenEndpoint
+from rwt.extensions.zenoh.rmw.tokens import EntityKind
 from rwt.extensions.zenoh.sample_router import ReplayFilter, SampleRouter
 from rwt_graph.backend import belongs_to_action
-from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
     from rwt.extensions.zenoh.link import Presence, ZenohLink
-    from rwt_graph.backend import (
-        MemoryPublisher,
-        MemorySubscription,
-        NodeResources,
-        RemoteEndpoint,
-        Topic,
-        Topics,
-    )
+    from rwt_graph.backend import MemoryPublisher, MemorySubscription, RemoteEndpoint, Topic, Topics
     from rwt_interfaces.structs import MessageType
 
 
@@ -97,10 +88,9 @@ class ZenohTopics:
             channel.publishers.pop(publisher).close()
         for publisher in topic.publishers:
             if publisher in wanted and publisher not in channel.publishers:
-                key, presence = self._declare(
-                    link, EntityKind.PUBLISHER, publisher.owner, topic, publisher.type, publisher.qos
-                )
-                channel.publishers[publisher] = ZenohPublisher(link, key, publisher, presence)
+                end = link.endpoint(topic.name, publisher.type, publisher.qos)
+                presence = link.declare(EntityKind.PUBLISHER, publisher.owner, end)
+                channel.publishers[publisher] = ZenohPublisher(link, end, publisher, presence)
 
     def _follow_subscribers(self, link: ZenohLink, topic: Topic, channel: Channel) -> None:
         type = topic.type
@@ -116,7 +106,7 @@ class ZenohTopics:
         if type is None:
             return
         for history in kinds - channel.queues.keys():
-            key = data_key(link.domain, topic.name, *_type_of(type))
+            key = link.endpoint(topic.name, type).data_key(link.domain)
             filters = channel.filters if history else None
             router = SampleRouter(topic, type, self._topics.clock, self.publishers, link.own_gids, filters)
             prompt = belongs_to_action(topic.name)
@@ -124,25 +114,12 @@ class ZenohTopics:
         # Declared last: a process that sees the token relies on the subscription's receiving samples.
         for subscription in wanted:
             if subscription not in channel.subscribers:
-                _, presence = self._declare(
-                    link, EntityKind.SUBSCRIPTION, subscription.owner, topic, type, subscription.qos
+                end = link.endpoint(topic.name, type, subscription.qos)
+                channel.subscribers[subscription] = link.declare(
+                    EntityKind.SUBSCRIPTION, subscription.owner, end
                 )
-                channel.subscribers[subscription] = presence
                 # A subscription that is older than a break of the link keeps its filter.
                 channel.filters.setdefault(subscription, ReplayFilter(topic.remote_publishers))
-
-    def _declare(
-        self,
-        link: ZenohLink,
-        kind: EntityKind,
-        owner: NodeResources,
-        topic: Topic,
-        type: MessageType,
-        qos: QoS,
-    ) -> tuple[str, Presence]:
-        names = _type_of(type)
-        presence = link.declare(kind, owner, TokenEndpoint(topic.name, *names, qos))
-        return data_key(link.domain, topic.name, *names), presence
 
 
 def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription], idle: list[bool]) -> None:
@@ -154,7 +131,3 @@ def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription],
             # These caches no longer follow the publishers; the next subscriber queries the publishers' own.
             for publisher in topic.remote_publishers:
                 publisher.cache = None
-
-
-def _type_of(type: MessageType) -> tuple[str, str]:
-    return dds_type(type.registry.type_name(type)), type.rihs01

@@ -5,10 +5,11 @@ They are skipped where Debian's packages of ROS 1 are not installed.
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -18,7 +19,7 @@ import pytest
 
 from rwt.extensions.ros1 import Ros1Graph
 from tests.extensions.ros1.live.relay import UNSEEN_TYPES, Relay, build_relay
-from tests.processes import free_port
+from tests.processes import free_port, running
 from tests.statements import Program
 from tests.waiting import until_answered
 
@@ -137,6 +138,12 @@ class Ros:
         """End all programs."""
         self._programs.close()
         self.stop_master()
+
+
+def serving(*arguments: str) -> AbstractContextManager[tuple[subprocess.Popen[str], str]]:
+    """A command of this project that ROS 1 programs of this host reach, and the address that it prints."""
+    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
+    return running(*arguments, environment=environment, real=True, stderr=None)
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Final
 import pytest
 
 from tests.browser.driver import NODE, find_browser, opened_browser
-from tests.processes import free_port, running
+from tests.extensions.ros1.live.conftest import serving
+from tests.processes import free_port
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ async def test_the_page_works(ros: Ros, tmp_path: Path) -> None:
     robot.run(ROBOT)
     command = next(line for line in block("sh").splitlines() if line.startswith("rwt "))
     words = shlex.split(command.replace("ros1://robot:11311", ros.uri).replace("0.0.0.0:9090", "127.0.0.1:0"))
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
-    with running(*words[1:], environment=environment, real=True, stderr=None) as (_, url):
+    with serving(*words[1:]) as (_, url):
         page = tmp_path / "robot.html"
         address = url.removeprefix("ws://").rstrip("/")
         page.write_text(block("html").replace("127.0.0.1:9090", address), encoding="utf-8")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from rwt_client import connect
-from tests.extensions.ros1.live.conftest import Ros
+from tests.extensions.ros1.live.conftest import Ros, serving
 from tests.extensions.ros1.live.test_actions import CLIENT, SERVER
 from tests.extensions.ros1.live.test_services import CALL, OFFER
-from tests.processes import running
 from tests.waiting import until, until_answered, wait_until
 
 if TYPE_CHECKING:
@@ -26,40 +24,18 @@ pytestmark = pytest.mark.anyio
 def core(tmp_path: Path) -> Iterator[tuple[Ros, str]]:
     """ROS 1 whose master is a server of this project, and the URL of the server."""
     ros = Ros(tmp_path)
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
     graph = ros.uri.replace("ros1:", "ros1-master:")
-    arguments = ("serve", "--graph", graph, "ws://127.0.0.1:0")
-    with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
+    with serving("serve", "--graph", graph, "ws://127.0.0.1:0") as (_, url):
         try:
             yield ros, url
         finally:
             ros.close()
 
 
-async def test_the_tools_of_topics_nodes_and_recordings(core: tuple[Ros, str], tmp_path: Path) -> None:
-    ros, _ = core
-    ros.start("rostopic", "pub", "-r", "20", "/chatter", "std_msgs/String", "data: tick")
-    assert ros.tool("rostopic", "echo", "-n", "2", "/chatter").count('data: "tick"') == 2
-    assert "/chatter" in ros.tool("rostopic", "list")
-    assert "std_msgs/String" in ros.tool("rostopic", "info", "/chatter")
-    assert "average rate: " in ros.tool(
-        "timeout", "-s", "INT", "--preserve-status", "6", "rostopic", "hz", "/chatter"
-    )
-    assert "/rosapi" in ros.tool("rosnode", "list")
-    assert "xmlrpc reply" in ros.tool("rosnode", "ping", "-c", "1", "/rosapi")
-    assert "/rosout_agg" in ros.tool("rosnode", "info", "/rosout")
-    bag = str(tmp_path / "a.bag")
-    ros.tool("rosbag", "record", "--duration", "3", "-O", bag, "/chatter")
-    assert "std_msgs/String" in ros.tool("rosbag", "info", bag)
-    ros.tool("rosbag", "play", "--quiet", bag)
-    assert "running graph rules" in ros.tool("roswtf")
-
-
 def test_the_command_serves_programs_alone(tmp_path: Path) -> None:
     ros = Ros(tmp_path)
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
     address = f"127.0.0.1:{ros.port}"
-    with running("master", address, environment=environment, real=True, stderr=None) as (_, uri):
+    with serving("master", address) as (_, uri):
         try:
             assert uri == f"http://{address}/"
             assert ros.tool("rosnode", "list").split() == ["/rosout"]
@@ -67,20 +43,14 @@ def test_the_command_serves_programs_alone(tmp_path: Path) -> None:
             ros.close()
 
 
-async def test_the_tools_of_services_and_parameters(core: tuple[Ros, str]) -> None:
+def test_private_names_and_the_search_for_parameters(core: tuple[Ros, str]) -> None:
     ros, _ = core
     program = ros.program()
-    program.run(OFFER)
-    assert "/switch" in ros.tool("rosservice", "list")
-    assert "Node: /robot/program" in ros.tool("rosservice", "info", "/switch")
-    assert "switched" in ros.tool("rosservice", "call", "/switch", "true")
     ros.tool("rosparam", "set", "/a/b", "[1, two, {c: 2.5}]")
     assert ros.tool("rosparam", "get", "/a").split() == ["b:", "-", "1", "-", "two", "-", "c:", "2.5"]
     assert "noetic" in ros.tool("rosparam", "get", "/rosdistro")
     program.run("rospy.set_param('~own', 1); rospy.set_param('/robot/near', 2)")
     assert program.run("result = [rospy.search_param('near'), rospy.get_param('~own')]") == ["/robot/near", 1]
-    ros.tool("rosparam", "delete", "/a")
-    assert "/a/b" not in ros.tool("rosparam", "list")
     assert "killed" in ros.tool("rosnode", "kill", "/robot/program")
     wait_until(lambda: "/robot/program" not in ros.tool("rosnode", "list"))
 

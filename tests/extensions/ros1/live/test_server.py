@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -13,9 +12,8 @@ import websockets
 from websockets import Subprotocol
 
 from rwt_client import connect
-from tests.extensions.ros1.live.conftest import Ros
+from tests.extensions.ros1.live.conftest import Ros, serving
 from tests.extensions.ros1.live.test_topics import OTHER_STRING, PUBLISH, UNKNOWN
-from tests.processes import running
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -24,9 +22,7 @@ pytestmark = pytest.mark.anyio
 @contextmanager
 def server(ros: Ros, *options: str) -> Iterator[str]:
     """The URL of `rwt serve` on the graph of a master."""
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
-    arguments = ("serve", "--graph", ros.uri, *options, "ws://127.0.0.1:0")
-    with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
+    with serving("serve", "--graph", ros.uri, *options, "ws://127.0.0.1:0") as (_, url):
         yield url
 
 

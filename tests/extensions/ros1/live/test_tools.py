@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import AsyncIterator, Iterator
 from contextlib import closing
 from functools import partial
@@ -13,8 +12,7 @@ import anyio
 import anyio.to_thread
 import pytest
 
-from tests.extensions.ros1.live.conftest import Ros
-from tests.processes import running
+from tests.extensions.ros1.live.conftest import Ros, serving
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -31,8 +29,7 @@ def ros(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Ros]:
             made.start_master()
             yield made
             return
-        environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
-        with running("master", f"127.0.0.1:{made.port}", environment=environment, real=True, stderr=None):
+        with serving("master", f"127.0.0.1:{made.port}"):
             yield made
 
 

@@ -1,8 +1,12 @@
-"""A real ROS 2 program, which runs statements that see `node`, `executor`, `rclpy`, `qos` and `plain`."""
+"""A real ROS 2 program, which runs statements.
+
+They see `node`, `executor`, `rclpy`, `qos`, `plain` and `String`.
+"""
 
 from __future__ import annotations
 
 import threading
+from importlib import import_module
 from typing import Any, Final
 
 from tests.statements import run_statements
@@ -45,7 +49,9 @@ def main() -> None:
 
     spinning = threading.Thread(target=spin)
     spinning.start()
-    run_statements({"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain})
+    texts = import_module("std_msgs.msg")
+    names = {"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain}
+    run_statements({**names, "String": texts.String})
     rclpy.shutdown()
     spinning.join()
     executor.shutdown()

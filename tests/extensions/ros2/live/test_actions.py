@@ -5,16 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rwt_graph.api import GoalEvents, ServerGoal
+from rwt_graph.api import ServerGoal
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import GoalRejected, ProviderGone
 from rwt_participant.goals import GoalStatus
+from tests.contract.graph.harness import GoalDiary
 from tests.waiting import until
 
 if TYPE_CHECKING:
     from rwt.extensions.ros2 import Ros2Graph
     from rwt_graph.api import ClientGoal, Participant
-    from rwt_participant.errors import CallFailed
     from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
@@ -61,38 +60,23 @@ def answered(future):
 """
 
 
-class Diary:
-    """Events of a goal, as its client receives them."""
-
-    def __init__(self) -> None:
-        self.accepted = 0
-        self.feedback: list[list[int]] = []
-        self.result: tuple[GoalStatus, Any] | None = None
-
-    def events(self) -> GoalEvents:
-        return GoalEvents(self._on_result, self._on_feedback, self._on_accepted)
-
-    def _on_accepted(self) -> None:
-        self.accepted += 1
-
-    def _on_feedback(self, feedback: Payload) -> None:
-        message: Any = feedback.value()
-        assert self.result is None
-        self.feedback.append(list(message.sequence))
-
-    def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        message: Any = outcome.value() if isinstance(outcome, Payload) else outcome
-        self.result = (status, list(message.sequence) if isinstance(outcome, Payload) else outcome)
-
-
-def send(graph: Ros2Graph, client: Participant, order: int) -> tuple[ClientGoal, Diary]:
-    diary = Diary()
+def send(graph: Ros2Graph, client: Participant, order: int) -> tuple[ClientGoal, GoalDiary]:
+    diary = GoalDiary()
     goal = Payload.from_value(graph.registry.action("test_msgs/Fibonacci").goal, {"order": order})
-    return client.send_goal("/fib", goal, diary.events()), diary
+    return client.send_goal("/fib", goal, diary.events), diary
 
 
 def prefixes(length: int) -> list[list[int]]:
     return [list(range(end)) for end in range(1, length + 1)]
+
+
+def is_over(*diaries: GoalDiary) -> bool:
+    """Return True if all goals have ended."""
+    return all(isinstance(last, tuple) for diary in diaries for last in diary.heard[-1:] or [""])
+
+
+def feedback_of(diary: GoalDiary) -> list[list[int]]:
+    return [each for each in diary.heard if isinstance(each, list)]
 
 
 async def test_goals_of_a_server_of_ros_2(graph: Ros2Graph, program: Program) -> None:
@@ -101,17 +85,16 @@ async def test_goals_of_a_server_of_ros_2(graph: Ros2Graph, program: Program) ->
     await until(lambda: graph.action("/fib"))
     for _ in range(3):
         _, diary = send(graph, ours, 5)
-        await until(partial(getattr, diary, "result"))
-        assert diary.result == (GoalStatus.SUCCEEDED, [0, 1, 2, 3, 4])
-        assert diary.feedback == prefixes(5)
-        assert diary.accepted == 1
+        await until(partial(is_over, diary))
+        assert diary.heard[-1] == (GoalStatus.SUCCEEDED, [0, 1, 2, 3, 4])
+        assert feedback_of(diary) == prefixes(5)
+        assert diary.heard.count("accepted") == 1
     _, diary = send(graph, ours, 500)
-    await until(lambda: diary.result)
-    assert diary.result == (GoalStatus.ABORTED, [0, 1, 2])
+    await until(lambda: is_over(diary))
+    assert diary.heard[-1] == (GoalStatus.ABORTED, [0, 1, 2])
     _, rejected = send(graph, ours, -1)
-    await until(lambda: rejected.result)
-    assert rejected.result is not None
-    assert isinstance(rejected.result[1], GoalRejected)
+    await until(lambda: is_over(rejected))
+    assert rejected.heard[-1][1].startswith("GoalRejected: ")
 
 
 async def test_a_goal_of_a_server_of_ros_2_is_cancelled(graph: Ros2Graph, program: Program) -> None:
@@ -119,18 +102,17 @@ async def test_a_goal_of_a_server_of_ros_2_is_cancelled(graph: Ros2Graph, progra
     ours = graph.participant("/ours")
     await until(lambda: graph.action("/fib"))
     goal, diary = send(graph, ours, 1000)
-    await until(lambda: diary.feedback)
+    await until(lambda: feedback_of(diary))
     goal.cancel()
-    await until(lambda: diary.result)
-    assert diary.result is not None
-    assert diary.result[0] is GoalStatus.CANCELED
-    last = diary.feedback[-1]  # DDS keeps no order between feedback and result, which may overtake it.
-    assert diary.result[1][: len(last)] == last
+    await until(lambda: is_over(diary))
+    status, sequence = diary.heard[-1]
+    last = feedback_of(diary)[-1]  # DDS keeps no order between feedback and result, which may overtake it.
+    assert (status, sequence[: len(last)]) == (GoalStatus.CANCELED, last)
     others = [send(graph, ours, 1000)[1] for _ in range(3)]
-    await until(lambda: all(each.feedback for each in others))
+    await until(lambda: all(map(feedback_of, others)))
     for _ in ours.cancel_every_goal("/fib"):
         pass
-    await until(lambda: all(each.result for each in others))
+    await until(lambda: is_over(*others))
     assert program.run("result = ended") == ["canceled"] * 4
 
 
@@ -139,12 +121,10 @@ async def test_a_goal_ends_when_its_server_leaves(graph: Ros2Graph, program: Pro
     ours = graph.participant("/ours")
     await until(lambda: graph.action("/fib"))
     _, diary = send(graph, ours, 1000)
-    await until(lambda: diary.feedback)
+    await until(lambda: feedback_of(diary))
     program.run("server.destroy()")
-    await until(lambda: diary.result)
-    assert diary.result is not None
-    assert diary.result[0] is GoalStatus.ABORTED
-    assert isinstance(diary.result[1], ProviderGone)
+    await until(lambda: is_over(diary))
+    assert diary.heard[-1] == (GoalStatus.ABORTED, "ProviderGone: Action /fib was unadvertised")
     await until(lambda: graph.action("/fib") is None)
     program.kill()  # Its goal is still running.
 
@@ -173,8 +153,8 @@ async def test_many_goals_at_once(graph: Ros2Graph, program: Program) -> None:
     ours = graph.participant("/ours")
     await until(lambda: graph.action("/fib"))
     diaries = [send(graph, ours, 2)[1] for _ in range(100)]
-    await until(lambda: all(each.result for each in diaries))
-    assert [each.result for each in diaries] == [(GoalStatus.SUCCEEDED, [0, 1])] * 100
+    await until(lambda: is_over(*diaries))
+    assert [each.heard[-1] for each in diaries] == [(GoalStatus.SUCCEEDED, [0, 1])] * 100
 
 
 async def test_a_client_of_ros_2_sends_goals(graph: Ros2Graph, program: Program) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import struct
 from collections.abc import Iterator
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import bson
 import pytest
@@ -18,8 +17,8 @@ from rosbridge_conformance.wire.cbor import read_cbor, typed_array
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
+from tests.extensions.ros2.live.test_server import serving
 from tests.extensions.ros2.live.values import TYPES, comparable
-from tests.processes import running
 from tests.statements import Program
 from tests.waiting import wait_until
 
@@ -36,9 +35,7 @@ def registry(domain: int) -> Registry:
 
 
 def _serve(*settings: str) -> Iterator[str]:
-    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", "")}
-    arguments = ("serve", "--graph", "ros2", "ws://127.0.0.1:0", *settings)
-    with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
+    with serving("serve", "--graph", "ros2", "ws://127.0.0.1:0", *settings) as (_, url):
         yield url
 
 
@@ -86,23 +83,6 @@ result = [plain(each) for each in sent]
     return sent
 
 
-class Peer(Protocol):
-    """Client of the server."""
-
-    type: MessageType
-    theirs: str
-    ours: str
-
-    def subscribe(self) -> None:
-        """Subscribe to `theirs`, and advertise `ours`."""
-
-    def next_value(self) -> Payload:
-        """Return the next message."""
-
-    def publish(self, payload: Payload) -> None:
-        """Publish a message."""
-
-
 #: BSON has no unsigned 64-bit integers: those of the program become signed ones.
 _SIGNED = """
 def shrink(message):
@@ -118,7 +98,7 @@ result = [plain(each) for each in sent]
 """
 
 
-def exchange(program: Program, client: Peer, change: str = "") -> None:
+def exchange(program: Program, client: Rosbridge | Foxglove, change: str = "") -> None:
     """Pass the messages of a type from the program to a client, and back."""
     sent = fixture_of(program, client.type.name.partition("/")[2], client.theirs, client.ours)
     if change:
@@ -149,6 +129,7 @@ class Rosbridge:
         self._socket.send(bson.encode(message) if self._only_bson else json.dumps(message))
 
     def subscribe(self) -> None:
+        """Subscribe to `theirs`, and advertise `ours`."""
         type = f"test_msgs/{self.type.name.partition('/')[2]}"
         compression = {} if self._only_bson else {"compression": self._compression}
         self.say(op="subscribe", topic=self.theirs, type=type, **compression)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rwt_participant.errors import NotFound, ParameterRejected
 from tests.extensions.ros2.live.program import NODE
 from tests.waiting import until
 
@@ -16,29 +15,6 @@ if TYPE_CHECKING:
     from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
-
-_PARAMETERS = """
-from rcl_interfaces.msg import ParameterDescriptor
-node.declare_parameter('speed', 1.5)
-node.declare_parameter('names', ['a', 'b'])
-node.declare_parameter('fixed', 7, ParameterDescriptor(read_only=True))
-"""
-
-
-async def test_parameters_of_a_node_of_ros_2(graph: Ros2Graph, program: Program) -> None:
-    program.run(_PARAMETERS)
-    ours = graph.node("ours")
-    await until(lambda: graph.service(f"{NODE}/set_parameters"))
-    assert await ours.params.get(f"{NODE}:speed") == 1.5
-    assert await ours.params.get(f"{NODE}:names") == ["a", "b"]
-    await ours.params.set(f"{NODE}:speed", 2.5)
-    assert program.run("result = node.get_parameter('speed').value") == 2.5
-    with pytest.raises(ParameterRejected, match="read-only"):
-        await ours.params.set(f"{NODE}:fixed", 8)
-    with pytest.raises(NotFound):
-        await ours.params.get(f"{NODE}:missing")
-    names = await ours.params.names()
-    assert {f"{NODE}:speed", f"{NODE}:fixed", "/ours:use_sim_time"} <= set(names)
 
 
 async def test_a_node_that_does_not_answer_is_left_out(

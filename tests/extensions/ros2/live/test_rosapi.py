@@ -20,7 +20,6 @@ pytestmark = pytest.mark.anyio
 _ROBOT = """
 from rcl_interfaces.msg import ParameterDescriptor
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from test_msgs.action import Fibonacci
 from rclpy.action import ActionServer

@@ -13,7 +13,6 @@ import anyio
 import pytest
 from websockets.sync.client import connect
 
-from rwt_client import connect as connect_robot
 from tests.processes import running
 from tests.waiting import until
 
@@ -61,37 +60,6 @@ def arenas_of(process: subprocess.Popen[str]) -> list[int]:
     private = [line.split() for line in maps if " rw-p 00000000 00:00 0 " in f"{line} "]
     addresses = [int(fields[0].partition("-")[0], 16) for fields in private]
     return [each for each in addresses if each % 2**26 == 0]
-
-
-async def test_a_client_exchanges_topics_with_a_ros_2_program(program: Program) -> None:
-    program.run(
-        """
-from std_msgs.msg import String
-received = []
-node.create_subscription(String, '/from_client', lambda m: received.append(m.data), 10)
-kept = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
-publisher = node.create_publisher(String, '/to_client', kept)
-publisher.publish(String(data='retained'))
-"""
-    )
-    with serving() as (_, url):
-        async with connect_robot(url) as robot:
-            texts: list[str] = []
-            robot.subscribe("/to_client", lambda message: texts.append(message.data), "std_msgs/String")
-            await until(lambda: texts == ["retained"])
-            late: list[str] = []
-            robot.subscribe("/to_client", lambda message: late.append(message.data), "std_msgs/String")
-            await until(lambda: late == ["retained"])
-            publisher = robot.advertise("/from_client", "std_msgs/String")
-            await publisher
-            await until(lambda: program.run("result = node.count_publishers('/from_client')") == 1)
-
-            def arrived() -> bool:
-                publisher.publish({"data": "hi"})
-                return "hi" in program.run("result = received")
-
-            await until(arrived)
-    await until(lambda: program.run("result = node.count_publishers('/from_client')") == 0)
 
 
 async def test_sigterm_ends_the_server_and_its_endpoints(program: Program) -> None:

@@ -208,23 +208,6 @@ async def test_a_client_that_leaves_during_a_call(graph: Ros2Graph, program: Pro
     assert len(answers) == 1
 
 
-async def test_services_of_other_processes_are_listed(graph: Ros2Graph, program: Program) -> None:
-    program.run(_SLOW.format(seconds=0))
-    await until(lambda: graph.service("/slow"))
-    info = graph.service("/slow")
-    assert info is not None
-    assert (info.type.name, info.node) == ("std_srvs/Trigger", NODE)
-    (node,) = (node for node in graph.nodes() if node.name == NODE)
-    assert "/slow" in node.services
-    ours = graph.participant("/ours")
-    service = ours.advertise_service("/ours", info.type, lambda _: None)
-    seen = "result = dict(node.get_service_names_and_types_by_node('ours', '/'))"
-    await until(lambda: "ours" in program.run("result = node.get_node_names()"))
-    await until(lambda: program.run(seen) == {"/ours": ["std_srvs/srv/Trigger"]})
-    service.close()
-    await until(lambda: not program.run(seen))
-
-
 async def test_what_is_not_installed_is_logged_once_for_each_package(
     graph: Ros2Graph, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rwt_graph.errors import TypeConflict
 from rwt_interfaces.payload import Payload
-from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, QoS, Reliability
+from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Reliability
 from tests.extensions.ros2.live.program import NODE
-from tests.extensions.ros2.live.values import TYPES, comparable
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -40,37 +38,6 @@ def text(graph: Ros2Graph, data: str) -> Payload:
     return Payload.from_value(graph.registry.message("std_msgs/String"), {"data": data})
 
 
-@pytest.mark.parametrize("name", TYPES)
-async def test_every_kind_of_field_in_both_directions(graph: Ros2Graph, program: Program, name: str) -> None:
-    type = graph.registry.message(f"test_msgs/{name}")
-    samples: list[Sample] = []
-    ours = graph.participant("/ours")
-    ours.subscribe("/theirs", samples.append, type)
-    publisher = ours.advertise("/ours", type)
-    sent = program.run(
-        f"""
-from test_msgs.msg import {name} as Type
-from test_msgs import message_fixtures
-from test_msgs.message_fixtures import *
-import re
-sent = getattr(message_fixtures, 'get_msg_' + re.sub('(?<=[a-z])(?=[A-Z])', '_', {name!r}).lower())()
-received = []
-node.create_subscription(Type, '/ours', received.append, 50)
-publisher = node.create_publisher(Type, '/theirs', 50)
-result = [plain(each) for each in sent]
-"""
-    )
-    await until(lambda: publisher.subscriber_count == 1)
-    await until(lambda: program.run("result = publisher.get_subscription_count()") == 1)
-    program.run("for each in sent: publisher.publish(each)")
-    await until(lambda: len(samples) == len(sent))
-    assert [comparable(sample.payload.value()) for sample in samples] == sent
-    for sample in samples:
-        publisher.publish(Payload.from_value(type, sample.payload.value()))
-    await until(lambda: program.run("result = len(received)") == len(sent))
-    assert program.run("result = [plain(each) for each in received]") == sent
-
-
 async def test_bytes_pass_unchanged(graph: Ros2Graph, program: Program) -> None:
     samples: list[Sample] = []
     graph.participant("/ours").subscribe("/bytes", samples.append)
@@ -94,7 +61,6 @@ message = UInt8MultiArray(data=bytes(range(256)) * 4000)
 async def test_nodes_topics_types_and_qos_are_discovered(graph: Ros2Graph, program: Program) -> None:
     program.run(
         """
-from std_msgs.msg import String
 a = node.create_publisher(String, '/a', qos.qos_profile_sensor_data)
 b = node.create_subscription(String, '/b', print, 10)
 """
@@ -141,7 +107,6 @@ async def test_late_subscribers_receive_what_two_publishers_retain(
 ) -> None:
     program.run(
         f"""
-from std_msgs.msg import String
 deep = node.create_publisher(String, '/kept', {_DEPTHS.format(3)})
 latched = node.create_publisher(String, '/kept', {_DEPTHS.format(1)})
 for number in range(1, 6): deep.publish(String(data=f'deep {{number}}'))
@@ -174,12 +139,7 @@ async def test_the_depth_of_a_publisher_that_starts_later(graph: Ros2Graph, prog
     ours = graph.participant("/ours")
     first = Received()
     ours.subscribe("/kept", first)
-    program.run(
-        f"""
-from std_msgs.msg import String
-deep = node.create_publisher(String, '/kept', {_DEPTHS.format(2)})
-"""
-    )
+    program.run(f"deep = node.create_publisher(String, '/kept', {_DEPTHS.format(2)})")
     await until(lambda: program.run("result = deep.get_subscription_count()") == 1)
     for number in range(1, 6):
         program.run(f"deep.publish(String(data='{number}'))")
@@ -197,7 +157,6 @@ deep = node.create_publisher(String, '/kept', {_DEPTHS.format(2)})
 async def test_a_mixture_of_latched_and_volatile_publishers(graph: Ros2Graph, program: Program) -> None:
     program.run(
         f"""
-from std_msgs.msg import String
 latched = node.create_publisher(String, '/mixed', {_DEPTHS.format(1)})
 latched.publish(String(data='latched'))
 volatile = node.create_publisher(String, '/mixed', qos.qos_profile_sensor_data)
@@ -220,28 +179,11 @@ async def test_a_subscription_follows_a_best_effort_publisher_that_starts_later(
     graph.participant("/ours").subscribe("/later", received, graph.registry.message("std_msgs/String"))
     program.run(
         """
-from std_msgs.msg import String
 publisher = node.create_publisher(String, '/later', qos.qos_profile_sensor_data)
 timer = node.create_timer(0.05, lambda: publisher.publish(String(data='x')))
 """
     )
     await until(lambda: received)
-
-
-async def test_our_latched_topics_reach_late_subscribers_there(graph: Ros2Graph, program: Program) -> None:
-    qos = QoS(depth=2, durability=Durability.TRANSIENT_LOCAL)
-    ours = graph.participant("/ours")
-    publisher = ours.advertise("/kept", graph.registry.message("std_msgs/String"), qos)
-    for data in "abc":
-        publisher.publish(text(graph, data))
-    program.run(
-        f"""
-from std_msgs.msg import String
-received = []
-node.create_subscription(String, '/kept', lambda m: received.append(m.data), {_DEPTHS.format(10)})
-"""
-    )
-    await until(lambda: program.run("result = received") == ["b", "c"])
 
 
 async def test_our_own_samples_do_not_come_back(graph: Ros2Graph, program: Program) -> None:
@@ -252,7 +194,6 @@ async def test_our_own_samples_do_not_come_back(graph: Ros2Graph, program: Progr
     publisher = ours.advertise("/both", string)
     program.run(
         """
-from std_msgs.msg import String
 received = []
 node.create_subscription(String, '/both', lambda m: received.append(m.data), 10)
 publisher = node.create_publisher(String, '/both', 10)
@@ -265,17 +206,6 @@ publisher = node.create_publisher(String, '/both', 10)
     program.run("publisher.publish(String(data='theirs'))")
     await until(lambda: "theirs" in received)
     assert received == ["ours", "theirs"]
-
-
-async def test_a_topic_of_another_process_has_a_type(graph: Ros2Graph, program: Program) -> None:
-    program.run("from std_msgs.msg import String; p = node.create_publisher(String, '/known', 10)")
-    await until(lambda: graph.topic("/known"))
-    string = graph.registry.message("std_msgs/String")
-    with pytest.raises(TypeConflict, match="established with type std_msgs/msg/String"):
-        graph.participant("/ours").advertise("/known", graph.registry.message("std_msgs/Int32"))
-    info = graph.topic("/known")
-    assert info is not None
-    assert info.type is string
 
 
 async def test_idle_subscriptions_need_no_threads_of_their_own(graph: Ros2Graph) -> None:
@@ -316,7 +246,6 @@ async def test_a_middleware_without_callbacks_is_waited_for(
         graph.participant("/ours").subscribe("/waited", received, graph.registry.message("std_msgs/String"))
         program.run(
             """
-from std_msgs.msg import String
 publisher = node.create_publisher(String, '/waited', 10)
 timer = node.create_timer(0.05, lambda: publisher.publish(String(data='x')))
 """
@@ -343,7 +272,6 @@ async def test_many_subscriptions_share_descriptors(
     assert len(os.listdir("/proc/self/fd")) == before
     program.run(
         """
-from std_msgs.msg import String
 publishers = [node.create_publisher(String, f'/shared_{n}', 10) for n in range(20)]
 """
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import struct
+from collections.abc import Callable
+from itertools import accumulate, product
 
 import pytest
 from hypothesis import given
@@ -104,29 +106,17 @@ def test_type_names(ros: str, dds: str) -> None:
     assert keys.type_name(dds) == ros
 
 
-@pytest.mark.parametrize(
-    "name", ["", "String", "std_msgs/String", "a/msg/b/c", "a/idl/B", "/msg/B", "a/msg/"]
-)
-def test_names_that_are_no_type_names(name: str) -> None:
-    with pytest.raises(WireError, match="is not a type name"):
-        keys.dds_type(name)
+_NO_TYPES = ("", "String", "std_msgs/String", "a/msg/b/c", "a/idl/B", "/msg/B", "a/msg/")
+_NO_DDS_TYPES = ("", "String_", "a::msg::dds_::B", "a::msg::B_", "a::idl::dds_::B_", "::msg::dds_::B_")
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "",
-        "String_",
-        "a::msg::dds_::B",
-        "a::msg::B_",
-        "a::idl::dds_::B_",
-        "::msg::dds_::B_",
-        "a::msg::dds_::_",
-    ],
+    ("convert", "name"),
+    [*product([keys.dds_type], _NO_TYPES), *product([keys.type_name], (*_NO_DDS_TYPES, "a::msg::dds_::_"))],
 )
-def test_texts_that_are_no_dds_type_names(name: str) -> None:
+def test_names_that_are_no_type_names(convert: Callable[[str], str], name: str) -> None:
     with pytest.raises(WireError, match="is not a type name"):
-        keys.type_name(name)
+        convert(name)
 
 
 @pytest.mark.parametrize(
@@ -159,24 +149,10 @@ def test_best_available_is_written_as_the_default() -> None:
     assert qos_text.encode(best) == "::,10:,:,:,,"
 
 
-@pytest.mark.parametrize("cut", range(len("2:1:2,5:1,2:3,4:,,")))
-def test_a_qos_that_is_cut_short(cut: int) -> None:
-    with pytest.raises(WireError, match="is not a QoS"):
-        qos_text.decode("2:1:2,5:1,2:3,4:,,"[:cut])
+_NO_QOS = ("9::,10:,:,:,,", ":9:,10:,:,:,,", "::9,10:,:,:,,", "::,x:,:,:,,", "::,-1:,:,:,,", "::,10:,:,:,,:")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "9::,10:,:,:,,",
-        ":9:,10:,:,:,,",
-        "::9,10:,:,:,,",
-        "::,x:,:,:,,",
-        "::,-1:,:,:,,",
-        "::,10:,:,:,,:",
-        "::,²:,:,:,,",
-    ],
-)
+@pytest.mark.parametrize("text", [*accumulate("2:1:2,5:1,2:3,4:,"), "", "::,²:,:,:,,", *_NO_QOS])
 def test_texts_that_are_no_qos(text: str) -> None:
     with pytest.raises(WireError, match="is not a QoS"):
         qos_text.decode(text)
@@ -192,13 +168,10 @@ def test_an_attachment_is_33_bytes() -> None:
     assert attachment.SIZE == len(ATTACHMENT) == 33
 
 
-@pytest.mark.parametrize("size", [*range(33), 34, 66])
-def test_an_attachment_of_another_size(size: int) -> None:
-    with pytest.raises(WireError, match=f"an attachment of {size} bytes"):
-        attachment.decode((ATTACHMENT * 2)[:size])
-
-
-def test_an_attachment_with_another_length_byte() -> None:
+def test_an_attachment_of_another_size() -> None:
+    for size in (*range(33), 34, 66):
+        with pytest.raises(WireError, match=f"an attachment of {size} bytes"):
+            attachment.decode((ATTACHMENT * 2)[:size])
     with pytest.raises(WireError, match="whose GID has 15 bytes"):
         attachment.decode(ATTACHMENT[:16] + b"\x0f" + ATTACHMENT[17:])
 

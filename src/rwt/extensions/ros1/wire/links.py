@@ -72,7 +72,7 @@ class Link:
         self.header: dict[str, str] = {}
         self.peer = peer
         self.on_header: OnLink = _ignore
-        self.on_frame: OnFrame = _ignore_frame
+        self.on_frame: OnFrame = _ignore
         self.on_close: OnLink = _ignore
         self.ready = anyio.Event()
         self.ended = anyio.Event()
@@ -170,11 +170,7 @@ class Link:
         self.ended.set()
 
 
-def _ignore(_link: Link) -> None:
-    pass
-
-
-def _ignore_frame(_link: Link, _frame: bytes | memoryview) -> None:
+def _ignore(*_: object) -> None:
     pass
 
 

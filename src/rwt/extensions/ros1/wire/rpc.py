@@ -235,9 +235,7 @@ class _RpcServer:
         try:
             if network.calling > _MOST_RECEIVED:
                 raise WireError("too many large calls are being received")
-            parts = self._response(await _in_turns(_decoded(body)))
-            async with self._responses:
-                return _xml(await _in_turns(_joined(parts)))
+            return await self._answer_long(self._response(await _in_turns(_decoded(body))))
         except WireError as error:
             return _fault(error)
         finally:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 from rwt_graph.errors import WireError
 
 #: Replacement of `/` in names that are one part of a key.
 SLASH = "%"
 
-_KINDS = ("msg", "srv", "action")
+_TYPE = re.compile("([^/]+)/(msg|srv|action)/([^/]+)")
+_DDS_TYPE = re.compile("([^:]+)::(msg|srv|action)::dds_::([^:]+)_")
 
 
 def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
@@ -23,26 +26,18 @@ def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
 
 def dds_type(type_name: str) -> str:
     """Convert `std_msgs/msg/String` to `std_msgs::msg::dds_::String_`. Raises :exc:`WireError`."""
-    parts = type_name.split("/")
-    if len(parts) != 3 or parts[1] not in _KINDS or not all(parts):
+    parts = _TYPE.fullmatch(type_name)
+    if parts is None:
         raise WireError(f"{type_name[:80]!r} is not a type name of three parts, like std_msgs/msg/String")
-    package, kind, name = parts
-    return f"{package}::{kind}::dds_::{name}_"
+    return "{}::{}::dds_::{}_".format(*parts.groups())
 
 
 def type_name(dds: str) -> str:
     """Convert `std_msgs::msg::dds_::String_` to `std_msgs/msg/String`. Raises :exc:`WireError`."""
-    parts = dds.split("::")
-    if (
-        len(parts) != 4
-        or parts[1] not in _KINDS
-        or parts[2] != "dds_"
-        or not parts[0]
-        or not parts[3].removesuffix("_")
-        or not parts[3].endswith("_")
-    ):
+    parts = _DDS_TYPE.fullmatch(dds)
+    if parts is None:
         raise WireError(f"{dds[:80]!r} is not a type name like std_msgs::msg::dds_::String_")
-    return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
+    return "/".join(parts.groups())
 
 
 def mangle(name: str) -> str:

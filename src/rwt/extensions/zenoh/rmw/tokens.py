@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rwt.extensions.zenoh.rmw import qos_text
-from rwt.extensions.zenoh.rmw.keys import SLASH, demangle, mangle
+from rwt.extensions.zenoh.rmw.keys import SLASH, data_key, demangle, mangle
 from rwt_graph.errors import WireError
 from rwt_participant.qos import DEFAULT_QOS, QoS
 
@@ -47,6 +47,10 @@ class TokenEndpoint:
     dds_type: str
     type_hash: str
     qos: QoS = DEFAULT_QOS
+
+    def data_key(self, domain: int) -> str:
+        """Return the key of a topic's samples or a service's requests."""
+        return data_key(domain, self.name, self.dds_type, self.type_hash)
 
 
 @dataclass(frozen=True, slots=True)
