@@ -14,7 +14,7 @@ from rwt_rclpy.execution.signals import (
 )
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.parameters.parameter import Parameter
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
@@ -47,7 +47,7 @@ def init(
         signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
     context.init(args, domain_id=domain_id)
     install_signal_handlers(signal_handler_options)
-    return InitContextManager(context) if RELEASE.init_returns_context_manager else None
+    return InitContextManager(context) if FROM_KILTED else None
 
 
 class InitContextManager:

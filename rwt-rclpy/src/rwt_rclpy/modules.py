@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 _HERE: Final = "rwt_rclpy"
 
@@ -72,7 +72,7 @@ _RCLPY: Final = {
     "waitable": "execution.waitable",
 }
 
-if not RELEASE.has_kilted_names:
+if not FROM_KILTED:
     del _RCLPY["subscription_content_filter_options"]
 
 _LAUNCH: Final = {

@@ -202,10 +202,8 @@ class Buffer(BufferInterface):
     def _wait(self, ready: Callable[[], bool], timeout: Duration | None) -> None:
         if timeout is None or timeout.nanoseconds <= 0 or ready():
             return
-        deadline = self._keeper.steady_ns() + timeout.nanoseconds
         with self._condition:
-            while not ready() and self._keeper.steady_ns() < deadline:
-                self._keeper.wait(self._condition, deadline)
+            self._keeper.wait_for(self._condition, ready, self._keeper.steady_ns() + timeout.nanoseconds)
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None

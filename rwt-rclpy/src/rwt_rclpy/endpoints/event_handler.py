@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.destroyable import Destroyable, Owner
 from rwt_rclpy.execution.entity import Entity
 
 
@@ -59,7 +59,7 @@ class QoSLivelinessChangedInfo:
 OnEvent = Callable[[Any], object]
 
 
-class EventHandler(Entity):
+class EventHandler(Entity, Owner):
     """Handler of one kind of event."""
 
     def __init__(
@@ -70,9 +70,6 @@ class EventHandler(Entity):
         self.event_type = event_type
         self._handle = Destroyable("event")
         self._pending: Any = None
-
-    def active(self) -> None:
-        """Handle a published or received message, or an assertion of liveliness."""
 
     def happened(self, info: Any) -> None:
         """Schedule the callback; a newer event replaces a pending one."""
@@ -87,10 +84,6 @@ class EventHandler(Entity):
         """Return the callback with the event."""
         info, self._pending = self._pending, None
         return None if info is None else lambda: self.callback(info)
-
-    def destroy(self) -> None:
-        """Destroy the handler."""
-        self._handle.destroy_when_not_in_use()
 
 
 class LostHandler(EventHandler):

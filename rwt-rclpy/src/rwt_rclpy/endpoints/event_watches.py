@@ -144,9 +144,6 @@ class MatchedHandler(EventHandler):
         self._now = 0
         self._total = 0
 
-    def active(self) -> None:
-        """No-op: messages do not change the number of endpoints."""
-
     def _rwt_has_work(self) -> bool:
         """True if the number of matched endpoints has changed since the last event."""
         now = self._keeper.steady_ns()

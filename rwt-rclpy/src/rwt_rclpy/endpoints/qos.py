@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from rwt_participant import qos as program
 from rwt_rclpy.clocks.duration import Duration, Infinite
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 #: rmw's duration for "best available".
 BEST_AVAILABLE_NS: Final = 9223372036854775806
@@ -179,7 +179,8 @@ class QoSProfile:
     def __init__(self, **kwargs: Any) -> None:
         unknown = set(kwargs) - set(POLICIES)
         if unknown:
-            raise RELEASE.error_of_unknown_policy(f"no such policy: {', '.join(sorted(unknown))}")
+            error = TypeError if FROM_KILTED else AssertionError
+            raise error(f"no such policy: {', '.join(sorted(unknown))}")
         if "history" not in kwargs:
             if "depth" not in kwargs:
                 raise InvalidQoSProfileException("History and/or depth settings are required.")
@@ -299,7 +300,7 @@ class QoSPresetProfiles(Enum):
     PARAMETER_EVENTS = qos_profile_parameter_events
     ACTION_STATUS_DEFAULT = qos_profile_action_status_default
     BEST_AVAILABLE = qos_profile_best_available
-    if RELEASE.rosout_is_preset:
+    if FROM_KILTED:
         ROSOUT_DEFAULT = qos_profile_rosout_default
 
     @classmethod

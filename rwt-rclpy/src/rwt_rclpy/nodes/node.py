@@ -18,7 +18,6 @@ from rwt_rclpy.endpoints.content_filter import ContentFilterOptions
 from rwt_rclpy.endpoints.event_handler import EventHandler
 from rwt_rclpy.endpoints.event_watches import Watched
 from rwt_rclpy.endpoints.events import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
 from rwt_rclpy.endpoints.overriding import QoSOverridingOptions, _declare_qos_parameters
 from rwt_rclpy.endpoints.publisher import Publisher
 from rwt_rclpy.endpoints.qos import (
@@ -35,7 +34,7 @@ from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
-from rwt_rclpy.exceptions import NameValidationException, NotInitializedException, RCLError
+from rwt_rclpy.exceptions import InvalidHandle, NameValidationException, NotInitializedException, RCLError
 from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from rwt_rclpy.execution.callback_groups import (
     CallbackGroup,
@@ -62,7 +61,7 @@ from rwt_rclpy.nodes.type_description_service import TypeDescriptionService
 from rwt_rclpy.parameters.node_parameters import NodeParameters
 from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
 from rwt_rclpy.parameters.services import LoggingService, ParameterService
-from rwt_rclpy.release import RELEASE, from_kilted
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
@@ -103,7 +102,6 @@ class NodeHandle(Destroyable):
         return f"{self._namespace}/{self._name}".strip("/").replace("//", "/").replace("/", ".")
 
 
-@from_kilted("__enter__", "__exit__")
 class Node(NodeParameters):
     """Node of the graph, which creates publishers, subscriptions, services, clients and timers.
 
@@ -429,7 +427,7 @@ class Node(NodeParameters):
         """
         profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
-        self._rwt_require_context(RELEASE.error_after_shutdown)
+        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
         with self._handle:
             name = self._rwt_resolved(topic, "topic")
             if qos_overriding_options is not None:
@@ -494,7 +492,7 @@ class Node(NodeParameters):
         _check_subscription(callback, content_filter_options)
         profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
-        self._rwt_require_context(RELEASE.error_after_shutdown)
+        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
         with self._handle:
             name = self._rwt_resolved(topic, "topic")
             if qos_overriding_options is not None:
@@ -540,17 +538,7 @@ class Node(NodeParameters):
         check_is_valid_srv_type(srv_type)
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
-        client = Client(
-            self._context,
-            self._rwt_link,
-            self,
-            srv_type,
-            srv_name,
-            name,
-            qos_profile,
-            callback_group,
-        )
-        client.logger_name = self._logger.name
+        client = Client(self, srv_type, srv_name, name, qos_profile, callback_group)
         self._rwt_adopt(client, callback_group)
         self._clients.append(client)
         self._rwt_gather()
@@ -569,8 +557,7 @@ class Node(NodeParameters):
         interface = service_type(srv_type)
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
-            service = Service(self._rwt_link, self, srv_type, srv_name, callback, callback_group, qos_profile)
-            service.logger_name = self._logger.name
+            service = Service(self, srv_type, srv_name, name, callback, callback_group, qos_profile)
             self._rwt_adopt(service, callback_group)
             service._rwt_opened(
                 self._rwt_link.run(
@@ -647,24 +634,6 @@ class Node(NodeParameters):
             raise ValueError(f"{waitable!r} is not a waitable of the node")
         self._rwt_gather()
 
-    def _rwt_step_publisher(
-        self,
-        endpoint: object,
-        service_name: str,
-        clock: Clock,
-        qos_profile: QoSProfile,
-        state: ServiceIntrospectionState,
-        before: StepPublisher | None,
-    ) -> StepPublisher | None:
-        """Return the publisher of the service events of a client or service; None for `OFF`."""
-        if before is not None:
-            self.destroy_publisher(before.publisher)
-        if state is ServiceIntrospectionState.OFF:
-            return None
-        event: Any = endpoint
-        publisher = self.create_publisher(event.srv_type.Event, f"{service_name}/_service_event", qos_profile)
-        return StepPublisher(publisher, clock, ServiceIntrospectionState(state))
-
     # Destruction of entities
 
     def _rwt_destroy(self, entity: Any, known: list[Any]) -> bool:
@@ -734,11 +703,13 @@ class Node(NodeParameters):
     def _rwt_leave(self) -> None:
         self._rwt_link.post(self._rwt_participant.close)
 
-    def __enter__(self) -> Self:
-        return self
+    if FROM_KILTED:
 
-    def __exit__(self, *exc: object) -> None:
-        self.destroy_node()
+        def __enter__(self) -> Self:
+            return self
+
+        def __exit__(self, *exc: object) -> None:
+            self.destroy_node()
 
     # Own services
 
@@ -893,16 +864,13 @@ class Node(NodeParameters):
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait until a node exists. Returns False after the timeout."""
         return wait_until(
-            self._context,
-            self._rwt_link,
-            lambda: fully_qualified_node_name in self._rwt_queries.nodes(),
-            timeout,
+            self._context, lambda: fully_qualified_node_name in self._rwt_queries.nodes(), timeout
         )
 
 
 def _check_subscription(callback: object, content_filter: ContentFilterOptions | None) -> None:
     """Raise TypeError for a content filter before ROS 2 Kilted, RuntimeError for an invalid callback."""
-    if content_filter is not None and not RELEASE.has_kilted_names:
+    if content_filter is not None and not FROM_KILTED:
         raise TypeError("unexpected keyword argument 'content_filter_options', which exists from Kilted on")
     if not callable(callback):
         raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")

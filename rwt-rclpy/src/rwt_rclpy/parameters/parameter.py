@@ -11,7 +11,7 @@ import yaml
 
 from rwt_rclpy.messages.loaded import message_class
 from rwt_rclpy.names import bounded_yaml
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 PARAMETER_SEPARATOR_STRING: Final = "."
 
@@ -24,7 +24,7 @@ _FIELDS: Final = (
 if TYPE_CHECKING:
     _Kind = Enum
 else:
-    _Kind = IntEnum if RELEASE.parameter_types_are_numbers else Enum
+    _Kind = IntEnum if FROM_KILTED else Enum
 
 
 class ParameterKind(_Kind):
