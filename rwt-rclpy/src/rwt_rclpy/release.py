@@ -1,8 +1,8 @@
 """Release of rclpy that programs run with.
 
 Kilted differs from Jazzy in names (`TimerInfo`, content filters, nodes, endpoints and timers in ``with``
-statements, `create_future` of executors), in the arithmetic of durations, in the order of the tasks of an executor
-and in several errors. Code that follows the release asks :data:`FROM_KILTED`.
+statements, `create_future` of executors), in the arithmetic of durations, in the order in which an executor
+runs tasks, and in several errors. Code that follows the release asks :data:`FROM_KILTED`.
 """
 
 from __future__ import annotations
