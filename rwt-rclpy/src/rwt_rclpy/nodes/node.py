@@ -250,10 +250,6 @@ class Node(NodeParameters):
         """Return namespace and name."""
         return self._handle.get_fully_qualified_name()
 
-    def _rwt_service_prefix(self) -> str:
-        """Return the prefix of the names of the node's own services."""
-        return self._rwt_full_name
-
     def get_clock(self) -> ROSClock:
         """Return the clock that follows `use_sim_time`."""
         return self._clock
