@@ -188,14 +188,9 @@ class VirtualTime(Timekeeper):
         if self._thread.counted:
             yield
             return
-        with self._condition:
-            self._busy += 1
-        self._thread.counted = True
-        try:
+        self.handed_over()
+        with self.working():
             yield
-        finally:
-            self._thread.counted = False
-            self._let_go()
 
     def handed_over(self) -> None:
         """Count work that a thread of a pool will do."""
@@ -210,13 +205,10 @@ class VirtualTime(Timekeeper):
             yield
         finally:
             self._thread.counted = False
-            self._let_go()
-
-    def _let_go(self) -> None:
-        with self._condition:
-            self._busy -= 1
-            if not self._busy:
-                self._condition.notify_all()
+            with self._condition:
+                self._busy -= 1
+                if not self._busy:
+                    self._condition.notify_all()
 
 
 _current: Timekeeper = RealTime()

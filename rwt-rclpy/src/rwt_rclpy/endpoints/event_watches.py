@@ -81,9 +81,12 @@ class Watched:
 class DeadlineHandler(EventHandler):
     """Watch for missed deadlines between messages."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
-        self._period_ns = watched.profile.deadline.nanoseconds
+    _policy = "deadline"
+
+    def __init__(self, *, parent_impl: Watched, **handler: Any) -> None:
+        super().__init__(parent_impl=parent_impl, **handler)
+        watched = parent_impl
+        self._period_ns = getattr(watched.profile, self._policy).nanoseconds
         self._keeper = watched.timekeeper
         self._next_ns: int | None = None
         self._missed = 0
@@ -118,9 +121,7 @@ class DeadlineHandler(EventHandler):
 class LeaseHandler(DeadlineHandler):
     """Watch for a publisher that did not assert its liveliness in time."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(group, callback, kind, watched)
-        self._period_ns = watched.profile.liveliness_lease_duration.nanoseconds
+    _policy = "liveliness_lease_duration"
 
     def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback, once for each loss."""
@@ -135,8 +136,9 @@ class LeaseHandler(DeadlineHandler):
 class MatchedHandler(EventHandler):
     """Watch for the number of endpoints at the other end of the topic."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+    def __init__(self, *, parent_impl: Watched, **handler: Any) -> None:
+        super().__init__(parent_impl=parent_impl, **handler)
+        watched = parent_impl
         self._others = watched.matched
         self._keeper = watched.timekeeper
         self._look_ns = self._keeper.steady_ns()
@@ -173,8 +175,9 @@ class MatchedHandler(EventHandler):
 class IncompatibleHandler(EventHandler):
     """Reports endpoints with incompatible quality of service."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+    def __init__(self, *, parent_impl: Watched, **handler: Any) -> None:
+        super().__init__(parent_impl=parent_impl, **handler)
+        watched = parent_impl
         self._watched = watched
         self._version = -1
         self._now = 0
@@ -218,21 +221,21 @@ def _is_a_span(duration: Duration) -> bool:
 def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> EventHandler:
     """Return the handler of a kind of event; it never calls if the profile does not request the event."""
     profile = watched.profile
-    made: type[DeadlineHandler | MatchedHandler | IncompatibleHandler] | None = None
+    made: type[EventHandler] = EventHandler
     # By name: events of publishers and of subscriptions share numbers, and so are equal.
     match kind.name:
         case "RCL_PUBLISHER_OFFERED_DEADLINE_MISSED" | "RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED":
-            made = DeadlineHandler if _is_a_span(profile.deadline) else None
+            made = DeadlineHandler if _is_a_span(profile.deadline) else EventHandler
         case "RCL_PUBLISHER_LIVELINESS_LOST":
             by_hand = profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
-            made = LeaseHandler if by_hand and _is_a_span(profile.liveliness_lease_duration) else None
+            is_leased = by_hand and _is_a_span(profile.liveliness_lease_duration)
+            made = LeaseHandler if is_leased else EventHandler
         case "RCL_SUBSCRIPTION_LIVELINESS_CHANGED":
-            made = LivelinessHandler if _is_a_span(profile.liveliness_lease_duration) else None
+            made = LivelinessHandler if _is_a_span(profile.liveliness_lease_duration) else EventHandler
         case "RCL_PUBLISHER_MATCHED" | "RCL_SUBSCRIPTION_MATCHED":
             made = MatchedHandler
         case "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS" | "RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS":
             made = IncompatibleHandler
-    if made is None:
-        kept = LostHandler if kind.name == "RCL_SUBSCRIPTION_MESSAGE_LOST" else EventHandler
-        return kept(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
-    return made(group, callback, kind, watched)
+        case "RCL_SUBSCRIPTION_MESSAGE_LOST":
+            made = LostHandler
+    return made(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
