@@ -36,7 +36,7 @@ _RCLPY: Final = {
     "lifecycle.node": "nodes.lifecycle",
     "lifecycle.managed_entity": "nodes.lifecycle",
     "lifecycle.publisher": "nodes.lifecycle",
-    "logging": "logs.logging_module",
+    "logging": "logs.logger",
     "logging_service": "parameters.services",
     "node": "nodes.node",
     "parameter": "parameters.parameter",

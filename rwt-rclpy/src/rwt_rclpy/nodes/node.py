@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Self
 
 from rwt_graph.errors import TypeConflict
 from rwt_rclpy.clocks.clock import Clock, ROSClock
@@ -67,8 +68,6 @@ if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
     from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointInfo
 
-
-T = TypeVar("T")
 
 #: Prefix of hidden node names.
 HIDDEN_NODE_PREFIX = "_"
@@ -217,24 +216,19 @@ class Node(NodeParameters):
     def _rwt_names(self, name: str, namespace: str) -> tuple[str, str]:
         if name is None:
             raise RCLError("the name of a node is null")
-        validate_node_name(name)
         namespace = namespace if namespace.startswith("/") else f"/{namespace}"
-        validate_namespace(namespace)
-        namespace = self._rwt_arguments.namespace(name, namespace)
-        name = self._rwt_arguments.node_name(name)
-        namespace = namespace if namespace.startswith("/") else f"/{namespace}"
-        validate_node_name(name)
-        validate_namespace(namespace)
-        return name, namespace
+        arguments = self._rwt_arguments
+        remapped = arguments.node_name(name), arguments.namespace(name, namespace)
+        for each_name, each_namespace in ((name, namespace), remapped):
+            validate_node_name(each_name)
+            validate_namespace(each_namespace)
+        return remapped
 
     def _overrides(self, given: Sequence[Parameter] | None) -> dict[str, Parameter]:
-        overrides: dict[str, Parameter] = {}
-        for name, value in self._rwt_arguments.parameters_of(self._rwt_full_name).items():
-            overrides[name] = Parameter(
-                name, value=None if value == [] else value
-            )  # An empty list has no type.
-        overrides.update({each.name: each for each in given or ()})
-        return overrides
+        values = self._rwt_arguments.parameters_of(self._rwt_full_name)
+        # An empty list has no type.
+        of_arguments = [Parameter(name, value=None if it == [] else it) for name, it in values.items()]
+        return {each.name: each for each in (*of_arguments, *(given or ()))}
 
     # Properties
 
@@ -386,23 +380,20 @@ class Node(NodeParameters):
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """Return the absolute name of a topic, remapped unless `only_expand`."""
-        with self._handle:
-            if only_expand:
-                return expand_topic_name(topic, self.get_name(), self.get_namespace())
-            return self._rwt_resolved_by_name(topic, "topic")
+        return self._rwt_resolve(topic, "topic", only_expand)
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
         """Return the absolute name of a service, remapped unless `only_expand`."""
+        return self._rwt_resolve(service, "service", only_expand)
+
+    def _rwt_resolve(self, name: str, kind: str, only_expand: bool) -> str:
         with self._handle:
             if only_expand:
-                return expand_topic_name(service, self.get_name(), self.get_namespace())
-            return self._rwt_resolved_by_name(service, "service")
-
-    def _rwt_resolved_by_name(self, name: str, kind: str) -> str:
-        try:
-            return self._rwt_resolved(name, kind)
-        except NameValidationException as error:
-            raise RCLError(str(error)) from error
+                return expand_topic_name(name, self.get_name(), self.get_namespace())
+            try:
+                return self._rwt_resolved(name, kind)
+            except NameValidationException as error:
+                raise RCLError(str(error)) from error
 
     def create_publisher(
         self,
@@ -421,37 +412,41 @@ class Node(NodeParameters):
             RCLError: the topic has another type.
             InvalidTopicNameException: ROS does not allow the name.
         """
-        profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
-        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
-        with self._handle:
-            name = self._rwt_resolved(topic, "topic")
-            if qos_overriding_options is not None:
-                profile = copy.copy(profile)
-                _declare_qos_parameters(Publisher, self, name, profile, qos_overriding_options)
-            group = callback_group or self._default_callback_group
-            handlers = (event_callbacks or PublisherEventCallbacks()).create_event_handlers(
-                group, self._rwt_watched(name, topic, profile, publishers=False)
-            )
-            qos = graph_qos(profile)
-            made = self._rwt_open(lambda: self._rwt_participant.advertise(name, interface, qos))
-        publisher = publisher_class(self._rwt_link, made, msg_type, topic, profile, handlers)
+        group = callback_group or self._default_callback_group
+        callbacks = event_callbacks or PublisherEventCallbacks()
+        with self._rwt_opening(Publisher, topic, qos_profile, qos_overriding_options) as watched:
+            handlers = callbacks.create_event_handlers(group, watched)
+            qos = graph_qos(watched.profile)
+            made = self._rwt_link.run(lambda: self._rwt_participant.advertise(watched.name, interface, qos))
+        publisher = publisher_class(self._rwt_link, made, msg_type, topic, watched.profile, handlers)
         publisher.logger_name = self._logger.name
         self._publishers.append(publisher)
         self._add_events(handlers, group)
         return publisher
 
-    def _rwt_open(self, make: Callable[[], T]) -> T:
-        try:
-            return self._rwt_link.run(make)
-        except TypeConflict as error:
-            raise RCLError(str(error)) from error
-
-    def _rwt_watched(self, name: str, topic: str, profile: QoSProfile, *, publishers: bool) -> Watched:
-        """Return an endpoint that is about to be made, for the handlers of its events."""
-        return Watched(
-            profile, name, topic, publishers, self._rwt_queries, self._rwt_link.timekeeper, self._logger
-        )
+    @contextmanager
+    def _rwt_opening(
+        self,
+        kind: type[Publisher | Subscription],
+        topic: str,
+        qos: QoSProfile | int,
+        overriding: QoSOverridingOptions | None,
+    ) -> Iterator[Watched]:
+        """Yield an endpoint that is about to be made, for the handlers of its events."""
+        profile = self._rwt_profile(qos)
+        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
+        with self._handle:
+            name = self._rwt_resolved(topic, "topic")
+            if overriding is not None:
+                profile = copy.copy(profile)
+                _declare_qos_parameters(kind, self, name, profile, overriding)
+            keeper = self._rwt_link.timekeeper
+            sees_publishers = kind is Subscription
+            try:
+                yield Watched(profile, name, topic, sees_publishers, self._rwt_queries, keeper, self._logger)
+            except TypeConflict as error:
+                raise RCLError(str(error)) from error
 
     def _add_events(self, handlers: list[EventHandler], group: CallbackGroup) -> None:
         for handler in handlers:
@@ -486,36 +481,28 @@ class Node(NodeParameters):
             RuntimeError: the callback takes neither one argument nor two.
         """
         _check_subscription(callback, content_filter_options)
-        profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
-        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
-        with self._handle:
-            name = self._rwt_resolved(topic, "topic")
-            if qos_overriding_options is not None:
-                profile = copy.copy(profile)
-                _declare_qos_parameters(Subscription, self, name, profile, qos_overriding_options)
-            group = callback_group or self._default_callback_group
-            handlers = (event_callbacks or SubscriptionEventCallbacks()).create_event_handlers(
-                group, watched := self._rwt_watched(name, topic, profile, publishers=True)
-            )
+        group = callback_group or self._default_callback_group
+        callbacks = event_callbacks or SubscriptionEventCallbacks()
+        with self._rwt_opening(Subscription, topic, qos_profile, qos_overriding_options) as watched:
+            handlers = callbacks.create_event_handlers(group, watched)
             subscription = Subscription(
                 self._rwt_link,
                 msg_type,
                 topic,
                 callback,
                 group,
-                profile,
+                watched.profile,
                 raw,
                 handlers,
                 watched.matched,
                 content_filter_options,
             )
             self._rwt_adopt(subscription, group)
-            qos = graph_qos(profile)
+            join = self._rwt_participant.subscribe
+            name, qos = watched.name, graph_qos(watched.profile)
             subscription._rwt_opened(
-                self._rwt_open(
-                    lambda: self._rwt_participant.subscribe(name, subscription._rwt_on_sample, interface, qos)
-                )
+                self._rwt_link.run(lambda: join(name, subscription._rwt_on_sample, interface, qos))
             )
         subscription.logger_name = self._logger.name
         self._subscriptions.append(subscription)
