@@ -36,15 +36,6 @@ class ParameterKind(_Kind):
     DOUBLE_ARRAY = 8
     STRING_ARRAY = 9
 
-    def read(self, message: Any) -> Any:
-        """Return the value of a `rcl_interfaces/ParameterValue` of this type."""
-        return None if self is ParameterKind.NOT_SET else getattr(message, self.field)
-
-    @property
-    def field(self) -> str:
-        """Field of `rcl_interfaces/ParameterValue` with values of this type."""
-        return f"{self.name.lower()}_value"
-
     @classmethod
     def from_parameter_value(cls, parameter_value: Any) -> ParameterKind:
         """Return the type of a value; BYTE_ARRAY for an empty list. Raises TypeError for other values."""
@@ -95,6 +86,15 @@ _ELEMENTS: Final[dict[ParameterKind, type]] = {
 }
 
 
+def _field(kind: ParameterKind) -> str:
+    """Return the field of `rcl_interfaces/ParameterValue` with values of a type."""
+    return f"{kind.name.lower()}_value"
+
+
+def _read(kind: ParameterKind, message: Any) -> Any:
+    return None if kind is ParameterKind.NOT_SET else getattr(message, _field(kind))
+
+
 class Parameter:
     """Parameter.
 
@@ -120,7 +120,7 @@ class Parameter:
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
         """Return the parameter of a `rcl_interfaces/Parameter`."""
         kind = ParameterKind(param_msg.value.type)
-        return cls(param_msg.name, kind, kind.read(param_msg.value))
+        return cls(param_msg.name, kind, _read(kind, param_msg.value))
 
     @property
     def name(self) -> str:
@@ -140,7 +140,7 @@ class Parameter:
     def get_parameter_value(self) -> Any:
         """Return the value as `rcl_interfaces/ParameterValue`."""
         value = list(self._value) if isinstance(self._value, tuple) else self._value
-        given = {} if self._type_ is ParameterKind.NOT_SET else {self._type_.field: value}
+        given = {} if self._type_ is ParameterKind.NOT_SET else {_field(self._type_): value}
         return message_class("rcl_interfaces/ParameterValue")(type=self._type_.value, **given)
 
     def to_parameter_msg(self) -> Any:
@@ -171,7 +171,7 @@ def parameter_value_to_python(parameter_value: Any) -> Any:
         kind = ParameterKind(parameter_value.type)
     except ValueError:
         raise RuntimeError(f"unexpected parameter type {parameter_value.type}") from None
-    value = kind.read(parameter_value)
+    value = _read(kind, parameter_value)
     return list(value) if kind in _ELEMENTS else value
 
 
