@@ -118,8 +118,10 @@ def motor_joints(
                     f"the range of motor {name!r} is not known: calibrate the robot, or give a URDF"
                 )
             limit = JointLimit(name)
-        given = {"speed": speed, "step": step}
-        limit = replace(limit, **{field: value for field, value in given.items() if value is not None})
+        if speed is not None:
+            limit = replace(limit, speed=speed)
+        if step is not None:
+            limit = replace(limit, step=step)
         found.append(MotorJoint(name, limit, Scale(unit, limit.lower, limit.upper)))
     return tuple(found)
 

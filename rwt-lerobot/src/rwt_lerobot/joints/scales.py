@@ -51,7 +51,7 @@ class Scale:
         return low + (radians - self.lower) / (self.upper - self.lower) * (high - low)
 
 
-def unit_named(name: str) -> Unit | None:
+def unit_named(name: object) -> Unit | None:
     """Return the unit of a name; None if there is none."""
     return next((each for each in UNITS if each == name), None)
 

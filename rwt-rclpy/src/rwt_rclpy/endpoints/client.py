@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.endpoints.endpoint import ServiceEndpoint
+from rwt_rclpy.endpoints.introspection import ServiceEndpoint
 from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType

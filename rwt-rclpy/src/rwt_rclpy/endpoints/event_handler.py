@@ -12,38 +12,34 @@ from rwt_rclpy.execution.entity import Entity
 
 
 @dataclass
-class QoSMessageLostInfo:
-    """Number of messages that a subscription dropped."""
-
+class _Total:
     total_count: int = 0
     total_count_change: int = 0
 
 
 @dataclass
-class QoSMatchedInfo:
+class QoSMessageLostInfo(_Total):
+    """Number of messages that a subscription dropped."""
+
+
+@dataclass
+class QoSMatchedInfo(_Total):
     """Number of matched endpoints."""
 
-    total_count: int = 0
-    total_count_change: int = 0
     current_count: int = 0
     current_count_change: int = 0
 
 
 @dataclass
-class QoSIncompatibleInfo:
+class QoSIncompatibleInfo(_Total):
     """Number of endpoints with incompatible quality of service."""
 
-    total_count: int = 0
-    total_count_change: int = 0
     last_policy_kind: int = 0
 
 
 @dataclass
-class QoSDeadlineInfo:
+class QoSDeadlineInfo(_Total):
     """Number of missed deadlines."""
-
-    total_count: int = 0
-    total_count_change: int = 0
 
 
 @dataclass

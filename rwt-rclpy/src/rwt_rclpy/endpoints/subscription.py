@@ -25,6 +25,7 @@ from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample
+    from rwt_interfaces.payload import Payload
     from rwt_rclpy.middleware.link import Link
 
 #: Maximum number of queued messages with `KEEP_ALL`.
@@ -90,7 +91,9 @@ class Subscription(Entity, TopicEndpoint):
         self._publisher_count = publisher_count
         self._filter: ContentFilter | None = None
         if content_filter is not None:
-            self._set_filter(content_filter.filter_expression, content_filter.expression_parameters or ())
+            self.set_content_filter(
+                content_filter.filter_expression, content_filter.expression_parameters or ()
+            )
 
     def _rwt_opened(self, subscription: Any) -> None:
         """Set the endpoint of the graph."""
@@ -156,7 +159,10 @@ class Subscription(Entity, TopicEndpoint):
                 InvalidFilter: the expression is invalid, or names an unknown field.
                 InvalidHandle: the subscription was destroyed.
             """
-            self._set_filter(filter_expression, expression_parameters)
+            self._handle.check()
+            fields = frozenset(self.msg_type.get_fields_and_field_types())
+            wanted = filter_expression.strip()
+            self._filter = ContentFilter(wanted, expression_parameters, fields) if wanted else None
 
         def get_content_filter(self) -> ContentFilterOptions:
             """Return the content filter. Raises RCLError if none is set."""
@@ -165,15 +171,9 @@ class Subscription(Entity, TopicEndpoint):
                 raise RCLError(f"the subscription to {self.topic} has no content filter")
             return ContentFilterOptions(self._filter.expression, list(self._filter.parameters))
 
-    def _set_filter(self, filter_expression: str, expression_parameters: Sequence[str]) -> None:
-        self._handle.check()
-        fields = frozenset(self.msg_type.get_fields_and_field_types())
-        wanted = filter_expression.strip()
-        self._filter = ContentFilter(wanted, expression_parameters, fields) if wanted else None
-
-    def _is_wanted(self, value: Any) -> bool:
+    def _is_wanted(self, payload: Payload) -> bool:
         try:
-            return self._filter is None or self._filter.matches(value)
+            return self._filter is None or self._filter.matches(payload.value())
         except InvalidFilter as error:
             get_logger("rclpy").error(f"a message on {self.topic} is left out: {error}")
             return False
@@ -206,7 +206,7 @@ class Subscription(Entity, TopicEndpoint):
                 continue
             try:
                 payload = sample.payload
-                if self._filter is not None and not self._is_wanted(payload.value()):
+                if not self._is_wanted(payload):
                     continue
                 message = payload.cdr() if self.raw else self._from_graph(payload.value())
             except InvalidMessage as error:

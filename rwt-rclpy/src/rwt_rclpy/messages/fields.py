@@ -311,7 +311,7 @@ def _number_field(field: Field, element: BasicType) -> MessageField:
         )
     sequence = partial(MessageField, field.name, slot_type, text, partial(array, code, given))
     if octets:
-        check = partial(_check_octets, field.name, check_one)
+        check: Check = partial(_check_octets, field.name, check_one)
         return sequence(check, _store_octets, _octets_to_graph, _octets_from_graph, _thawed)
     check = partial(_check_numbers, field.name, code, written.bound, check_one)
     return sequence(check, partial(_numbers, code), _list_or_numpy, partial(_numbers, code))
