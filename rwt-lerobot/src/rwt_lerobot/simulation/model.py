@@ -7,12 +7,12 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from rwt_lerobot.joints.limits import USUAL_SPEED, JointLimit
-from rwt_tf2 import euler_from_quaternion
+from rwt_tf2 import Transform
+from rwt_tf2.quaternion import to_rpy
 
 ARM: Final = Path(__file__).with_name("arm.xml")
 """The six-joint arm."""
@@ -181,14 +181,15 @@ def _named(find: Callable[[int], Any], count: int) -> Iterator[tuple[int, str]]:
             yield index, name
 
 
-def quaternion(wxyz: Any) -> dict[str, float]:
-    """Return a `geometry_msgs/Quaternion`; MuJoCo's begin with w."""
-    w, x, y, z = (float(part) for part in wxyz)
-    return {"x": x, "y": y, "z": z, "w": w}
+def pose(position: Any, wxyz: Any) -> Transform:
+    """Return a transform; MuJoCo's quaternions begin with w."""
+    w, x, y, z = map(float, wxyz)
+    px, py, pz = map(float, position)
+    return Transform((px, py, pz), (x, y, z, w))
 
 
 def _add_origin(element: ET.Element, position: Any, wxyz: Any) -> None:
-    rpy = euler_from_quaternion(SimpleNamespace(**quaternion(wxyz)))
+    rpy = to_rpy(pose(position, wxyz).rotation)
     ET.SubElement(
         element,
         "origin",

@@ -1,4 +1,4 @@
-"""Watches of an endpoint for deadlines, liveliness and matching.
+"""Endpoints of topics, and watches of them for deadlines, liveliness and matching.
 
 Deadlines and leases are due at a time, for which executors wait like for a timer. Changes of the endpoints
 of a topic are polled :data:`LOOKS_PER_SECOND` times per second, only while a program has a callback for them.
@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_rclpy.clocks.duration import S_TO_NS, Duration, Infinite
+from rwt_rclpy.destroyable import Closable
 from rwt_rclpy.endpoints.event_handler import (
     EventHandler,
     LostHandler,
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from rwt_rclpy.clocks.timekeeper import Timekeeper
     from rwt_rclpy.endpoints.qos import QoSProfile
     from rwt_rclpy.logs.logger import RcutilsLogger
+    from rwt_rclpy.messages.classes import Message
+    from rwt_rclpy.middleware.link import Link
     from rwt_rclpy.nodes.graph_queries import GraphQueries
 
 #: Rate at which the endpoints of a topic are counted, in Hz.
@@ -239,3 +242,37 @@ def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched)
         case "RCL_SUBSCRIPTION_MESSAGE_LOST":
             made = LostHandler
     return made(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+
+
+class TopicEndpoint(Closable):
+    """Publisher or subscription.
+
+    Attributes:
+        logger_name: name of the logger of its node.
+        msg_type: class of the messages.
+        topic: requested name.
+        qos_profile: quality of service.
+        event_handlers: handlers of events.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        msg_type: type[Message],
+        topic: str,
+        qos_profile: QoSProfile,
+        event_handlers: list[EventHandler],
+    ) -> None:
+        self._link = link
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos_profile
+        self.logger_name = ""
+        self.event_handlers = event_handlers
+        self._watching = [each for each in event_handlers if isinstance(each, DeadlineHandler)]
+
+    def destroy(self) -> None:
+        """Leave the topic; see :meth:`Node.destroy_publisher` and :meth:`Node.destroy_subscription`."""
+        for handler in self.event_handlers:
+            handler.destroy()
+        super().destroy()

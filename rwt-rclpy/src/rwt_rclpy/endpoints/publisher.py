@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces.payload import Payload
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.endpoints.endpoint import TopicEndpoint
+from rwt_rclpy.endpoints.event_watches import TopicEndpoint
 from rwt_rclpy.endpoints.events import QoSPublisherEventType
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.messages.classes import Message

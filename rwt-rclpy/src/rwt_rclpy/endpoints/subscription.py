@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.content_filter import ContentFilter, ContentFilterOptions, InvalidFilter
-from rwt_rclpy.endpoints.endpoint import TopicEndpoint
 from rwt_rclpy.endpoints.event_handler import EventHandler, QoSMessageLostInfo
+from rwt_rclpy.endpoints.event_watches import TopicEndpoint
 from rwt_rclpy.endpoints.events import QoSSubscriptionEventType
 from rwt_rclpy.endpoints.qos import HistoryPolicy, QoSProfile
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
