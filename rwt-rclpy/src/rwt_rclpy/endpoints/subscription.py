@@ -171,9 +171,9 @@ class Subscription(Entity, TopicEndpoint):
                 raise RCLError(f"the subscription to {self.topic} has no content filter")
             return ContentFilterOptions(self._filter.expression, list(self._filter.parameters))
 
-    def _is_wanted(self, payload: Payload) -> bool:
+    def _is_wanted(self, wanted: ContentFilter, payload: Payload) -> bool:
         try:
-            return self._filter is None or self._filter.matches(payload.value())
+            return wanted.matches(payload.value())
         except InvalidFilter as error:
             get_logger("rclpy").error(f"a message on {self.topic} is left out: {error}")
             return False
@@ -206,7 +206,7 @@ class Subscription(Entity, TopicEndpoint):
                 continue
             try:
                 payload = sample.payload
-                if not self._is_wanted(payload):
+                if self._filter is not None and not self._is_wanted(self._filter, payload):
                     continue
                 message = payload.cdr() if self.raw else self._from_graph(payload.value())
             except InvalidMessage as error:
