@@ -105,6 +105,8 @@ class ActionClient(ActionEntity):
         callback_group: group of its callbacks.
     """
 
+    _what = "action client"
+
     def __init__(
         self,
         node: Node,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.type_support import action_type as type_behind
@@ -24,6 +24,8 @@ class ActionEntity(Entity):
         ValueError: ROS does not allow the name.
     """
 
+    _what: ClassVar[str]
+
     def __init__(self, node: Node, action_type: Any, action_name: str, callback_group: Any) -> None:
         super().__init__(callback_group or node.default_callback_group)
         self._interface = type_behind(action_type)
@@ -31,7 +33,7 @@ class ActionEntity(Entity):
         self._action_type = action_type
         self._link = node.context._rwt_link
         self._waiting: deque[Callable[[], object]] = deque()
-        self._handle = Destroyable("action endpoint", self._close)
+        self._handle = Destroyable(self._what, self._close)
         try:
             self._name = node._rwt_resolved(action_name, "name")
         except NameValidationException as error:

@@ -216,6 +216,8 @@ class ActionServer(ActionEntity):
         result_timeout: seconds for which results are kept; negative: as long as the server exists.
     """
 
+    _what = "action server"
+
     def __init__(
         self,
         node: Node,

@@ -13,7 +13,6 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.clocks import timekeeper
@@ -328,22 +327,25 @@ class Executor(Waker):
     def _work(self, entity: Entity, node: Node) -> CallbackTask | None:
         """Take a callback of an entity, if it is still ready and may run."""
         group = entity.callback_group
+        call: Callable[[], object] | None = None
+        try:
+            if not entity._rwt_has_work() or not group.beginning_execution(entity):
+                return None
+            try:
+                call = entity._rwt_take()
+            finally:
+                if call is None:
+                    group.ending_execution(entity)
+        except InvalidHandle:
+            return None  # The entity was destroyed meanwhile.
+        if call is None:
+            return None
 
         def after() -> None:
             group.ending_execution(entity)
             self._after_work()
 
-        with suppress(InvalidHandle):  # It was destroyed meanwhile.
-            if entity._rwt_has_work() and group.beginning_execution(entity):
-                call: Callable[[], object] | None = None
-                try:
-                    call = entity._rwt_take()
-                finally:
-                    if call is None:
-                        group.ending_execution(entity)
-                if call is not None:
-                    return CallbackTask(call, self, after)
-        return None
+        return CallbackTask(call, self, after)
 
     def _after_work(self) -> None:
         """Handle the end of a callback."""
