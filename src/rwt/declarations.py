@@ -14,9 +14,9 @@ import argparse
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, TypeAlias
 
 from rwt.access.settings import Table
 
@@ -475,22 +475,9 @@ class CheckPart(Part):
     is_whole: bool = False
 
 
-P = TypeVar("P", bound=Part)
-
-
-@dataclass(frozen=True, slots=True)
-class Named(Generic[P]):
-    """Loaded part with its name and the extra that installs its dependencies."""
-
-    name: str
-    part: P
-    extra: str = ""
-    keys: tuple[str, ...] = field(default=())
-
-
 __all__ = [
     "AsgiApp", "AsgiPart", "CheckContext", "CheckPart", "Finding", "GatewayContext", "GatewayPart",
-    "GraphContext", "GraphPart", "HostedApp", "InWorker", "Mounts", "Named", "NoSettings", "NodeContext",
+    "GraphContext", "GraphPart", "HostedApp", "InWorker", "Mounts", "NoSettings", "NodeContext",
     "NodePart", "Option", "OutgoingConnection", "Part", "PortOptions", "ReadyNode", "RecorderPart",
     "RecordingRequest", "ScriptPart", "ServeAsWorker", "ServerInfo", "ServiceContext", "ServicePart",
     "SupervisorPart", "Verdict", "WorkerContext",

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from importlib.util import find_spec
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, cast
 
 from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
@@ -40,72 +39,52 @@ class Row(NamedTuple):
     default: bool = False
 
 
-def _rows(rows: Mapping[str, Row]) -> Mapping[str, Row]:
-    return MappingProxyType(rows)
-
-
-BUILT_IN: Final[Mapping[Kind, Mapping[str, Row]]] = MappingProxyType(
-    {
-        "gateway": _rows(
-            {
-                "foxglove": Row("rwt.extensions.foxglove.part:PART", default=True),
-                "http": Row("rwt.extensions.http.part:PART", ("api",), default=True),
-                "mcp": Row("rwt.extensions.mcp.part:PART", ("mcp",), "mcp"),
-            }
+BUILT_IN: Final[Mapping[Kind, Mapping[str, Row]]] = {
+    "gateway": {
+        "foxglove": Row("rwt.extensions.foxglove.part:PART", default=True),
+        "http": Row("rwt.extensions.http.part:PART", ("api",), default=True),
+        "mcp": Row("rwt.extensions.mcp.part:PART", ("mcp",), "mcp"),
+    },
+    "node": {
+        "rosapi": Row("rwt.rosapi.part:PART", default=True),
+        "tf2_web_republisher": Row("rwt.extensions.tf_stream.part:PART", default=True),
+        "web_video_server": Row("rwt.extensions.video.part:PART", default=True),
+        "meshes": Row("rwt.extensions.meshes.part:PART", ("packages", "package_links"), by_name=False),
+        "demo": Row("rwt.extensions.demo.part:PART", ("demo",), by_name=False),
+        "on_demand_recorder": Row(
+            "rwt.extensions.recording.part:ON_DEMAND", ("recorder",), "mcap", by_name=False
         ),
-        "node": _rows(
-            {
-                "rosapi": Row("rwt.rosapi.part:PART", default=True),
-                "tf2_web_republisher": Row("rwt.extensions.tf_stream.part:PART", default=True),
-                "web_video_server": Row("rwt.extensions.video.part:PART", default=True),
-                "meshes": Row(
-                    "rwt.extensions.meshes.part:PART", ("packages", "package_links"), by_name=False
-                ),
-                "demo": Row("rwt.extensions.demo.part:PART", ("demo",), by_name=False),
-                "on_demand_recorder": Row(
-                    "rwt.extensions.recording.part:ON_DEMAND", ("recorder",), "mcap", by_name=False
-                ),
-                "dashboard": Row("rwt.extensions.dashboard.part:PART", ("web",), by_name=False, default=True),
-            }
-        ),
-        "graph": _rows(
-            {
-                "ros1": Row("rwt.extensions.ros1.part:PART"),
-                "ros1-master": Row("rwt.extensions.ros1.part:PART"),
-                "ros2": Row("rwt.extensions.ros2.part:PART", ("ros2",)),
-                "zenoh": Row("rwt.extensions.zenoh.part:PART", ("zenoh",), "zenoh"),
-            }
-        ),
-        "service": _rows(
-            {
-                "webrtc": Row("rwt_webrtc.part:PART", ("webrtc",), "webrtc", by_name=False),
-                "dial": Row("rwt.extensions.hub.part:PART", ("dial",), by_name=False),
-            }
-        ),
-        "recorder": _rows({"mcap": Row("rwt.extensions.recording.part:WHOLE_GRAPH", (), "mcap")}),
-        "script": _rows({"scripted": Row("rwt.extensions.testing.part:PART")}),
-        "asgi": _rows({"apps": Row("rwt.extensions.asgi.part:PART")}),
-        "supervisor": _rows({"processes": Row("rwt.extensions.workers.part:PART")}),
-        "check": _rows(
-            {
-                "ros1": Row("rwt.extensions.ros1.part:CHECK"),
-                "webrtc+http": Row("rwt_webrtc.part:CHECK", (), "webrtc"),
-                "webrtc+https": Row("rwt_webrtc.part:CHECK", (), "webrtc"),
-            }
-        ),
-    }
-)
+        "dashboard": Row("rwt.extensions.dashboard.part:PART", ("web",), by_name=False, default=True),
+    },
+    "graph": {
+        "ros1": Row("rwt.extensions.ros1.part:PART"),
+        "ros1-master": Row("rwt.extensions.ros1.part:PART"),
+        "ros2": Row("rwt.extensions.ros2.part:PART", ("ros2",)),
+        "zenoh": Row("rwt.extensions.zenoh.part:PART", ("zenoh",), "zenoh"),
+    },
+    "service": {
+        "webrtc": Row("rwt_webrtc.part:PART", ("webrtc",), "webrtc", by_name=False),
+        "dial": Row("rwt.extensions.hub.part:PART", ("dial",), by_name=False),
+    },
+    "recorder": {"mcap": Row("rwt.extensions.recording.part:WHOLE_GRAPH", (), "mcap")},
+    "script": {"scripted": Row("rwt.extensions.testing.part:PART")},
+    "asgi": {"apps": Row("rwt.extensions.asgi.part:PART")},
+    "supervisor": {"processes": Row("rwt.extensions.workers.part:PART")},
+    "check": {
+        "ros1": Row("rwt.extensions.ros1.part:CHECK"),
+        "webrtc+http": Row("rwt_webrtc.part:CHECK", (), "webrtc"),
+        "webrtc+https": Row("rwt_webrtc.part:CHECK", (), "webrtc"),
+    },
+}
 """Built-in parts by kind and name, in the order in which help and errors list them."""
 
-GROUPS: Final[Mapping[Kind, str]] = MappingProxyType(
-    {
-        "gateway": "rwt.gateways",
-        "node": "rwt.nodes",
-        "graph": "rwt.graphs",
-        "service": "rwt.services",
-        "check": "rwt.checks",
-    }
-)
+GROUPS: Final[Mapping[Kind, str]] = {
+    "gateway": "rwt.gateways",
+    "node": "rwt.nodes",
+    "graph": "rwt.graphs",
+    "service": "rwt.services",
+    "check": "rwt.checks",
+}
 """Groups of entry points by kind. Encodings and transports have groups of their own in the layers below."""
 
 
@@ -124,31 +103,27 @@ class CommandRow(NamedTuple):
     distribution: str = ""
 
 
-COMMANDS: Final[Mapping[str, CommandRow]] = MappingProxyType(
-    {
-        "web": CommandRow(
-            "serve the dashboard without a robot, for any rosbridge server",
-            "rwt.extensions.dashboard.command:add_web_command",
-        ),
-        "hub": CommandRow(
-            "relay clients to robots behind a NAT", "rwt.extensions.hub.command:add_hub_command"
-        ),
-        "master": CommandRow("ROS 1 master without ROS", "rwt.extensions.ros1.command:add_master_command"),
-        "run": CommandRow("run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
-        "launch": CommandRow("start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
-        "lerobot": CommandRow("LeRobot and MuJoCo arms: mujoco, serve, convert", distribution="rwt-lerobot"),
-        "bag": CommandRow(
-            "recordings: record, play, info, recover", "rwt.extensions.recording.commands:add_bag_command"
-        ),
-        "mcp": CommandRow(
-            "give an agent tools for a robot, over standard input and output",
-            "rwt.extensions.mcp.command:add_mcp_command",
-        ),
-        "ros2": CommandRow(
-            "in place of rosbridge_suite: install, serve", "rwt.extensions.ros2.command:add_ros2_command"
-        ),
-    }
-)
+COMMANDS: Final[Mapping[str, CommandRow]] = {
+    "web": CommandRow(
+        "serve the dashboard without a robot, for any rosbridge server",
+        "rwt.extensions.dashboard.command:add_web_command",
+    ),
+    "hub": CommandRow("relay clients to robots behind a NAT", "rwt.extensions.hub.command:add_hub_command"),
+    "master": CommandRow("ROS 1 master without ROS", "rwt.extensions.ros1.command:add_master_command"),
+    "run": CommandRow("run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
+    "launch": CommandRow("start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
+    "lerobot": CommandRow("LeRobot and MuJoCo arms: mujoco, serve, convert", distribution="rwt-lerobot"),
+    "bag": CommandRow(
+        "recordings: record, play, info, recover", "rwt.extensions.recording.commands:add_bag_command"
+    ),
+    "mcp": CommandRow(
+        "give an agent tools for a robot, over standard input and output",
+        "rwt.extensions.mcp.command:add_mcp_command",
+    ),
+    "ros2": CommandRow(
+        "in place of rosbridge_suite: install, serve", "rwt.extensions.ros2.command:add_ros2_command"
+    ),
+}
 """Commands of built-in parts and of this project's other distributions, by name."""
 
 

@@ -203,21 +203,15 @@ class Server:
             changes["listen"] = urls
         if isinstance(graph, str):
             changes["graph"], graph = graph, None
-        own_gateways: list[MakeGateway] = []
         if gateways is not None:
-            names: list[str] = []
-            for each in gateways:
-                if isinstance(each, str):
-                    names.append(each)
-                else:
-                    own_gateways.append(each)
-            changes["gateways"] = names
+            gateways = tuple(gateways)
+            changes["gateways"] = [each for each in gateways if isinstance(each, str)]
         self.settings = with_changes(settings, changes)
         self._started_with = self.settings if reload is None or settings is None else settings
         self._registry = registry
         self._clock = clock
         self._extra_nodes = tuple(extra_nodes)
-        self._own_gateways = own_gateways
+        self._own_gateways = [each for each in gateways or () if not isinstance(each, str)]
         self._http = tuple(http)
         self._mounts = dict(mounts)
         for path in self._mounts:

@@ -8,15 +8,9 @@ import threading
 import cbor2
 import pytest
 
-from bench.client.__main__ import Row, table
 from bench.client.peer import CASES, MESSAGES, Frames
 from rwt_protocol.frames import Frame
 from rwt_transports.websocket.wire import CLIENT_FRAMING
-
-
-def test_the_table() -> None:
-    text = table([Row("receive String", 200_000.4, 20_000.0, 10.0, 9.5, 5.0)])
-    assert text.splitlines()[2] == "| receive String | 200,000/s | 20,000/s | 10.0 x | 9.5 x | 5 x |"
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -171,20 +171,6 @@ REPORT = Report(
 )
 
 
-def test_a_report_is_a_table() -> None:
-    assert REPORT.text().splitlines() == [
-        "Title",
-        "",
-        "             KB/s",
-        "-----------------",
-        "plain        12.0",
-        "republished   3.5",
-        "",
-        "A note.",
-        "<<< slow",
-    ]
-
-
 @pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--check",), 1)])
 def test_the_program_prints_and_plots(
     tmp_path: Path,

@@ -88,21 +88,6 @@ def _choices(parser: Parser) -> dict[str, Parser]:
     return next((each for each in found if all(isinstance(one, Parser) for one in each.values())), {})
 
 
-@pytest.mark.parametrize(
-    ("line", "mistake"),
-    [
-        ("rwt serve --demo", ""),
-        ("rwt topic echo /odom", ""),
-        ("rwt tpic list", "no command tpic"),
-        ("rwt topic eco /odom", "no verb eco of topic"),
-        ("rwt action echo /fibonacci", "no verb echo of action"),
-        ("rwt topic echo /odom --onec", "no option --onec"),
-    ],
-)
-def test_a_wrong_command_would_be_found(line: str, mistake: str) -> None:
-    assert _mistake(line) == mistake
-
-
 _BESIDE = re.compile(r"\s+[#|&><]|\s{2,}")
 """Rest of a line behind a command: a comment, another command, a file."""
 
@@ -129,6 +114,12 @@ def test_programs_check_the_status_of_an_answer() -> None:
     assert [block.name for block in fetching if ".ok)" not in block.code] == []
 
 
+def test_the_first_robot_of_the_readme_is_short_and_needs_one_import() -> None:
+    block = next(block for block in blocks_of(ROOT / "README.md") if "from rwt import Server" in block.code)
+    lines = block.code.strip().splitlines()
+    assert len(lines) <= 8 and sum(line.startswith(("import ", "from ")) for line in lines) == 1
+
+
 # -- events --------------------------------------------------------------------------------------------------
 
 
@@ -141,14 +132,6 @@ def test_an_event_in_a_sentence_is_listened_to_in_a_block_that_runs(page: Path) 
     run = "\n".join(block.code for block in blocks_of(page) if _is_run(block))
     claimed = {event for code in _CODE.findall(_prose(page)) for event in _EVENT.findall(code)}
     assert claimed <= set(_EVENT.findall(run))
-
-
-def test_events_are_recognised() -> None:
-    assert _EVENT.findall("ros.on(\"status\", …) ros.once('close', f) ros.onAny(hear)") == [
-        "status",
-        "close",
-        "",
-    ]
 
 
 # -- what must be installed first ----------------------------------------------------------------------------

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
+import importlib
 import inspect
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -19,7 +21,6 @@ from rwt_participant import errors, goals, qos
 from rwt_protocol.codecs import SELECTABLE
 from rwt_transports.schemes import url_forms
 from tests.docs.blocks import ROOT
-from tools import generate_tools
 
 _REFERENCE = ROOT / "docs" / "reference"
 
@@ -76,14 +77,17 @@ def test_every_service_of_rosapi_is_listed() -> None:
     assert [name for name in own if f"`{name}`" not in page] == []
 
 
-@pytest.mark.parametrize(("tool", "name"), [("commands", "commands.md"), ("rules", "rules.md")])
-def test_a_page_that_is_made_is_up_to_date(tool: str, name: str) -> None:
-    path = ROOT / "tools" / f"generate_{tool}.py"
-    spec = importlib.util.spec_from_file_location(f"generate_{tool}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert _page(name) == module.page(), f"run python tools/generate_{tool}.py"
+@pytest.mark.parametrize("name", ["commands", "rules", "settings", "tools"])
+def test_a_page_that_is_made_is_up_to_date(name: str) -> None:
+    tool = importlib.import_module(f"tools.generate_{name}")
+    assert tool.TARGET.read_text(encoding="utf-8") == tool.page(), f"run python tools/generate_{name}.py"
+
+
+@pytest.mark.parametrize("name", ["api", "protocol_reference"])
+def test_pages_of_a_tool_that_checks_them_are_up_to_date(name: str) -> None:
+    command = [sys.executable, str(ROOT / "tools" / f"generate_{name}.py"), "--check"]
+    checked = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
 
 
 def test_every_encoding_is_listed_by_precedence() -> None:
@@ -93,10 +97,6 @@ def test_every_encoding_is_listed_by_precedence() -> None:
     (order,) = re.findall(r"the first of ([^(]+) applies \(SUB-08\)", page)
     strongest = sorted(SELECTABLE, key=lambda encoding: -encoding.precedence)
     assert re.findall(r"`([\w-]+)`", order) == [encoding.name for encoding in strongest]
-
-
-def test_the_page_of_tools_is_made_from_the_tools() -> None:
-    assert generate_tools.page() == generate_tools.TARGET.read_text(encoding="utf-8")
 
 
 def test_costs_in_the_readme_are_those_of_the_linked_pages() -> None:

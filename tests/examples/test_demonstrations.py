@@ -15,7 +15,6 @@ from tests.docs.blocks import ROOT
 from tests.docs.processes import Running, commands_folder
 
 _PROGRAM = ROOT / "examples" / "demonstrations.py"
-_ENVIRONMENT = {"PYTHONPATH": str(ROOT / "src")}
 _PATIENCE = 300.0
 
 TEACHING = Teaching("robot1", 10.0, 295, (0.02, 0.01, 0.03), 100, 198, 200, (0.03, 0.05), 10, 2.5)
@@ -23,14 +22,8 @@ TEACHING = Teaching("robot1", 10.0, 295, (0.02, 0.01, 0.03), 100, 198, 200, (0.0
 
 @pytest.mark.timeout(400)
 def test_two_demonstrators_teach_at_once() -> None:
-    done = subprocess.run(
-        [sys.executable, str(_PROGRAM), "--demonstrators", "2", "--seconds", "2", "--camera-size", "160x120"],
-        env=_ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=_PATIENCE,
-        check=False,
-    )
+    options = "--demonstrators 2 --seconds 2 --camera-size 160x120"
+    done = _run(_PROGRAM.name, *options.split())
     assert (done.returncode, done.stderr) == (0, "")
     rows = [line.split() for line in done.stdout.splitlines() if line.startswith("robot")]
     assert [row[0] for row in rows] == ["robot1", "robot2"]
@@ -55,7 +48,16 @@ def test_ctrl_c_ends_it_all(tmp_path: Path) -> None:
         program.expect_end(130)
 
 
-def test_the_table() -> None:
+def test_percentiles_and_the_table() -> None:
+    assert [percentile([4.0, 1.0, 3.0, 2.0], each) for each in (0, 25, 50, 51, 100)] == [
+        1.0,
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+    ]
+    assert math.isnan(percentile([], 50))
+
     lines = table([TEACHING, TEACHING], 7.5, Camera(320, 240, 30.0)).splitlines()
     assert lines[2].split() == ["robot1", "29.5", "20", "10.0", "19.8", "20.0", "30", "/", "50", "10"]
     assert lines[4].split() == ["at", "most", "30.0", "10.0", "20.0", "20.0"]
@@ -68,31 +70,28 @@ def test_the_table() -> None:
 
 
 @pytest.mark.parametrize(
-    ("percent", "expected"),
-    [(0, 1.0), (25, 1.0), (50, 2.0), (51, 3.0), (95, 4.0), (100, 4.0)],
-)
-def test_percentiles_are_values_that_so_many_do_not_exceed(percent: float, expected: float) -> None:
-    assert percentile([4.0, 1.0, 3.0, 2.0], percent) == expected
-    assert math.isnan(percentile([], percent))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("program", "line", "complaint"),
     [
-        (["--demonstrators", "0"], "'0' is not a number from 1 to 100"),
-        (["--seconds", "-1"], "-1: it must be above 0 and at most 3600"),
-        (["--seconds", "nan"], "nan: it must be above 0 and at most 3600"),
-        (["--camera-size", "320"], "'320' is not WIDTHxHEIGHT, as 320x240"),
+        ("demonstrations", "--demonstrators 0", "'0' is not a number from 1 to 100"),
+        ("demonstrations", "--seconds -1", "-1: it must be above 0 and at most 3600"),
+        ("demonstrations", "--seconds nan", "nan: it must be above 0 and at most 3600"),
+        ("demonstrations", "--camera-size 320", "'320' is not WIDTHxHEIGHT, as 320x240"),
+        ("pybullet_robot", "--size big", "'big' is not WIDTHxHEIGHT, as 640x480"),
+        ("pybullet_robot", "--size 9999x480", "9999x480: width and height must be from 16 to 1920"),
+        ("pybullet_robot", "--camera-rate 0", "0: the rate must be above 0 and at most 100"),
     ],
 )
-def test_options_that_make_no_sense(arguments: list[str], complaint: str) -> None:
-    done = subprocess.run(
-        [sys.executable, str(_PROGRAM), *arguments],
-        env=_ENVIRONMENT,
+def test_options_that_make_no_sense(program: str, line: str, complaint: str) -> None:
+    done = _run(f"{program}.py", *line.split())
+    assert (done.returncode, complaint in done.stderr) == (2, True), done.stderr
+
+
+def _run(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(ROOT / "examples" / program), *arguments],
+        env={"PYTHONPATH": str(ROOT / "src")},
         capture_output=True,
         text=True,
         timeout=_PATIENCE,
         check=False,
     )
-    assert done.returncode == 2
-    assert complaint in done.stderr

@@ -141,7 +141,7 @@ async def test_the_frames_are_one_tree_with_odometrys_pose(lab: Lab) -> None:
     assert found == pytest.approx((position.x, position.y, position.z))
 
 
-async def test_transforms_are_where_bullet_has_the_links(lab: Lab) -> None:
+async def test_transforms_are_where_bullet_has_the_links(lab: Lab, scene: Scene) -> None:
     """The arm's pose by the joint angles that are told, against what Bullet says of the same angles."""
     moving, joints = lab.watch("/tf"), lab.watch("/joint_states")
     fixed = lab.watch("/tf_static")
@@ -149,7 +149,6 @@ async def test_transforms_are_where_bullet_has_the_links(lab: Lab) -> None:
     buffer = Buffer()
     for transform in (*fixed[-1].transforms, *moving[-1].transforms):
         buffer.set_transform(read_transform(transform), static=True)
-    scene = Scene()
     for name, angle in zip(joints[-1].name, joints[-1].position, strict=True):
         scene.bullet.resetJointState(scene.robot, scene.joint_numbers[name], angle)
     scene.bullet.resetBasePositionAndOrientation(scene.robot, (0, 0, 0), (0, 0, 0, 1))
@@ -160,7 +159,6 @@ async def test_transforms_are_where_bullet_has_the_links(lab: Lab) -> None:
         found = buffer.lookup_transform(ROOT, link).transform
         assert found.translation == pytest.approx(state[4], abs=1e-4)
         assert abs(np.dot(found.rotation, state[5])) == pytest.approx(1.0, abs=1e-5)
-    scene.close()
 
 
 async def test_the_arm_follows_a_trajectory(lab: Lab) -> None:
@@ -251,8 +249,7 @@ async def test_pictures_come_with_their_camera_infos_while_somebody_listens(lab:
     assert infos[0].k[0] == pytest.approx(LENS.focal)
 
 
-def test_colour_and_depth_show_the_same_things_where_they_are() -> None:
-    scene = Scene()
+def test_colour_and_depth_show_the_same_things_where_they_are(scene: Scene) -> None:
     # Out of the picture with the arm: it stands before the red block.
     scene.bullet.resetJointState(scene.robot, scene.joint_numbers["joint1"], math.pi)
     place = scene.bullet.getLinkState(scene.robot, scene.link_numbers[OPTICAL], computeForwardKinematics=True)
@@ -272,7 +269,6 @@ def test_colour_and_depth_show_the_same_things_where_they_are() -> None:
         assert np.median(picture.depths[mask]) / 1000 == pytest.approx(expected, abs=0.2), name
     assert columns["green"] < columns["red"] < columns["blue"]
     assert (picture.depths[0] == 0).all()  # the sky
-    scene.close()
 
 
 def test_every_mesh_is_in_a_package_that_is_served() -> None:
@@ -298,16 +294,21 @@ def test_colours_have_names_of_their_own() -> None:
 
 
 @pytest.fixture
+def scene() -> Iterator[Scene]:
+    scene = Scene()
+    yield scene
+    scene.close()
+
+
+@pytest.fixture
 def renderer() -> Iterator[Renderer]:
     renderer = Renderer(LENS)
     yield renderer
     renderer.close()
 
 
-def test_a_renderer_that_was_killed_says_so(renderer: Renderer) -> None:
-    scene = Scene()
+def test_a_renderer_that_was_killed_says_so(renderer: Renderer, scene: Scene) -> None:
     snapshot = scene.snapshot()
-    scene.close()
     assert renderer.draw(snapshot).colours.shape == (120, 160, 3)
     os.kill(renderer.pid, signal.SIGKILL)
     with pytest.raises(RendererGone, match="has ended"):
@@ -339,15 +340,13 @@ def test_a_film_that_was_broken_off_is_drawn_anew(tmp_path: Path) -> None:
     assert film.colours[1].any()
 
 
-def test_a_snapshot_puts_everything_back() -> None:
-    scene = Scene()
+def test_a_snapshot_puts_everything_back(scene: Scene) -> None:
     before = scene.snapshot()
     scene.bullet.resetJointState(scene.robot, scene.joint_numbers["joint3"], -1.0)
     scene.bullet.resetBasePositionAndOrientation(scene.robot, (1.0, 2.0, 0.5), (0, 0, 1, 0))
     assert scene.snapshot() != before
     scene.restore(before)
     after = scene.snapshot()
-    scene.close()
     assert after.joints == pytest.approx(before.joints)
     for (position, orientation), (was_at, was_turned) in zip(after.bodies, before.bodies, strict=True):
         assert position == pytest.approx(was_at) and orientation == pytest.approx(was_turned)

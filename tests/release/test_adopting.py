@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from rosbridge_conformance import SUITE_VERSION
 from rosbridge_conformance.suite.target import Target, find_client_target, find_target, with_known
+from tests.release.test_forge import lint
 
 ROOT = Path(__file__).parents[2]
 PATCHES = sorted((ROOT / "docs" / "adopting").glob("*.patch"))
@@ -40,10 +40,7 @@ def test_each_patch_says_to_which_commit_it_was_applied() -> None:
 
 
 def test_the_workflow_is_one(applied: Path) -> None:
-    workflow = applied / ".github" / "workflows" / "conformance.yml"
-    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]
-    done = subprocess.run([*command, str(workflow)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout
+    lint("vendor.github-workflows", applied / ".github" / "workflows" / "conformance.yml")
 
 
 def test_what_the_workflow_names_is_there(applied: Path) -> None:

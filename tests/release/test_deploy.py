@@ -11,8 +11,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -25,6 +23,7 @@ from tests.processes import LONGEST, ROOT, free_port, running, start
 
 FILES = ROOT / "docs" / "how-to" / "deploy"
 TOKEN = "a-token-of-thirty-two-characters"
+WITH_TOKEN = {"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}
 ADVERTISE = json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"})
 
 
@@ -56,30 +55,17 @@ def settings(tmp_path: Path) -> tuple[Path, int]:
 class Manager:
     """Notifications that a service manager receives from the process that it has started."""
 
-    def __init__(self, folder: Path) -> None:
-        self.path = str(folder / "notify")
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(self.path)
-        self._socket.settimeout(LONGEST)
+    def __init__(self, path: Path) -> None:
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(str(path))
+        self.socket.settimeout(LONGEST)
 
     def hears(self, state: str) -> str:
         """Wait for a state; the whole message that has it."""
         while True:
-            message = self._socket.recv(4096).decode()
+            message = self.socket.recv(4096).decode()
             if state in message.split("\n"):
                 return message
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-@contextmanager
-def managed(folder: Path) -> Iterator[Manager]:
-    manager = Manager(folder)
-    try:
-        yield manager
-    finally:
-        manager.close()
 
 
 def arguments(command: str, settings: Path) -> list[str]:
@@ -106,7 +92,7 @@ def test_what_a_restart_cannot_mend_ends_the_service(
     recording = tmp_path / "run.mcap"
     recording.write_bytes(b"of yesterday")
     command = [*arguments(service["ExecStart"], settings[0]), "--record"]
-    environment = {**os.environ, "RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}
+    environment = {**os.environ, **WITH_TOKEN}
     with start(*command, str(recording), environment=environment, stderr=subprocess.PIPE) as process:
         errors = process.communicate(timeout=LONGEST)[1]
     assert "run.mcap is there already" in errors
@@ -118,21 +104,16 @@ def test_the_service_tells_when_it_is_ready_alive_reloading_and_stopping(
     service: configparser.SectionProxy, settings: tuple[Path, int], tmp_path: Path, workers: int
 ) -> None:
     file, port = settings
-    with managed(tmp_path) as manager:
-        environment = {
-            "NOTIFY_SOCKET": manager.path,
-            "WATCHDOG_USEC": "200000",
-            "RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN,
-        }
+    manager = Manager(tmp_path / "notify")
+    with manager.socket:
+        environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000", **WITH_TOKEN}
         command = [*arguments(service["ExecStart"], file), "--workers", str(workers)]
         with running(*command, environment=environment) as (process, _):
             manager.hears("READY=1")
             manager.hears("WATCHDOG=1")
             manager.hears("WATCHDOG=1")
             with connect(f"ws://127.0.0.1:{port}?token={TOKEN}") as operator:
-                operator.send(
-                    json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"})
-                )
+                operator.send(ADVERTISE)
                 assert service["ExecReload"] == "/bin/kill -HUP $MAINPID"
                 process.send_signal(signal.SIGHUP)
                 assert re.search(r"^MONOTONIC_USEC=\d+$", manager.hears("RELOADING=1"), re.MULTILINE)
@@ -145,7 +126,7 @@ def test_the_service_tells_when_it_is_ready_alive_reloading_and_stopping(
 def test_who_shows_no_token_may_look(settings: tuple[Path, int]) -> None:
     file, port = settings
     with (
-        running("serve", "--config", str(file), environment={"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}),
+        running("serve", "--config", str(file), environment=WITH_TOKEN),
         connect(f"ws://127.0.0.1:{port}") as viewer,
     ):
         viewer.send(json.dumps({"op": "set_level", "level": "error"}))
@@ -168,8 +149,7 @@ def test_the_container_runs_the_same(settings: tuple[Path, int]) -> None:
     assert said["STOPSIGNAL"] == "SIGTERM" and said["USER"] != "root" and said["EXPOSE"] == "9090"
     command = " ".join(json.loads(said["CMD"]))
     health = json.loads(said["HEALTHCHECK"].partition("CMD ")[2])
-    environment = {"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}
-    with running(*arguments(command, file), environment=environment):
+    with running(*arguments(command, file), environment=WITH_TOKEN):
         check = [sys.executable, "-c", health[2].replace("9090", str(port))]
         assert health[:2] == ["/opt/robot/bin/python", "-c"]
         assert subprocess.run(check, timeout=LONGEST, check=False).returncode == 0
@@ -189,8 +169,7 @@ def test_the_container_needs_no_writable_root(settings: tuple[Path, int]) -> Non
     if shutil.which("unshare") is None or subprocess.run([*trial, "true"], check=False).returncode:
         pytest.skip("this system has no mount namespaces for tests")
     words = [*trial, sys.executable, "-m", "rwt.cli", *arguments(" ".join(command), settings[0])]
-    variables = {"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN, "PYTHONPATH": str(ROOT / "src")}
-    environment = {**os.environ, **variables}
+    environment = {**os.environ, **WITH_TOKEN, "PYTHONPATH": str(ROOT / "src")}
     with subprocess.Popen(words, env=environment, stdout=-1, stderr=-1, text=True) as process:
         assert process.stdout is not None and process.stderr is not None
         while not (line := process.stdout.readline()).startswith("listening on "):

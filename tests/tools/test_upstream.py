@@ -10,55 +10,7 @@ from tools.upstream.__main__ import main
 from tools.upstream.results import Result, judge, of_go, of_junit
 from tools.upstream.suites import CannotRun, read_suites
 
-SUITES = """
-[small]
-title = "two tests against a server"
-repository = "https://example.org/small"
-tried = "1"
-checkout = ["test_small.py"]
-ready = "unpacking it"
-serve = ["--demo"]
-run = [
-  "{python}", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--junitxml={report}",
-  "{checkout}/test_small.py",
-]
-environment = { SMALL_URL = "{url}" }
-results = "junit"
-EXPECTED
-
-[tool]
-title = "needs what nobody has"
-repository = "https://example.org/tool"
-tried = "1"
-tools = ["no-such-program-anywhere"]
-run = ["no-such-program-anywhere"]
-
-[module]
-title = "needs a module that nobody has"
-repository = "https://example.org/module"
-tried = "1"
-python = ["no_such_module_anywhere"]
-run = ["{python}"]
-
-[silent]
-title = "runs no test"
-repository = "https://example.org/silent"
-tried = "1"
-run = ["{python}", "-c", "print('nothing to see')"]
-results = "junit"
-
-[slow]
-title = "does not end"
-repository = "https://example.org/slow"
-tried = "1"
-run = ["{python}", "-c", "import time; time.sleep(60)"]
-
-[hands]
-title = "is looked at"
-repository = "https://example.org/hands"
-tried = "1"
-by_hand = "Look at it."
-"""
+SUITES = Path(__file__).with_name("suites.toml").read_text(encoding="utf-8")
 
 SMALL = """
 import json, os
@@ -76,7 +28,7 @@ def test_wrong():
 
 def suites(folder: Path, expected: str = "") -> Path:
     file = folder / "suites.toml"
-    file.write_text(SUITES.replace("EXPECTED", expected))
+    file.write_text(SUITES.replace("# EXPECTED", expected))
     (folder / "checkout").mkdir(exist_ok=True)
     return file
 
@@ -160,28 +112,7 @@ def test_each_file_runs_by_itself_and_some_tests_are_set_apart(
         "\ndef test_c():\n    assert False\n"
     )
     (checkout / "test_two.py").write_text("def test_flaky():\n    pass\n")
-    listed = tmp_path / "each.toml"
-    listed.write_text(
-        """
-[small]
-title = "two files"
-repository = "https://example.org/small"
-tried = "1"
-checkout = ["test_one.py"]
-ready = "unpacking it"
-beside = { other = ["word.txt"] }
-each = "test_*.py"
-run = ["{python}", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--junitxml={report}", "{file}"]
-environment = { WORD = "{other}" }
-results = "junit"
-
-[small.apart]
-"*::test_c" = "needs a compiler"
-
-[small.sometimes]
-"*::test_flaky" = "it is flaky"
-"""
-    )
+    listed = Path(__file__).with_name("suite_of_files.toml")
     arguments = ["small", "--checkout", str(checkout)]
     assert main(arguments, suites_file=listed) == 2
     assert "--beside other=DIR" in capsys.readouterr().err

@@ -14,23 +14,10 @@ from tests.traces.rosbridge import ADD, FIBONACCI, NEXT, ROBOT
 from tests.traces.transcript import Session, Transcript
 from tests.traces.wires import Http, Wire, raw_exchange, refused, serving
 
-_TOKENS: Final = """\
-[auth.tokens.admin]
-token = "admin-token-of-the-trace"
-role = "admin"
-
-[auth.tokens.driver]
-token = "driver-token-of-the-trace"
-role = "driver"
-
-[auth.tokens.agent]
-token = "agent-token-of-the-trace"
-role = "agent"
-
-[auth.tokens.viewer]
-token = "viewer-token-of-the-trace"
-role = "viewer"
-"""
+_TOKENS: Final = "\n".join(
+    f'[auth.tokens.{role}]\ntoken = "{role}-token-of-the-trace"\nrole = "{role}"\n'
+    for role in ("admin", "driver", "agent", "viewer")
+)
 _ROLES: Final = (
     _TOKENS
     + """

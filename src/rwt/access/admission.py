@@ -53,14 +53,6 @@ class Admission:
         self._monotonic = monotonic
         self._log_rate = LineRate(per_second=10, burst=100)
         self.rosauth: Rosauth | None = None
-        self.reload(settings)
-
-    def reload(self, settings: AccessSettings) -> None:
-        """Replace tokens, roles, origins and the rosauth secret; the limits stay.
-
-        Raises:
-            SettingsError: the rosauth secret cannot be read; then nothing changes.
-        """
         self.prepare(settings)()
 
     def prepare(self, settings: AccessSettings) -> Callable[[], None]:
@@ -69,9 +61,8 @@ class Admission:
         Raises:
             SettingsError: the rosauth secret cannot be read.
         """
-        auth = settings.auth
-        known: Mapping[str, Role] = roles(settings)
-        rosauth = rosauth_of(auth, known, bool(settings.roles), self._now)
+        known = roles(settings)
+        rosauth = rosauth_of(settings.auth, known, bool(settings.roles), self._now)
         return partial(self._replace, settings, known, rosauth)
 
     def _replace(self, settings: AccessSettings, known: Mapping[str, Role], rosauth: Rosauth | None) -> None:
@@ -88,7 +79,7 @@ class Admission:
         self._origins = Origins(settings.origins.allow)
 
     def role_now(self, info: PeerInfo, by_auth: str | None) -> Role:
-        """Return the role of a connected client after :meth:`reload`.
+        """Return the role of a connected client after the settings were replaced.
 
         Args:
             by_auth: role granted by an `auth` op, if any.
@@ -141,7 +132,7 @@ class Admission:
         raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here{hint} (origins.allow)")
 
     def _role(self, info: PeerInfo) -> Role | None:
-        role = self.role_of_token(info) or self.default_role
+        role = self.role_of(info)
         if role is None and self.rosauth is None:
             raise self._refused(info, 401, f"a bearer token is needed (auth.tokens): {_HOW}")
         return role

@@ -124,13 +124,10 @@ class LogRate(logging.Filter):
         rate = self._places.get(place)
         if rate is None:
             rate = self._places[place] = LineRate(self._per_second, self._burst)
-        left_out = rate.left_out
-        if rate.admit("", self._monotonic()) is None:
-            return False
+        left_out = rate.admit("", self._monotonic())
         if left_out:
-            record.msg = f"{record.getMessage()} ({left_out} lines like it were left out)"
-            record.args = ()
-        return True
+            record.msg, record.args = f"{record.getMessage()}{left_out}", ()
+        return left_out is not None
 
 
 @contextmanager

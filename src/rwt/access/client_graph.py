@@ -6,14 +6,14 @@ in canonical form. A gateway has no other access to the graph, so it cannot bypa
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar, Union
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeVar, Union
 
-from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_parameters, written_text
-from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
+from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_parameters
+from rwt.access.errors import NotAllowed, QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
 from rwt_graph.names import resolve
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 C = TypeVar("C")
+
+_OfferKind = Literal["service", "action"]
 
 #: Requests up to this size are not charged to `limits.kept_bytes`: `limits.calls` bounds their number.
 _SMALL_BYTES: Final = 1024
@@ -149,19 +151,13 @@ class GoalMessages(WrappedPublisher):
         Raises:
             CallFailed: `limits.calls` or `limits.kept_bytes` is reached.
         """
-        charges: list[Charge] = []
-
-        def release() -> None:
-            for charge in charges:
-                charge.end()
-
-        try:
-            charges.append(self._quotas.calls.take())
-            charges.append(self._quotas.kept.take(size))
-        except QuotaExceeded as exceeded:
-            release()
-            raise CallFailed(str(exceeded)) from None
-        return release
+        with ExitStack() as charges:
+            try:
+                charges.callback(self._quotas.calls.take().end)
+                charges.callback(self._quotas.kept.take(size).end)
+            except QuotaExceeded as exceeded:
+                raise CallFailed(str(exceeded)) from None
+            return charges.pop_all().close
 
     def publish(self, payload: Payload) -> None:
         """Publish a goal.
@@ -174,18 +170,6 @@ class GoalMessages(WrappedPublisher):
             self._inner.publish(payload)
         finally:
             WORK_ACCOUNT.reset(asker)
-
-
-def _charge_parameters(quota: Quota, amount: int, replaced: object) -> Charge:
-    """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
-
-    Raises:
-        ParameterRejected: `limits.parameter_bytes` is reached.
-    """
-    try:
-        return quota.exchange(replaced, amount)
-    except QuotaExceeded as exceeded:
-        raise ParameterRejected(str(exceeded)) from None
 
 
 class LatchedPublisher(WrappedPublisher):
@@ -249,10 +233,9 @@ class ClientGraph(GraphView):
 
     * Policy: ``role``, ``_decisions``, ``_quotas``, ``_gate``, ``_policy``.
     * Graph: ``_graph`` (from `GraphView`), ``_shared`` (publishers, fan-outs and counters of the gateway).
-    * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark),
-      ``_services``, ``_actions``, ``_subscriptions``.
+    * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark), and
+      ``_offers`` (services and actions, by kind and name).
     * In progress: ``_calls``. Goals hold their own charges.
-    * Parameters it has set: ``_charge_parameters`` counts their bytes.
 
     Args:
         policy: rules that hold for all clients.
@@ -275,12 +258,9 @@ class ClientGraph(GraphView):
         self._shared = shared
         self._gate = gate
         self._advertised: dict[str, dict[Hashable, Charge]] = {}
-        self._services: dict[str, tuple[Registration, Charge]] = {}
-        self._actions: dict[str, tuple[Registration, Charge]] = {}
+        self._offers: dict[tuple[_OfferKind, str], tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
         self._quotas = quotas
-        self._charge_parameters = partial(_charge_parameters, quotas.parameters)
-        self._subscriptions: list[Charge] = []
 
     def take_role(self, role: Role) -> None:
         """Switch to another role. What is open stays open; callers must request publishers again."""
@@ -364,12 +344,9 @@ class ClientGraph(GraphView):
         for topic, marks in tuple(self._advertised.items()):
             if not self.role.allows("publish", topic):
                 self._release(topic, tuple(marks))
-        for service in tuple(self._services):
-            if not self.role.allows("provide", service):
-                self.withdraw_service(service)
-        for action in tuple(self._actions):
-            if not self.role.allows("provide", action):
-                self.withdraw_action(action)
+        for kind, name in tuple(self._offers):
+            if not self.role.allows("provide", name):
+                self._withdraw(kind, name)
 
     @property
     def counters(self) -> Counters:
@@ -521,18 +498,17 @@ class ClientGraph(GraphView):
         if self._gate is not None and type:
             self._gate.check_type(name, self.registry.message(type))
         if is_new:
-            self._subscriptions.append(self._quotas.subscriptions.take())
+            self._quotas.subscriptions.add(1)
         try:
             return self._shared.fanout(name, self._type_of(name, type))
         except BaseException:
             if is_new:
-                self._subscriptions.pop().end()
+                self._quotas.subscriptions.give_back(1)
             raise
 
     def unsubscribe(self, fanout: Fanout, count: int = 1) -> None:
         """End `count` subscriptions on a fan-out; it closes with its last subscriber."""
-        for _ in range(count):
-            self._subscriptions.pop().end()
+        self._quotas.subscriptions.give_back(count)
         self._shared.release(fanout)
 
     def late_sends(self, topic: str) -> Iterator[None]:
@@ -600,8 +576,7 @@ class ClientGraph(GraphView):
                 payload, filtered = restrict(self, self._policy.disclosures, name, info.type, payload)
             if gate is not None and not is_gates:
                 if info.type.name in self._policy.setting_parameters:
-                    written = written_parameters(self._policy.disclosures, name, info.type, payload)
-                    text = written_text(self._policy.disclosures, info.type, payload)
+                    written, text = written_parameters(self._policy.disclosures, name, info.type, payload)
                 payload, needed = gate.check_call(name, info.type, payload, written, text)
             size = payload.kept_size
             if size > _SMALL_BYTES:
@@ -614,15 +589,16 @@ class ClientGraph(GraphView):
         call = _Call(self._calls, quotas, size, on_reply, filtered)
         self._calls.add(call)
         self._shared.counters.calls += 1
+        send = partial(self._send, info, call, timeout)
         if gate is None:
-            call.pending = self._send(info, payload, call, timeout)
+            call.pending = send(payload)
         elif is_gates:
-            call.pending = gate.as_caller(partial(self._send, info, payload, call, timeout))
+            call.pending = gate.as_caller(partial(send, payload))
         else:
-            self._send_through(gate, info, payload, call, timeout, needed, written)
+            call.pending = gate.call(info, needed, written, payload, send, call)
         return call.pending
 
-    def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
+    def _send(self, info: ServiceInfo, call: _Call, timeout: float | None, payload: Payload) -> PendingCall:
         send = self._shared.participant.call_service
         asker = WORK_ACCOUNT.set(call.hold)
         try:
@@ -635,31 +611,16 @@ class ClientGraph(GraphView):
         finally:
             WORK_ACCOUNT.reset(asker)
 
-    def _send_through(
-        self,
-        gate: ClientGate,
-        info: ServiceInfo,
-        payload: Payload,
-        call: _Call,
-        timeout: float | None,
-        needed: Needed,
-        written: list[str],
-    ) -> None:
-        """Send a call that the gate allows, or hold it for human approval."""
+    def _charge_parameters(self, amount: int, replaced: object) -> Charge:
+        """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
 
-        def send(kept: Payload) -> PendingCall:
-            now = self._graph.service(info.name)
-            if now is not None and now.type is not info.type:
-                raise GateRefused(f"{info.name} is of another type now: call it again")
-            self.role.require("call", info.name)
-            gate.note_call(info.name, written, kept)
-            return self._send(info, kept, call, timeout)
-
-        if needed:
-            call.pending = gate.call(needed, payload, send, call)
-        else:
-            gate.note_call(info.name, written, payload)
-            call.pending = self._send(info, payload, call, timeout)
+        Raises:
+            ParameterRejected: `limits.parameter_bytes` is reached.
+        """
+        try:
+            return self._quotas.parameters.exchange(replaced, amount)
+        except QuotaExceeded as exceeded:
+            raise ParameterRejected(str(exceeded)) from None
 
     def advertise_service(
         self, service: str, type: str, on_call: Callable[[ServiceType, ServiceCall], None]
@@ -674,11 +635,11 @@ class ClientGraph(GraphView):
         interface = self.registry.service(type)
         advertise = self._shared.participant.advertise_service
         name = self._admit("advertise_service", service)
-        return self._offer(self._services, name, interface, self._graph.service, advertise, on_call)
+        return self._offer("service", name, interface, self._graph.service, advertise, on_call)
 
     def withdraw_service(self, service: str) -> bool:
         """Withdraw a service of this client; its pending calls fail. Returns False if there was none."""
-        return self._withdraw(self._services, resolve(service))
+        return self._withdraw("service", resolve(service))
 
     # Actions
 
@@ -699,30 +660,25 @@ class ClientGraph(GraphView):
         if info is None:
             raise ProviderNotFound(f"Action {name} does not exist")
         gate = self._gate
-        charge = self._quotas.calls.take()
         needed: Needed = []
-        try:
+        with ExitStack() as charges:
+            charges.callback(self._quotas.calls.take().end)
             payload = goal(info.type)
             if gate is not None:
                 payload, needed = gate.check_goal(name, info.type, payload)
-            kept = self._quotas.kept.take(payload.kept_size)
-        except BaseException:
-            charge.end()
-            raise
+            charges.callback(self._quotas.kept.take(payload.kept_size).end)
+            release = charges.pop_all().close
 
         def on_result(status: GoalStatus, outcome: Payload | CallFailed) -> None:
-            charge.end()
-            kept.end()
+            release()
             events.on_result(status, outcome)
 
         self._shared.counters.goals += 1
+        charged = replace(events, on_result=on_result)
         if gate is None:
-            return self._shared.participant.send_goal(name, payload, replace(events, on_result=on_result))
+            return self._shared.participant.send_goal(name, payload, charged)
 
         def send(goal_id: str, payload: Payload) -> ClientGoal:
-            # Check again: the role may have changed while the goal waited.
-            self.role.require("goals", name)
-            charged = replace(events, on_result=on_result)
             return self._shared.participant.send_goal(name, payload, charged, goal_id)
 
         return gate.send_goal(name, needed, payload, send, partial(on_result, GoalStatus.UNKNOWN))
@@ -748,15 +704,15 @@ class ClientGraph(GraphView):
         interface = self.registry.action(type)
         advertise = self._shared.participant.advertise_action
         name = self._admit("advertise_action", action)
-        return self._offer(self._actions, name, interface, self._graph.action, advertise, on_goal)
+        return self._offer("action", name, interface, self._graph.action, advertise, on_goal)
 
     def withdraw_action(self, action: str) -> bool:
         """Withdraw an action of this client; its goals are aborted. Returns False if there was none."""
-        return self._withdraw(self._actions, resolve(action))
+        return self._withdraw("action", resolve(action))
 
     def _offer(
         self,
-        offers: dict[str, tuple[Registration, Charge]],
+        kind: _OfferKind,
         absolute: str,
         interface: T,
         find: Callable[[str], ServiceInfo | ActionInfo | None],
@@ -771,20 +727,21 @@ class ClientGraph(GraphView):
         # All clients act as the gateway's node; the gateway's own services have its name as prefix.
         if present is not None and (present.node != gateway or absolute.startswith(f"{gateway}/")):
             self.role.require("displace", absolute)
-        previous = offers.get(absolute)
+        previous = self._offers.get((kind, absolute))
         charge = self._quotas.advertisements.take() if previous is None else previous[1]
         try:
-            offers[absolute] = (advertise(absolute, interface, partial(on_ask, interface)), charge)
+            offer = advertise(absolute, interface, partial(on_ask, interface))
         except BaseException:
             if previous is None:
                 charge.end()
             raise
+        self._offers[kind, absolute] = (offer, charge)
         if previous is not None:
             previous[0].close()
         return absolute
 
-    def _withdraw(self, offers: dict[str, tuple[Registration, Charge]], name: str) -> bool:
-        offered = offers.pop(name, None)
+    def _withdraw(self, kind: _OfferKind, name: str) -> bool:
+        offered = self._offers.pop((kind, name), None)
         if offered is None:
             return False
         registration, charge = offered
@@ -810,11 +767,8 @@ class ClientGraph(GraphView):
 
         Call after :meth:`leave`.
         """
-        for service in tuple(self._services):
-            self.withdraw_service(service)
-            yield
-        for action in tuple(self._actions):
-            self.withdraw_action(action)
+        for offer in tuple(self._offers):
+            self._withdraw(*offer)
             yield
         for topic, marks in tuple(self._advertised.items()):
             self._release(topic, tuple(marks))

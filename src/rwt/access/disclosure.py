@@ -82,7 +82,7 @@ def restrict(
             return request, partial(_providers, view, part, request)
         asked = getattr(request.value(), part.field)
         if isinstance(part, AsksAbout):
-            if not _sees(view, part.kind, canonical(asked)):
+            if not _sight(view, part.kind)(canonical(asked)):
                 hidden = canonical(asked)
                 changed = msgspec.structs.replace(request.value(), **{part.field: _NO_NAME})
                 request = Payload.from_value(request.type, changed)
@@ -110,23 +110,19 @@ def setting_parameters(disclosures: Disclosures) -> frozenset[str]:
 
 def written_parameters(
     disclosures: Disclosures, service: str, type: ServiceType, request: Payload
-) -> list[str]:
-    """Return the full names of the parameters that a call sets, as declared for the service type."""
-    return [
-        name
-        for part in disclosures.get(type.name, ())
-        if isinstance(part, Writes)
-        for name in _parameters(service, getattr(request.value(), part.field))
-    ]
+) -> tuple[list[str], str]:
+    """Return what a call sets, as declared for the service type.
 
-
-def written_text(disclosures: Disclosures, type: ServiceType, request: Payload) -> str:
-    """Return the value that a call sets, as JSON text; empty if its type has another form."""
+    Returns:
+        The full names of the parameters, and the value as JSON text; empty if its type has another form.
+    """
+    names: list[str] = []
+    text = ""
     for part in disclosures.get(type.name, ()):
-        if isinstance(part, Writes) and part.json:
-            text: str = getattr(request.value(), part.json)
-            return text
-    return ""
+        if isinstance(part, Writes):
+            names += _parameters(service, getattr(request.value(), part.field))
+            text = getattr(request.value(), part.json) if part.json else text
+    return names, text
 
 
 def affected_parameters(tree: ParameterTree, name: str, text: str, most: int) -> list[str] | None:
@@ -169,19 +165,17 @@ def affected_parameters(tree: ParameterTree, name: str, text: str, most: int) ->
     return names
 
 
-def _sees(view: GraphView, kind: Kind, name: str) -> bool:
+def _sight(view: GraphView, kind: Kind) -> Callable[[str], bool]:
+    """Return the function that returns True for a visible name of a kind."""
     role = view.role
-    match kind:
-        case "topic":
-            return role.sees_topic(name)
-        case "service":
-            return view.sees_service(name)
-        case "action":
-            return role.sees_action(name)
-        case "parameter":
-            return role.sees_parameter(name)
-        case "node":
-            return view.sees_node(name)
+    sights: dict[Kind, Callable[[str], bool]] = {
+        "topic": role.sees_topic,
+        "service": view.sees_service,
+        "action": role.sees_action,
+        "parameter": role.sees_parameter,
+        "node": view.sees_node,
+    }
+    return sights[kind]
 
 
 def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
@@ -226,10 +220,10 @@ def _without_hidden(
     if dot:
         part = _without_hidden(view, kind, prefix, getattr(value, inner), (rest,))
         return msgspec.structs.replace(value, **{inner: part})
-    names = getattr(value, fields[0])
+    names, sees = getattr(value, fields[0]), _sight(view, kind)
     if isinstance(names, str):
-        return value if _sees(view, kind, names) else msgspec.structs.replace(value, **{fields[0]: ""})
-    rows = [index for index, name in enumerate(names) if _sees(view, kind, prefix + name)]
+        return value if sees(names) else msgspec.structs.replace(value, **{fields[0]: ""})
+    rows = [index for index, name in enumerate(names) if sees(prefix + name)]
     columns = {field: getattr(value, field) for field in fields}
     kept = {field: [column[index] for index in rows] for field, column in columns.items()}
     return msgspec.structs.replace(value, **kept)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import fnmatch
 import re
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Final, Literal, TypeVar, get_args
 
 from rwt.access.errors import NotAllowed
 from rwt.access.settings import BUILT_IN_ROLES, AccessSettings, RoleSettings
@@ -24,11 +24,14 @@ _READ_ONLY: Final[Mapping[Act, tuple[str, ...]]] = {"subscribe": ("*",), "get_pa
 #: Services that every role may call: rosapi, whose responses are filtered by role (CFG-10, API-13).
 _ALWAYS_CALLED: Final = ("/rosapi/*",)
 
-#: Maximum number of cached decisions of a role: names come from clients. At the limit the cache is cleared.
-_MAX_DECISIONS: Final = 4096
+#: Maximum number of entries of a cache by name: names come from clients. At the limit the cache is cleared.
+_MAX_NAMES: Final = 4096
 
 #: Maximum number of characters of a cached name: clients may send names of megabytes.
 _MAX_NAME: Final = 256
+
+A = TypeVar("A", bound=str)
+V = TypeVar("V")
 
 _WORDS: Final[Mapping[Act, str]] = {
     "publish": "publish on",
@@ -46,6 +49,26 @@ _WORDS: Final[Mapping[Act, str]] = {
 _BEHIND_ACTION: Final = re.compile(
     r"(?P<action>/.+)/_action/(?:(?P<service>send_goal|cancel_goal|get_result)|feedback|status)"
 )
+
+
+class NameCache(dict[tuple[A, str], V]):
+    """Bounded cache of values by act and name.
+
+    Args:
+        find: returns the value that is not in the cache.
+    """
+
+    def __init__(self, find: Callable[[A, str], V]) -> None:
+        super().__init__()
+        self._find = find
+
+    def __missing__(self, key: tuple[A, str]) -> V:
+        value = self._find(*key)
+        if len(key[1]) <= _MAX_NAME:
+            if len(self) >= _MAX_NAMES:
+                self.clear()
+            self[key] = value
+        return value
 
 
 class Role:
@@ -76,7 +99,7 @@ class Role:
         self._subscribes_to_all = any(
             glob.removeprefix("/").strip("*") == "" for glob in self.globs["subscribe"]
         )
-        self._decisions: dict[tuple[Act, str], bool] = {}
+        self._decisions: NameCache[Act, bool] = NameCache(self._decide)
         self.answers: dict[str, tuple[Payload, Payload]] = {}
 
     def given_by(self, credential: str) -> Role:
@@ -87,16 +110,7 @@ class Role:
 
     def allows(self, act: Act, name: str) -> bool:
         """Return True if the role allows `act` on `name`, an absolute name."""
-        if self.unrestricted:
-            return True
-        decision = self._decisions.get((act, name))
-        if decision is None:
-            decision = self._decide(act, name)
-            if len(name) <= _MAX_NAME:
-                if len(self._decisions) >= _MAX_DECISIONS:
-                    self._decisions.clear()
-                self._decisions[act, name] = decision
-        return decision
+        return self.unrestricted or self._decisions[act, name]
 
     def _decide(self, act: Act, name: str) -> bool:
         allowed = self._patterns[act].fullmatch(name) is not None

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
     AfterValidator,
@@ -602,18 +602,12 @@ class TlsSettings(Table):
         return self
 
 
+#: Globs of a role that may do everything.
+_EVERYTHING: Final[dict[str, Any]] = dict.fromkeys(set(RoleSettings.model_fields) - {"read_only"}, ("*",))
+
 BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
     {
-        "admin": RoleSettings.model_construct(
-            publish=("*",),
-            subscribe=("*",),
-            call=("*",),
-            provide=("*",),
-            displace=("*",),
-            goals=("*",),
-            get_param=("*",),
-            set_param=("*",),
-        ),
+        "admin": RoleSettings.model_construct(**_EVERYTHING),
         "viewer": RoleSettings.model_construct(read_only=True),
     }
 )

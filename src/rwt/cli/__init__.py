@@ -70,10 +70,10 @@ class Command:
 _GROUP: Final = "rwt.commands"
 
 
-#: The commands of this project, in the order in which help lists them.
+#: The commands of this project, in the order in which help lists them: those for a robot's graph before those
+#: of parts, which do one thing each.
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
-    *(Command(name, *row) for name, row in PART_COMMANDS.items()),
     Command("topic", "topics: list, echo, pub, hz and more"),
     Command("service", "services: list, info, type, call, echo, find"),
     Command("action", "actions: list, info, type, find, send_goal"),
@@ -99,6 +99,7 @@ COMMANDS: Final = (
     ),
     Command("doctor", "diagnose a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
+    *(Command(name, *row) for name, row in PART_COMMANDS.items()),
     Command("config", "print the settings in effect"),
     Command("completion", "set up shell completion"),
     Command("help", "print the help of a command"),

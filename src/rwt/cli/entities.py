@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from rwt.cli.console.output import Output
 from rwt.cli.errors import FAILED, CommandError
-from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, gather
+from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, flag, gather
 from rwt_interfaces.errors import InvalidName
 from rwt_interfaces.names import two_part
 from rwt_participant.errors import ProviderNotFound, ServiceFailed
@@ -21,6 +21,7 @@ from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_client import Robot
+    from rwt_client.rosapi import NodeDetails
     from rwt_participant.api import Listed
 
 
@@ -58,6 +59,11 @@ def same_type(one: str, other: str) -> bool:
 def unknown(what: str, name: str, known: Iterable[str]) -> CommandError:
     """Return the error for an unknown name, with the nearest known one."""
     return CommandError(f"the robot knows no {what} {name}{did_you_mean(name, known)}", FAILED)
+
+
+async def all_nodes(robot: Robot) -> list[NodeDetails]:
+    """Ask for all nodes with their topics and services."""
+    return await gather([partial(robot.api.node, name) for name in await ask_rosapi(robot.api.nodes)])
 
 
 async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
@@ -146,17 +152,11 @@ class Entity:
 
         def add_arguments(parser: argparse.ArgumentParser) -> None:
             if typed:
-                parser.add_argument(
-                    "-t", "--show-types", action="store_true", help=f"show the type of each {self.noun}"
-                )
+                flag("-t", "--show-types", help=f"show the type of each {self.noun}")(parser)
             self._add_count(parser)
             if show_verbose:
-                parser.add_argument(
-                    "-v",
-                    "--verbose",
-                    action="store_true",
-                    help="show types and the numbers of publishers and subscribers",
-                )
+                help = "show types and the numbers of publishers and subscribers"
+                flag("-v", "--verbose", help=help)(parser)
             self._add_hidden(parser)
 
         async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -167,7 +167,7 @@ class Entity:
             elif show_verbose and arguments.verbose:
                 await show_verbose(robot, found, output)
             elif output.json:
-                output.record([{"name": name, "type": kind} for name, kind in found])
+                output.record(names_and_types(found))
             elif types and output.people:
                 output.columns(found, ("name", "type"))
             elif types:
@@ -177,14 +177,9 @@ class Entity:
                 _print_names(found, output)
 
         shape = self._typed_example if typed else f'"{self.example}"'
-        return Verb(
-            "list",
-            f"list the {self.noun}s",
-            run,
-            f"rwt {self.noun} list{' -t' if typed else ''}",
-            f'[{shape}, …];{verbose_json} with -c {{"count": …}}',
-            add_arguments,
-        )
+        example = f"rwt {self.noun} list{' -t' if typed else ''}"
+        json = f'[{shape}, …];{verbose_json} with -c {{"count": …}}'
+        return Verb("list", run, add_arguments, text=_help(f"List the {self.noun}s.", example, json))
 
     def type_verb(self) -> Verb:
         """Return the verb that prints a type."""
@@ -192,19 +187,11 @@ class Entity:
         async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
             name = absolute_name(getattr(arguments, self.noun))
             kind = await self.known(robot, name)
-            if output.json:
-                output.record({"name": name, "type": kind})
-            else:
-                output.line(output.styled(kind, "type"))
+            output.answer({"name": name, "type": kind}, output.styled(kind, "type"))
 
-        return Verb(
-            "type",
-            f"print {'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}'s type",
-            run,
-            f"rwt {self.noun} type {self.example}",
-            self._typed_example,
-            self.add_argument,
-        )
+        help = f"Print {'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}'s type."
+        text = _help(help, f"rwt {self.noun} type {self.example}", self._typed_example)
+        return Verb("type", run, self.add_argument, text=text)
 
     def find_verb(self) -> Verb:
         """Return the verb that lists the names of a type."""
@@ -214,18 +201,11 @@ class Entity:
             found = [(name, kind) for name, kind in found if same_type(kind, arguments.type)]
             _print_names(found, output, only_count=arguments.count)
 
-        return Verb(
-            "find",
-            f"list the {self.noun}s of a type",
-            run,
-            f"rwt {self.noun} find {self.example_type}",
-            f'["{self.example}"]; with -c {{"count": 1}}',
-            arguments(
-                argument("type", metavar="TYPE", help=f"for example {self.example_type}"),
-                self._add_count,
-                self._add_hidden,
-            ),
-        )
+        example = f"rwt {self.noun} find {self.example_type}"
+        json = f'["{self.example}"]; with -c {{"count": 1}}'
+        kind = argument("type", metavar="TYPE", help=f"for example {self.example_type}")
+        options = arguments(kind, self._add_count, self._add_hidden)
+        return Verb("find", run, options, text=_help(f"List the {self.noun}s of a type.", example, json))
 
     def info_verb(
         self, help: str, ask: AskInfo, show: ShowInfo, json: str, add_options: AddArguments
@@ -233,7 +213,7 @@ class Entity:
         """Return the verb that prints what is known about one entity.
 
         Args:
-            help: what it prints, in one line.
+            help: what it prints, as a sentence.
             ask: asks the robot; the answer follows name and type in the output of ``--json``.
             show: prints all of it for people.
             json: what ``--json`` prints, for the help.
@@ -251,7 +231,8 @@ class Entity:
                 show(found, arguments, output)
 
         options = arguments(self.add_argument, add_options)
-        return Verb("info", help, run, f"rwt {self.noun} info {self.example}", json, options)
+        text = _help(help, f"rwt {self.noun} info {self.example}", json)
+        return Verb("info", run, options, text=text)
 
     @property
     def _typed_example(self) -> str:
@@ -269,14 +250,22 @@ class Entity:
         parser.add_argument(*self.hidden_options, dest="hidden", action="store_true", help=help)
 
 
+def _help(sentence: str, example: str, json: str) -> str:
+    """Return the help of a verb of all entities, see :class:`rwt.cli.verbs.Verb`."""
+    shape = json.replace("\n", "\n  ")
+    return f"{sentence}\n\nexample:\n  {example}\n\n--json prints:\n  {shape}"
+
+
+def names_and_types(found: Iterable[tuple[str, str]]) -> list[dict[str, str]]:
+    """Return names with their types as ``--json`` prints them."""
+    return [{"name": name, "type": kind} for name, kind in found]
+
+
 def _print_names(found: Sequence[tuple[str, str]], output: Output, *, only_count: bool = False) -> None:
-    if output.json:
-        output.record({"count": len(found)} if only_count else [name for name, _ in found])
-    elif only_count:
-        output.line(str(len(found)))
+    if only_count:
+        output.answer({"count": len(found)}, str(len(found)))
     else:
-        for name, _ in found:
-            output.line(output.styled(name, "name"))
+        output.names([name for name, _ in found], "name")
 
 
 TOPIC: Final = Entity(

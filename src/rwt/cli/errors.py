@@ -28,3 +28,8 @@ class CommandError(Exception):
     def __init__(self, text: str, exit_code: int = FAILED) -> None:
         super().__init__(text)
         self.exit_code = exit_code
+
+
+def cannot_read(what: object, error: OSError) -> CommandError:
+    """Return the error for a file that an argument names."""
+    return CommandError(f"{what}: cannot be read: {error.strerror}", CALLED_WRONGLY)

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import http.client
-import json
 import ssl
-from dataclasses import dataclass
 from functools import partial
 
 import anyio.to_thread
+import msgspec
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
+class Health(msgspec.Struct, kw_only=True):
     """State of a server.
 
     Attributes:
+        running: True if its graph runs; the status of the response, not a part of it.
         version: version of the server; empty if it does not report one.
         work: processor seconds per second spent on clients, recently.
         clients_beyond_rate: number of clients that exceed their work rate.
     """
 
-    running: bool
-    version: str = ""
-    clients: int = 0
-    work: float = 0.0
-    clients_beyond_rate: int = 0
+    running: bool = False
+    version: str
+    clients: int
+    work: float
+    clients_beyond_rate: int
 
 
 async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> Health | None:
@@ -49,16 +48,11 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
     if status == 0:
         return None
     try:
-        said = json.loads(body)
-        return Health(
-            status == 200,
-            str(said["version"]),
-            int(said["clients"]),
-            float(said["work"]),
-            int(said["clients_beyond_rate"]),
-        )
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
-        return Health(status == 200)
+        health = msgspec.json.decode(body, type=Health)
+    except (msgspec.MsgspecError, RecursionError):
+        health = Health(version="", clients=0, work=0.0, clients_beyond_rate=0)
+    health.running = status == 200
+    return health
 
 
 def _get_health(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt_interfaces.distro import Distro
 from rwt_interfaces.errors import InterfaceError, UnknownType
-from rwt_interfaces.names import KINDS, Kind, parse_type_name
+from rwt_interfaces.names import KINDS, Kind, parse_type_name, three_part
 from rwt_interfaces.registry import Registry
 from rwt_participant.spelling import did_you_mean
 
@@ -24,8 +24,6 @@ def offline_registry(distro: Distro, folders: Iterable[Path]) -> Registry:
     Raises:
         CommandError: a folder cannot be read, or has an invalid definition.
     """
-    from rwt_interfaces.registry import Registry
-
     registry = Registry(distro)
     try:
         for folder in folders:
@@ -36,21 +34,25 @@ def offline_registry(distro: Distro, folders: Iterable[Path]) -> Registry:
     return registry
 
 
-def find_type(registry: Registry, name: str) -> InterfaceType:
-    """Return the type of any kind with this name; a message if two kinds share the name.
+def known_names(registry: Registry) -> list[str]:
+    """Return the three-part names of all types, by kind."""
+    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
+
+
+def of_package(names: Sequence[str], package: str, hint: str = "") -> list[str]:
+    """Return the names of the types of a package.
+
+    Args:
+        hint: advice if no package has a similar name.
 
     Raises:
-        CommandError: there is no such type; names the nearest one.
+        CommandError: there is no such package.
     """
-    unknown: UnknownType | None = None
-    for kind in _kinds(name):
-        try:
-            return _of_kind(registry, kind, name)
-        except UnknownType as error:
-            unknown = unknown or error
-        except InterfaceError as error:
-            raise CommandError(str(error), FAILED) from error
-    raise CommandError(f"{unknown}; --live asks the robot, --interfaces DIR adds definitions", FAILED)
+    found = [name for name in names if name.startswith(f"{package}/")]
+    if not found:
+        packages = {name.partition("/")[0] for name in names}
+        raise CommandError(f"unknown package {package}{did_you_mean(package, packages) or hint}", FAILED)
+    return found
 
 
 def _kinds(name: str) -> tuple[Kind, ...]:
@@ -62,70 +64,63 @@ def _kinds(name: str) -> tuple[Kind, ...]:
     return KINDS if kind == "" else tuple(dict.fromkeys((*(each for each in KINDS if each == kind), "msg")))
 
 
-def _of_kind(registry: Registry, kind: Kind, name: str) -> InterfaceType:
-    if kind == "msg":
-        return registry.message(name)
-    return registry.service(name) if kind == "srv" else registry.action(name)
-
-
 def find_types(registry: Registry, words: Iterable[str]) -> list[InterfaceType]:
     """Return the types that words name, each a type or a package.
 
     Raises:
-        CommandError: there is no such type or package.
+        CommandError: there is no such type or package; names the nearest one.
     """
     found: list[InterfaceType] = []
     for word in words:
-        if "/" in word:
-            found.append(find_type(registry, word))
-            continue
-        prefix = f"{word}/"
-        of_package = [
-            _of_kind(registry, kind, name)
-            for kind in KINDS
-            for name in registry.names(kind)
-            if name.startswith(prefix)
-        ]
-        if not of_package:
-            packages = {name.partition("/")[0] for kind in KINDS for name in registry.names(kind)}
-            meant = did_you_mean(word, packages) or "; --interfaces DIR adds your own"
-            raise CommandError(f"unknown package {word}{meant}", FAILED)
-        found += of_package
+        names = [word]
+        if "/" not in word:
+            names = of_package(known_names(registry), word, "; --interfaces DIR adds your own")
+        found += [_find_type(registry, name) for name in names]
     return found
 
 
-async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
+def _find_type(registry: Registry, name: str) -> InterfaceType:
+    """Return the type of any kind with this name; a message if two kinds share the name."""
+    finders: dict[Kind, Callable[[str], InterfaceType]] = {
+        "msg": registry.message, "srv": registry.service, "action": registry.action,
+    }  # fmt: skip
+    unknown: UnknownType | None = None
+    for kind in _kinds(name):
+        try:
+            return finders[kind](name)
+        except UnknownType as error:
+            unknown = unknown or error
+        except InterfaceError as error:
+            raise CommandError(str(error), FAILED) from error
+    raise CommandError(f"{unknown}; --live asks the robot, --interfaces DIR adds definitions", FAILED)
+
+
+async def live_types(robot: Robot, words: Sequence[str]) -> list[InterfaceType]:
     """Return the types that words name, asking the robot for unknown ones; without words, the types of all
     its topics, services and actions.
 
     Raises:
         RobotError: the robot does not know one.
     """
-    wanted = list(words)
-    if not wanted:
+    if not words:
         return await _of_graph(robot)
     found: list[InterfaceType] = []
-    for word in wanted:
-        if "/" in word:
-            found.append(await live_type(robot, word))
-            continue
-        of_package = [name for name in await robot.api.interfaces() if name.startswith(f"{word}/")]
-        if not of_package:
-            raise CommandError(f"the robot has no package {word}", FAILED)
-        found += [await live_type(robot, name) for name in of_package]
+    for word in words:
+        names = [word] if "/" in word else of_package(await robot.api.interfaces(), word)
+        found += [await _live_type(robot, name) for name in names]
     return found
 
 
-async def live_type(robot: Robot, name: str) -> InterfaceType:
-    """Return the type of this name, asking the robot if it is unknown."""
+async def _live_type(robot: Robot, name: str) -> InterfaceType:
     from rwt_participant.errors import UnknownType
 
+    finders: dict[Kind, Callable[[str], Awaitable[InterfaceType]]] = {
+        "msg": robot.types.message, "srv": robot.types.service, "action": robot.types.action,
+    }  # fmt: skip
     unavailable: UnknownType | None = None
     for kind in _kinds(name):
         try:
-            if kind == "msg":
-                return await robot.types.message(name)
-            return await (robot.types.service(name) if kind == "srv" else robot.types.action(name))
+            return await finders[kind](name)
         except UnknownType as error:
             unavailable = unavailable or error
     raise CommandError(str(unavailable), FAILED)

@@ -7,19 +7,22 @@ A family of verbs (`rwt topic …`) is one module with a tuple of :class:`Verb`,
 from __future__ import annotations
 
 import argparse
+import inspect
+import itertools
 import logging
 import math
 import os
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import anyio
 
 from rwt.cli.console.output import Output, log_notes, standard_output
-from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
+from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError, cannot_read
 from rwt.cli.parser import Commands, add_commands
 from rwt_participant.errors import InvalidMessage, RobotError, TimedOut, TransformUnavailable
 
@@ -39,7 +42,6 @@ _MAX_SECONDS: Final = 1e9
 """Range of options in seconds that timers support; the minimum applies to frequencies, too."""
 
 _MAX_CONCURRENT: Final = 16
-_ROBOT_OPTIONS: Final = "the robot"
 
 T = TypeVar("T")
 
@@ -62,29 +64,52 @@ def argument(*names: str, **keywords: Any) -> AddArguments:
     return lambda parser: parser.add_argument(*names, **keywords)
 
 
+def flag(*names: str, help: str) -> AddArguments:
+    """Return a function that adds one option without a value."""
+    return argument(*names, action="store_true", help=help)
+
+
+JSON_OPTION: Final = flag("--json", help="print JSON")
+
+
 @dataclass(frozen=True, slots=True)
 class Verb:
     """Verb of a command, such as `list` of `rwt topic`.
 
     Attributes:
-        example: one or more command lines, for the help.
-        json: output with ``--json``, for the help.
+        run: the verb; its docstring is the help: a sentence, which also stands in the help of the family,
+            then the lines under ``example:`` and ``--json prints:``.
         definitions: fetch the definitions of the robot's topics when connecting.
         until_interrupted: run until Ctrl-C, which then exits with 0, and reconnect after a lost connection.
+        text: help in place of the docstring.
     """
 
     name: str
-    help: str
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
-    example: str
-    json: str
     add_arguments: AddArguments = lambda parser: None
     definitions: bool = False
     until_interrupted: bool = False
+    text: str = ""
 
 
-def add_family(commands: Commands, name: str, description: str, verbs: Sequence[Verb]) -> Commands:
-    """Add a command whose verbs talk to a robot, and return the object to which further verbs are added."""
+@dataclass(frozen=True, slots=True)
+class LocalVerb:
+    """Verb that works on files, or asks a robot only if its options say so.
+
+    Attributes:
+        run: the verb, with its help as that of :class:`Verb`; returns the exit code, None for success.
+        add_arguments: adds all options, ``--json`` included.
+    """
+
+    name: str
+    run: Callable[[Arguments, Output], int | None]
+    add_arguments: AddArguments
+
+
+def add_family(
+    commands: Commands, name: str, description: str, verbs: Sequence[Verb | LocalVerb]
+) -> Commands:
+    """Add a command with verbs, and return the object to which further verbs are added."""
     family = commands.add_parser(name, description=description)
     added = add_commands(family)
     for verb in verbs:
@@ -92,34 +117,29 @@ def add_family(commands: Commands, name: str, description: str, verbs: Sequence[
     return added
 
 
-def add_verb(commands: Commands, verb: Verb) -> None:
+def add_verb(commands: Commands, verb: Verb | LocalVerb) -> None:
     """Add a verb to a family, or as a command of its own."""
+    # Without docstrings (`python -OO`) only the name is left.
+    text = (verb.text if isinstance(verb, Verb) else "") or verb.run.__doc__ or verb.name
+    description, example, end = inspect.cleandoc(text).partition("\n\nexample:")
+    help = description.partition("\n")[0].removesuffix(".")
     parser = commands.add_parser(
         verb.name,
-        help=verb.help,
-        description=sentence(verb.help),
-        epilog=epilog(verb.example, verb.json),
+        help=f"{help[:1].lower()}{help[1:]}",
+        description=description,
+        epilog=f"{example.strip()}{end}",
     )
     verb.add_arguments(parser)
-    add_robot_options(parser)
-    parser.set_defaults(run=lambda arguments: _run(verb, arguments))
-
-
-def sentence(text: str) -> str:
-    """Return a help line as a sentence."""
-    return f"{text[:1].upper()}{text[1:]}."
-
-
-def epilog(example: str, json: str) -> str:
-    """Return the end of a verb's help: examples and the output with ``--json``."""
-    examples = "\n".join(f"  {line}" for line in example.splitlines())
-    shape = "\n".join(f"  {line}" for line in json.splitlines())
-    return f"example:\n{examples}\n\n--json prints:\n{shape}"
+    if isinstance(verb, LocalVerb):
+        parser.set_defaults(run=partial(_run_locally, verb))
+    else:
+        add_robot_options(parser)
+        parser.set_defaults(run=partial(_run, verb))
 
 
 def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
     """Add the options of all verbs that talk to a robot, with ``--json`` if `json` is true."""
-    group = parser.add_argument_group(_ROBOT_OPTIONS)
+    group = parser.add_argument_group("the robot")
     group.add_argument(
         "--url", metavar="URL", help=f"URL of the robot (default ${URL_VARIABLE}, or {DEFAULT_URL})"
     )
@@ -218,6 +238,18 @@ count_or_none: Final = integer_within(0, 999_999_999)
 """Parser of non-negative integers."""
 
 
+def add_times(parser: argparse.ArgumentParser, once: str, times: str) -> None:
+    """Add the options ``--once`` and ``--times``, both as `arguments.times`, with their help."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--once", action="store_const", const=1, dest="times", help=once)
+    group.add_argument("-n", "--times", type=count, metavar="N", help=times)
+
+
+def rounds(times: int | None) -> Iterable[int]:
+    """Count from 1 to `times`; without end if it is None."""
+    return itertools.count(1) if times is None else range(1, times + 1)
+
+
 def url_of(arguments: Arguments) -> str:
     """Return the URL of the robot."""
     return arguments.url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
@@ -267,13 +299,10 @@ def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
     try:
         context = ssl.create_default_context(cafile=arguments.cafile)
     except ssl.SSLError as error:
-        raise CommandError(
-            f"--cafile: {arguments.cafile}: expected certificates in PEM", CALLED_WRONGLY
-        ) from error
+        why = f"--cafile: {arguments.cafile}: expected certificates in PEM"
+        raise CommandError(why, CALLED_WRONGLY) from error
     except OSError as error:
-        raise CommandError(
-            f"--cafile: {arguments.cafile}: cannot be read: {error.strerror}", CALLED_WRONGLY
-        ) from error
+        raise cannot_read(f"--cafile: {arguments.cafile}", error) from error
     if arguments.insecure:
         context.check_hostname = False
         context.verify_mode = ssl.CERT_NONE
@@ -312,6 +341,10 @@ def run_async(program: Callable[[], Awaitable[T]]) -> T:
         return anyio.run(program)
     except RobotError as error:
         raise command_error(error) from error
+
+
+def _run_locally(verb: LocalVerb, arguments: Arguments) -> int:
+    return verb.run(arguments, standard_output(json=arguments.json)) or 0
 
 
 def _run(verb: Verb, arguments: Arguments) -> int:

@@ -139,22 +139,11 @@ class Listeners:
 
 def _limits(settings: Settings) -> Limits:
     limits = settings.limits
+    # Most limits of connections are settings of the same name.
+    names = Limits.__dataclass_fields__.keys() & type(limits).model_fields.keys()
     return Limits(
+        **{name: getattr(limits, name) for name in names},
         message_bytes=settings.max_message_size,
-        incoming_bytes=limits.incoming_bytes,
-        connections=limits.connections,
-        connections_per_address=limits.connections_per_address,
-        stalled_http_seconds=limits.stalled_http_seconds,
-        handshake_seconds=limits.handshake_seconds,
-        idle_http_seconds=limits.idle_http_seconds,
-        close_seconds=limits.close_seconds,
-        ping_seconds=limits.ping_seconds,
-        pong_seconds=limits.pong_seconds,
-        idle_peer_seconds=limits.idle_peer_seconds,
-        data_bytes=limits.data_bytes,
-        data_frames=limits.data_frames,
         outgoing_bytes=limits.outgoing_message_bytes,
-        control_bytes=limits.control_bytes,
-        control_frames=limits.control_frames,
         deflate=Deflate(settings.deflate),
     )

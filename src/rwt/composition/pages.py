@@ -9,7 +9,9 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import TypeVar
+from pathlib import Path
+from string import Template
+from typing import Final, TypeVar
 
 from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
@@ -35,26 +37,7 @@ from rwt_transports.scheduler import Scheduler
 
 T = TypeVar("T")
 
-_PAGE = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>Robot Web Tools</title>
-<style>body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 44rem; margin: 3rem auto; padding: 0 1rem }}
-code, pre {{ background: #8882; padding: .1em .3em; border-radius: 3px }} pre {{ padding: .8em }}
-td {{ padding: .1em 1em .1em 0 }}</style>
-<h1>A robot is here</h1>
-<p>This is Robot Web Tools {version}: rosbridge v2 over WebSocket on this very port, speaking ROS {ros} names
-({distro}). {clients} connected. Its work for clients takes {work} of a processor{beyond}.</p>
-<h2>Connect</h2>
-<pre>new ROSLIB.Ros({{ url: "{url}" }})            // roslibjs
-roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
-<h2>Topics</h2>
-<table>{topics}</table>
-<h2>Services</h2>
-<table>{services}</table>
-<h2>Actions</h2>
-<table>{actions}</table>
-{sections}"""
+_PAGE: Final = Template(Path(__file__).with_name("index.html").read_text(encoding="utf-8"))
 
 
 Gather = Callable[[bytes], Awaitable[bytes]]
@@ -249,7 +232,7 @@ def _index(
     registry = reader.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
     beyond = metrics.clients_beyond_rate
-    page = _PAGE.format(
+    page = _PAGE.substitute(
         version=html.escape(version("robot-web-tools")),
         ros=reader.distro.ros_version,
         distro=reader.distro.name,

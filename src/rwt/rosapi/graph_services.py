@@ -184,9 +184,8 @@ def _two_part(name: str) -> str:
     except InterfaceError:
         return name
 
-    # Clients that see a topic or a service may see its nodes: their names in responses need no rule.
 
-
+# Clients that see a topic or a service may see its nodes: their names in responses need no rule.
 SERVICES: Final = (
     Service("topics", "Topics", topics, (Lists("topic", ("topics", "types")),), is_listing=True),
     Service("topics_for_type", "TopicsForType", topics_for_type, (Lists("topic", ("topics",)),)),

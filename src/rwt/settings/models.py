@@ -351,11 +351,7 @@ def _settings_of(kind: parts.Kind, name: str) -> SettingsOfPart:
     return SettingsOfPart(kind, name, part, "" if part.at_top_level else next(iter(keys), ""), keys)
 
 
-_NAMED_BY: Final[tuple[tuple[parts.Kind, str], ...]] = (
-    ("gateway", "gateways"),
-    ("node", "nodes"),
-    ("graph", "graph"),
-)
+_NAMED_BY: Final[Mapping[parts.Kind, str]] = {"gateway": "gateways", "node": "nodes", "graph": "graph"}
 """Settings that name parts, by kind."""
 
 
@@ -365,12 +361,7 @@ def _parts_in(values: Mapping[str, object]) -> Iterator[tuple[parts.Kind, str]]:
         owner = None if key in Settings.model_fields else parts.owner_of(key)
         if owner is not None:
             yield owner
-    kinds: tuple[tuple[parts.Kind, str], ...] = (
-        ("gateway", "gateways"),
-        ("node", "nodes"),
-        ("graph", "graph"),
-    )
-    for kind, setting in kinds:
+    for kind, setting in _NAMED_BY.items():
         given = values.get(setting, ())
         for name in (given,) if isinstance(given, str) else given if isinstance(given, list | tuple) else ():
             if isinstance(name, str) and name not in parts.names(kind) and name in parts.installed(kind):
@@ -406,7 +397,7 @@ def _made_type(owners: frozenset[tuple[parts.Kind, str]]) -> type[Settings]:
         except parts.PartError as error:
             # A part of another distribution is named by a setting; a built-in one has a table here.
             built_in = name in parts.BUILT_IN[kind]
-            setting = parts.row(kind, name).settings[0] if built_in else dict(_NAMED_BY).get(kind, name)
+            setting = parts.row(kind, name).settings[0] if built_in else _NAMED_BY.get(kind, name)
             raise SettingsError(f"`{setting}`: {error}") from error
         found.append(each)
         if each.key:

@@ -150,16 +150,12 @@ def read_settings(path: Path) -> Settings:
     return load_settings(path).settings
 
 
-def from_text(dotted: str, text: str, source: str) -> Given:
-    """Parse a setting from text, for example ``limits.connections`` and ``20``.
+def from_text(key: Key, text: str, source: str) -> Given:
+    """Parse a setting from text, for example ``limits``, ``connections`` and ``20``.
 
     Raises:
         SettingsError: the text begins like a list, but is invalid.
     """
-    return _from_text(tuple(dotted.split(".")), text, source)
-
-
-def _from_text(key: Key, text: str, source: str) -> Given:
     if not is_list(key):
         return Given(key, _plain_value(key, text), source)
     if not text.lstrip().startswith("["):
@@ -207,7 +203,7 @@ def _in_environment(variables: Mapping[str, str]) -> Iterator[Given]:
     for name in sorted(variables):
         if name.startswith(ENVIRONMENT_PREFIX) and name not in (FILE_VARIABLE, *CLIENT_VARIABLES):
             key = tuple(part.lower() for part in name.removeprefix(ENVIRONMENT_PREFIX).split("__"))
-            yield _from_text(key, variables[name], name)
+            yield from_text(key, variables[name], name)
 
 
 def _put(values: dict[str, object], key: Key, value: object) -> None:

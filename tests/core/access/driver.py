@@ -11,12 +11,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from http.client import HTTPConnection
+from itertools import count
 from typing import Any
-from urllib.parse import urlsplit
 
 import anyio
 import anyio.to_thread
+import httpx
 
 from rwt_client import Robot, connect
 
@@ -57,52 +57,33 @@ def by_foxglove(url: str, speed: float) -> Callable[[], object]:
     return lambda: socket.send(message)
 
 
-class Asker:
-    """Sends requests over one connection."""
-
-    def __init__(self, url: str) -> None:
-        parts = urlsplit(url)
-        self._connection = HTTPConnection(str(parts.hostname), parts.port or 80)
-        self._session: dict[str, str] = {}
-        self._count = 0
-
-    def post(self, path: str, body: object, headers: dict[str, str]) -> None:
-        """Ask, and read the answer; raises RuntimeError where that is a refusal."""
-        sent = {"Content-Type": "application/json", **headers, **self._session}
-        self._connection.request("POST", path, json.dumps(body), sent)
-        answer = self._connection.getresponse()
-        text = answer.read()
-        if answer.status >= 300:
-            raise RuntimeError(f"{answer.status} {text!r}")
-        session = answer.headers.get("Mcp-Session-Id")
-        if session:
-            self._session = {"Mcp-Session-Id": session}
-
-    def rpc(self, method: str, params: dict[str, Any]) -> None:
-        """One request or notification of the Model Context Protocol."""
-        self._count += 1
-        message: dict[str, Any] = {"jsonrpc": "2.0", "method": method, "params": params}
-        if not method.startswith("notifications/"):
-            message["id"] = self._count
-        accepted = {"Accept": "application/json, text/event-stream"}
-        self.post("/mcp", message, accepted)
-
-
 def by_http(url: str, speed: float) -> Callable[[], object]:
     """Return a function that publishes once over plain HTTP."""
-    asker = Asker(url)
-    return lambda: asker.post("/api/topics/cmd_vel", {"linear": {"x": speed}}, {})
+    client = httpx.Client(base_url=url.replace("ws", "http", 1), timeout=None)
+    return lambda: client.post("/api/topics/cmd_vel", json={"linear": {"x": speed}}).raise_for_status()
 
 
 def by_mcp(url: str, speed: float) -> Callable[[], object]:
     """Return a function that drives for a moment as an agent does."""
-    asker = Asker(url)
+    accepted = {"Accept": "application/json, text/event-stream"}
+    client = httpx.Client(base_url=url.replace("ws", "http", 1), headers=accepted, timeout=None)
+    numbers = count(1)
+
+    def rpc(method: str, params: dict[str, Any]) -> None:
+        message: dict[str, Any] = {"jsonrpc": "2.0", "method": method, "params": params}
+        if not method.startswith("notifications/"):
+            message["id"] = next(numbers)
+        answer = client.post("/mcp", json=message).raise_for_status()
+        session = answer.headers.get("Mcp-Session-Id")
+        if session:
+            client.headers["Mcp-Session-Id"] = session
+
     program = {"name": "driver", "version": "1"}
     about = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": program}
-    asker.rpc("initialize", about)
-    asker.rpc("notifications/initialized", {})
+    rpc("initialize", about)
+    rpc("notifications/initialized", {})
     asked = {"topic": "/cmd_vel", "message": {"linear": {"x": speed}}, "rate": 20, "seconds": MCP_SECONDS}
-    return lambda: asker.rpc("tools/call", {"name": "publish", "arguments": asked})
+    return lambda: rpc("tools/call", {"name": "publish", "arguments": asked})
 
 
 WAYS = {"foxglove": by_foxglove, "http": by_http, "mcp": by_mcp}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import pytest
@@ -19,29 +18,22 @@ from rwt.access.gate.record import CALLER, Actor
 from rwt.access.settings import FieldLimit
 from rwt.rosapi import Rosapi
 from rwt_interfaces.payload import Payload
-from tests.core.access.gated_robot import GatedRobot, call, drive, settings_of
+from tests.core.access.gated_robot import FIBONACCI, GatedRobot, call, drive, settings_of
 from tests.core.rosbridge.recording_client import Client
 
-FIBONACCI = "example_interfaces/Fibonacci"
 APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
+DRIVE: Mapping[str, Any] = {"topics": ["/cmd_vel"], "emergency": True, "stop": {}}
+GOAL = {"action": "/count", "action_type": FIBONACCI}
 
 
 class QuietRobot(GatedRobot):
-    """A robot whose clients are told of errors only."""
+    """A robot whose clients are not told that their requests wait."""
 
-    def client(self, role: str = "operator", user_agent: str = "") -> Client:
-        """One more client, which is not told that its requests wait."""
-        client = super().client(role, user_agent)
-        client.say("set_level", level="error")
-        return client
+    level = "error"
 
 
 class AskedRobot(QuietRobot):
-    """A robot of which everything needs a yes.
-
-    Attributes:
-        done: what has happened to it.
-    """
+    """A robot of which everything needs a yes."""
 
     def __init__(self, **approval: Any) -> None:
         rule = {
@@ -51,54 +43,55 @@ class AskedRobot(QuietRobot):
             "topics": ["/cmd_vel"],
             "approval": {**APPROVAL, **approval},
         }
-        self.done: list[object] = []
         super().__init__({"asked": rule})
-        self.node.advertise_service("/blink", "std_srvs/SetBool", self._blink)
-        kind = self.graph.registry.action(FIBONACCI)
-        self.graph.participant("/counter").advertise_action("/count", kind, self._count)
+        self._blinks = self.offer("/blink")
+        self._orders, _ = self.accept_goals("/count")
         self.node.parameters.declare("limit", 1.0)
 
-    def _blink(self, request: Any) -> dict[str, object]:
-        self.done.append(request.data)
-        return {"success": True}
-
-    def _count(self, goal: Any) -> None:
-        self.done.append(goal.goal.value().order)
-        goal.accept()
+    @property
+    def done(self) -> list[object]:
+        """What has happened to it."""
+        return [*(each.data for each in self._blinks), *self._orders]
 
     def waiting(self) -> list[Any]:
         """Entries of `/gate/approvals`."""
-        heard: list[Any] = []
-        self.clock.advance(0.1)
-        self.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals").close()
-        return list(heard[-1].approvals)
+        return list(self.latest("/gate/approvals").approvals)
 
 
-def _blink(client: Client) -> None:
-    client.say("call_service", service="/blink", args={"data": True}, id="b")
+@pytest.fixture
+def robot() -> AskedRobot:
+    return AskedRobot()
 
 
-def _note(done: list[Any], request: Any) -> dict[str, object]:
-    done.append(request)
-    return {"success": True}
+@pytest.fixture
+def agent(robot: AskedRobot) -> Client:
+    return robot.client("agent")
+
+
+@pytest.fixture
+def supervisor(robot: AskedRobot) -> Client:
+    return robot.client("supervisor")
+
+
+def _blink(client: Client, on: bool = True) -> None:
+    client.say("call_service", service="/blink", args={"data": on}, id="b")
 
 
 def _answer(client: Client, id: str, approve: bool = True, seconds: float = 0.0) -> Mapping[str, Any]:
     return call(client, "/gate/approve", id=id, approve=approve, seconds=seconds)
 
 
-def test_a_call_waits_for_a_yes_and_is_made_then() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_a_call_waits_for_a_yes_and_is_made_then(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
     _blink(agent)
     assert (agent.heard(), robot.done) == ([], [])
     (asked,) = robot.waiting()
     assert (asked.id, asked.act, asked.name, asked.client) == ("1", "call", "/blink", "rosbridge:1")
     assert (asked.rule, asked.role) == ("gate.rules.asked", "agent")
     assert re.fullmatch(r'sha256:[0-9a-f]{16}, 14 bytes; {"data": true}', asked.content)
-    assert _answer(supervisor, "1") == {
-        "success": True, "message": "approved: call /blink of rosbridge:1 (role agent)",
-    }  # fmt: skip
+    message = "approved: call /blink of rosbridge:1 (role agent)"
+    assert _answer(supervisor, "1") == {"success": True, "message": message}
     (reply,) = agent.heard()
     assert (reply["id"], reply["result"], robot.done) == ("b", True, [True])
     assert robot.waiting() == []
@@ -108,9 +101,9 @@ def test_a_call_waits_for_a_yes_and_is_made_then() -> None:
 
 
 @pytest.mark.parametrize("how", ["no", "silence", "stopped asking"])
-def test_without_a_yes_nothing_happens_and_the_caller_hears_why(how: str) -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_without_a_yes_nothing_happens_and_the_caller_hears_why(
+    robot: AskedRobot, agent: Client, supervisor: Client, how: str
+) -> None:
     _blink(agent)
     if how == "no":
         assert _answer(supervisor, "1", approve=False)["message"].startswith("denied: ")
@@ -130,18 +123,16 @@ def test_without_a_yes_nothing_happens_and_the_caller_hears_why(how: str) -> Non
 
 def test_who_answers_is_a_role_that_may_and_not_the_one_who_asks() -> None:
     robot = AskedRobot(roles=["agent", "supervisor"])
-    agent, operator = robot.client("agent"), robot.client("operator")
+    agent, operator, other, supervisor = robot.clients("agent", "operator", "agent", "supervisor")
     _blink(agent)
     assert "a client may not answer its own request" in _answer(agent, "1")["message"]
     assert "role 'operator' may not answer" in _answer(operator, "1")["message"]
-    assert "nor one of its token" in _answer(robot.client("agent"), "1")["message"]
+    assert "nor one of its token" in _answer(other, "1")["message"]
     assert robot.done == []
-    assert _answer(robot.client("supervisor"), "1")["success"]
+    assert _answer(supervisor, "1")["success"]
 
 
-def test_a_yes_may_hold_for_a_while() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_a_yes_may_hold_for_a_while(robot: AskedRobot, agent: Client, supervisor: Client) -> None:
     _blink(agent)
     assert "at most 60 s here, got 61" in _answer(supervisor, "1", seconds=61)["message"]
     assert _answer(supervisor, "1", seconds=60)["success"]
@@ -155,10 +146,8 @@ def test_a_yes_may_hold_for_a_while() -> None:
     assert robot.done == [True, True]
 
 
-def test_a_goal_waits_and_runs_then() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
-    goal = {"action": "/count", "action_type": FIBONACCI, "args": {"order": 3}}
+def test_a_goal_waits_and_runs_then(robot: AskedRobot, agent: Client, supervisor: Client) -> None:
+    goal = {**GOAL, "args": {"order": 3}}
     agent.say("send_action_goal", id="g", **goal)
     assert (robot.done, agent.heard()) == ([], [])
     assert _answer(supervisor, "1")["success"]
@@ -174,20 +163,15 @@ def test_a_goal_waits_and_runs_then() -> None:
     assert "a person said no" in agent.heard()[0]["values"]
     assert robot.done == [3]
     assert agent.peer.actions.goals_running == 1
-
-
-def test_a_goal_of_a_client_that_leaves_is_not_sent() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
-    agent.say("send_action_goal", id="g", action="/count", action_type=FIBONACCI, args={"order": 3})
+    agent.say("send_action_goal", id="j", **goal)
     agent.leave()
-    assert not _answer(supervisor, "1")["success"]
-    assert robot.done == []
+    assert not _answer(supervisor, "4")["success"]
+    assert robot.done == [3]
 
 
-def test_a_parameter_waits_too_by_whichever_service_it_is_set() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_a_parameter_waits_too_by_whichever_service_it_is_set(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
     value = {"type": 3, "double_value": 2.0}
     for number, service in enumerate(("set_parameters", "set_parameters_atomically"), 1):
         args = {"parameters": [{"name": "limit", "value": value}]}
@@ -201,9 +185,22 @@ def test_a_parameter_waits_too_by_whichever_service_it_is_set() -> None:
     assert call(agent, "/robot/get_parameters", names=["limit"])
 
 
-def test_a_message_is_refused_until_somebody_says_yes() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_one_yes_is_for_all_parameters_of_a_call(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
+    robot.node.parameters.declare("speed_limit", 1.0)
+    value = {"type": 3, "double_value": 2.0}
+    parameters = [{"name": name, "value": value} for name in ("limit", "speed_limit")]
+    agent.say("call_service", service="/robot/set_parameters", args={"parameters": parameters})
+    (asked,) = robot.waiting()
+    assert asked.name == "/robot:limit, /robot:speed_limit"
+    assert _answer(supervisor, "1")["success"]
+    assert robot.node.parameters.get("limit") == robot.node.parameters.get("speed_limit") == 2.0
+
+
+def test_a_message_is_refused_until_somebody_says_yes(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
     text = "publishing on /cmd_vel needs a person's yes, which was asked for under id 1: send it again"
     assert text in drive(agent, 0.1)
     assert text in drive(agent, 0.1)
@@ -223,9 +220,9 @@ def test_a_message_is_refused_until_somebody_says_yes() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 60.0])
-def test_an_approval_is_for_the_message_that_was_shown(seconds: float) -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_an_approval_is_for_the_message_that_was_shown(
+    robot: AskedRobot, agent: Client, supervisor: Client, seconds: float
+) -> None:
     drive(agent, 0.01)
     assert _answer(supervisor, "1", seconds=seconds)["success"]
     assert "under id 2" in drive(agent, 99.0)
@@ -235,27 +232,25 @@ def test_an_approval_is_for_the_message_that_was_shown(seconds: float) -> None:
     assert (drive(agent, 0.0) == "") is bool(seconds)
 
 
-def test_a_lasting_approval_is_for_the_same_call_and_goal() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
-    agent.say("call_service", service="/blink", args={"data": True})
+def test_a_lasting_approval_is_for_the_same_call_and_goal(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
+    _blink(agent)
     assert _answer(supervisor, "1", seconds=60)["success"]
-    agent.say("call_service", service="/blink", args={"data": False})
-    goal = {"action": "/count", "action_type": FIBONACCI}
-    agent.say("send_action_goal", id="g", **goal, args={"order": 3})
+    _blink(agent, False)
+    agent.say("send_action_goal", id="g", **GOAL, args={"order": 3})
     assert _answer(supervisor, "3", seconds=60)["success"]
-    agent.say("send_action_goal", id="h", **goal, args={"order": 99})
+    agent.say("send_action_goal", id="h", **GOAL, args={"order": 99})
     assert robot.done == [True, 3]
-    agent.say("send_action_goal", id="i", **goal, args={"order": 3})
+    agent.say("send_action_goal", id="i", **GOAL, args={"order": 3})
     assert robot.done == [True, 3, 3]
 
 
 def test_an_approval_is_for_what_remains_after_clamping() -> None:
     limit = {"min": -1, "max": 1, "beyond": "clamp"}
-    robot = QuietRobot(
-        {"asked": {"topics": ["/cmd_vel"], "approval": APPROVAL, "fields": {"linear.x": limit}}}
-    )
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    rule = {"topics": ["/cmd_vel"], "approval": APPROVAL, "fields": {"linear.x": limit}}
+    robot = QuietRobot({"asked": rule})
+    agent, supervisor = robot.clients("agent", "supervisor")
     drive(agent, 5.0)
     (asked,) = robot.gate.approvals.pending
     assert "; linear.x = 1.0; {" in asked.content
@@ -264,9 +259,9 @@ def test_an_approval_is_for_what_remains_after_clamping() -> None:
     assert [speed for speed, _ in robot.take()] == [1.0]
 
 
-def test_an_approval_does_not_hold_for_another_role_of_the_client() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+def test_an_approval_does_not_hold_for_another_role_of_the_client(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
     drive(agent, 0.1)
     assert _answer(supervisor, "1", seconds=60)["success"]
     agent.peer.take_role(robot.access.admission.roles["operator"])
@@ -275,12 +270,11 @@ def test_an_approval_does_not_hold_for_another_role_of_the_client() -> None:
 
 
 def test_an_emergency_stop_ends_requests_and_approvals() -> None:
-    rule = {"topics": ["/cmd_vel"], "approval": APPROVAL, "emergency": True, "stop": {}}
-    robot = QuietRobot({"asked": rule})
-    one, two, admin = robot.client("agent"), robot.client("agent"), robot.client("admin")
+    robot = QuietRobot({"asked": {**DRIVE, "approval": APPROVAL}})
+    one, two, admin, supervisor = robot.clients("agent", "agent", "admin", "supervisor")
     drive(one, 0.1)
     drive(two, 0.1)
-    assert _answer(robot.client("supervisor"), "1", seconds=60)["success"]
+    assert _answer(supervisor, "1", seconds=60)["success"]
     call(admin, "/gate/stop")
     assert robot.gate.approvals.pending == ()
     call(admin, "/gate/release_stop")
@@ -288,36 +282,51 @@ def test_an_emergency_stop_ends_requests_and_approvals() -> None:
     assert "under id 3" in drive(one, 0.1)
 
 
-def test_what_identifies_a_message_is_shown_before_its_text() -> None:
-    rules = {
-        "asked": {"services": ["/spawn"], "approval": APPROVAL},
-        "limits": {
-            "services": ["/spawn"],
-            "fields": {"x": {"max": 100}, "name": {"one_of": ["turtle", "x" * 5000]}},
-        },
-    }
-    robot = QuietRobot(rules)
-    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
-    agent = robot.client("agent")
-    agent.say("call_service", service="/spawn", args={"name": "x" * 5000, "x": 99.0})
-    (asked,) = robot.gate.approvals.pending
-    assert re.match(r"sha256:[0-9a-f]{16}, \d+ bytes; x = 99.0, name = \"x{100}\"; {", asked.content)
-    assert asked.content.endswith("… (cut off)")
+def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:
+    asked = {"services": ["/blink"], "approval": APPROVAL, "emergency": True}
+    robot = QuietRobot({"asked": asked, "drive": DRIVE})
+    done = robot.offer("/blink")
+    agent, supervisor = robot.clients("agent", "supervisor")
+    _blink(agent)
+    call(supervisor, "/gate/stop")
+    _answer(supervisor, "1")
+    (reply,) = agent.heard()
+    assert (reply["result"], done) == (False, [])
+    assert "the emergency stop is on" in reply["values"]
+
+
+def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
+    _blink(agent)
+    agent.peer.graph.take_role(robot.access.admission.roles["viewer"])
+    _answer(supervisor, "1")
+    (reply,) = agent.heard()
+    assert (reply["result"], robot.done) == (False, [])
+    assert "call /blink: the client has another role now" in reply["values"]
+
+
+def test_a_yes_for_a_service_that_has_another_type_now_starts_nothing(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
+    _blink(agent)
+    done = robot.offer("/blink", type="std_srvs/Trigger")
+    _answer(supervisor, "1")
+    assert "/blink is of another type now" in agent.heard()[0]["values"]
+    assert (robot.done, done) == ([], [])
 
 
 def test_requests_of_one_credential_do_not_take_the_slots_of_others() -> None:
-    rules = {
-        "asked": {"services": ["/blink"], "approval": APPROVAL},
-        "other": {"services": ["/time"], "approval": APPROVAL},
-    }
+    rules = {name: {"services": [f"/{name}"], "approval": APPROVAL} for name in ("blink", "time")}
     robot = QuietRobot(rules)
-    for name in ("/blink", "/time"):
-        robot.node.advertise_service(name, "std_srvs/SetBool", lambda _: {"success": True})
+    robot.offer("/blink", "/time")
     agents = [robot.client("agent") for _ in range(10)]
     for agent in agents:
         for _ in range(MAX_OF_CREDENTIAL):
             _blink(agent)
     assert len(robot.gate.approvals.pending) == MAX_OF_CREDENTIAL
+    assert agents[0].peer.graph.calls_in_flight == MAX_OF_CREDENTIAL
+    assert f"{MAX_OF_CREDENTIAL} requests of this client wait" in agents[1].heard()[0]["values"]
     _blink(robot.client("operator"))
     agents[0].say("call_service", service="/time", args={"data": True})
     assert len(robot.gate.approvals.pending) == MAX_OF_CREDENTIAL + 2
@@ -330,24 +339,26 @@ class ManyRequests:
     """Pending requests of clients at different addresses, without a server.
 
     Attributes:
-        approvals: requests of the gate.
+        robot: robot whose first rule requires approval.
+        approvals: requests of its gate.
     """
 
     def __init__(self) -> None:
-        robot = AskedRobot()
-        self.approvals = robot.gate.approvals
-        (self._rule,) = robot.gate.rules.all
-        self._payload = Payload.from_value(robot.graph.registry.service("std_srvs/SetBool").request, {})
-        self._role = robot.access.admission.roles["agent"]
-        self._gate = robot.gate
+        asked = {"services": ["/blink"], "approval": APPROVAL, "emergency": True}
+        self.robot = QuietRobot({"asked": asked, "drive": DRIVE})
+        self.approvals = self.robot.gate.approvals
+        self._rule = self.robot.gate.rules.all[0]
+        type = self.robot.graph.registry.service("std_srvs/SetBool")
+        self._payload = Payload.from_value(type.request, {})
         self._actors: dict[str, Actor] = {}
 
-    def ask(self, address: str, name: str = "/blink") -> Approval:
+    def ask(self, address: str) -> Approval:
         """Request approval for a client of an address."""
         if address not in self._actors:
-            self._actors[address] = self._gate.join("", self._role, address)
+            role = self.robot.access.admission.roles["agent"]
+            self._actors[address] = self.robot.gate.join("", role, address)
         actor = self._actors[address]
-        subject = self.approvals.subject(actor, "call", name, self._rule, self._payload)
+        subject = self.approvals.subject(actor, "call", "/blink", self._rule, self._payload)
         return self.approvals.ask(subject, self._rule, self._payload)
 
 
@@ -360,6 +371,10 @@ def test_a_request_finds_room_where_others_have_many() -> None:
     assert sum(each.is_pending for each in many) == MAX_PENDING - len(few)
     with pytest.raises(GateRefused, match="1000 requests wait"):
         requests.ask("10.1.0.1")
+    requests.robot.gate.stop(None)
+    assert len(requests.approvals.pending) > MAX_PENDING - 300, "a stop denies them in turns"
+    requests.robot.clock.advance(0.001)
+    assert requests.approvals.pending == ()
 
 
 def test_the_topic_lists_a_bounded_number_of_requests_of_each_credential_some() -> None:
@@ -376,8 +391,7 @@ def test_the_topic_lists_a_bounded_number_of_requests_of_each_credential_some() 
 def test_the_topic_of_requests_is_bounded_in_size_and_rate() -> None:
     robot = GatedRobot({"asked": {"parameters": ["*"], "approval": APPROVAL}}, "noetic")
     Rosapi(robot.graph)
-    heard: list[Any] = []
-    robot.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals")
+    heard = robot.hear("/gate/approvals", "rwt_gate_msgs/Approvals")
     robot.clock.advance(1.0)
     heard.clear()
     client = robot.client()
@@ -391,55 +405,19 @@ def test_the_topic_of_requests_is_bounded_in_size_and_rate() -> None:
     assert len(request.content) < 3000
 
 
-def test_a_stop_denies_many_requests_in_turns() -> None:
-    rules = {
-        "asked": {"services": ["/blink"], "approval": APPROVAL, "emergency": True},
-        "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
-    }
-    robot = QuietRobot(rules)
-    rule = robot.gate.rules.all[0]
-    payload = Payload.from_value(robot.graph.registry.service("std_srvs/SetBool").request, {})
-    for number in range(MAX_PENDING):
-        role = robot.access.admission.roles["agent"]
-        actor = robot.gate.join("", role, f"10.0.{number % 200}.1")
-        approvals = robot.gate.approvals
-        approvals.ask(approvals.subject(actor, "call", "/blink", rule, payload), rule, payload)
-    robot.gate.stop(None)
-    assert len(robot.gate.approvals.pending) > MAX_PENDING - 300
-    robot.clock.advance(0.001)
-    assert robot.gate.approvals.pending == ()
-
-
-def test_a_text_in_a_request_cannot_look_like_other_fields() -> None:
-    rules = {
-        "asked": {"services": ["/spawn"], "roles": ["agent"], "approval": APPROVAL},
-        "names": {"services": ["/spawn"], "roles": ["operator"], "fields": {"name": {"one_of": ["a"]}}},
-    }
-    robot = QuietRobot(rules)
-    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
-    forged = 'a, x = 0.1; {"x":0.1}\u202e\u2028\n'
-    robot.client("agent").say("call_service", service="/spawn", args={"name": forged, "x": 99.0})
-    (asked,) = robot.gate.approvals.pending
-    assert asked.content.isprintable()
-    assert ', x = 0.1; {\\"x\\":0.1}' in asked.content, "quoted"
-
-
 @settings(max_examples=60, deadline=None)
 @example(name="x" * 5000, x=99.0)
 @example(name='a", x = 0.1; {"x":0.1}\u202e\u2028\n', x=99.0)
 @given(name=st.text(max_size=300), x=st.floats(-100, 100, width=32))
 def test_any_request_is_shown_with_its_own_values_first(name: str, x: float) -> None:
     """A reader that parses the text finds the values that the robot will receive, and no others."""
+    fields = {"x": {"max": 100}, "name": {"one_of": ["turtle"]}}
     rules = {
         "asked": {"services": ["/spawn"], "roles": ["agent"], "approval": APPROVAL},
-        "limits": {
-            "services": ["/spawn"],
-            "roles": ["operator"],
-            "fields": {"x": {"max": 100}, "name": {"one_of": ["turtle"]}},
-        },
+        "limits": {"services": ["/spawn"], "roles": ["operator"], "fields": fields},
     }
     robot = QuietRobot(rules)
-    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    robot.offer("/spawn", type="turtlesim/Spawn")
     robot.client("agent").say("call_service", service="/spawn", args={"name": name, "x": x})
     (asked,) = robot.gate.approvals.pending
     found = re.match(r"sha256:[0-9a-f]{16}, \d+ bytes; x = ([^,;]+), name = ", asked.content)
@@ -448,18 +426,29 @@ def test_any_request_is_shown_with_its_own_values_first(name: str, x: float) -> 
     assert shown == name[:100]
     assert asked.content[end:].startswith('; {"x":')
     assert asked.content.isprintable() and len(asked.content) < 4000
+    assert asked.content.endswith(" (cut off)") or len(name) < 2000
+
+
+def test_very_long_lists_are_not_described_value_by_value() -> None:
+    limit = FieldLimit.model_validate({"max": 1})
+    type = GatedRobot({}).graph.registry.message("std_msgs/Float64MultiArray")
+    for length, text in (
+        (3, "data[] = 0.0 to 2.0 (3 values)"),
+        (20_000, "data[] has more than 10000 values"),
+    ):
+        payload = Payload.from_value(type, {"data": [0.0] * (length - 1) + [2.0]})
+        assert describe_fields(payload, {"data[]": limit}) == text
 
 
 @pytest.mark.parametrize("act", ["publish", "call"])
-def test_a_member_that_occurs_twice_is_approved_and_sent_once(act: str) -> None:
-    robot = AskedRobot()
+def test_a_member_that_occurs_twice_is_approved_and_sent_once(
+    robot: AskedRobot, agent: Client, supervisor: Client, act: str
+) -> None:
     sent: list[bytes] = []
     type = robot.graph.registry.message("geometry_msgs/Twist")
     robot.graph.participant("/reader").subscribe(
         "/cmd_vel", lambda sample: sent.append(bytes(sample.payload.json())), type
     )
-    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
     twice = '{"linear":{"x":9.0,"y":0.0,"z":0.0,"x":0.1},"angular":{"x":0.0,"y":0.0,"z":0.0}}'
     ops = {
         "publish": f'{{"op":"publish","topic":"/cmd_vel","type":"geometry_msgs/Twist","msg":{twice}}}',
@@ -497,124 +486,48 @@ def test_a_reload_denies_requests_that_a_changed_rule_would_check(
     after: Mapping[str, Any], kept: list[str]
 ) -> None:
     robot = QuietRobot({"asked": _ASKED})
-    done: list[Any] = []
-    for name, kind in (("/spawn", "turtlesim/Spawn"), ("/blink", "std_srvs/SetBool")):
-        robot.node.advertise_service(name, kind, partial(_note, done))
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    done = robot.offer("/spawn", type="turtlesim/Spawn")
+    done_too = robot.offer("/blink")
+    agent, supervisor = robot.clients("agent", "supervisor")
     agent.say("call_service", service="/spawn", args={"x": 99.0})
     _blink(agent)
     robot.access.reload(settings_of({"rules": after}))
     assert [each.name for each in robot.gate.approvals.pending] == kept
     answered = [_answer(supervisor, id)["success"] for id in ("1", "2")]
     assert answered == ["/spawn" in kept, "/blink" in kept]
-    assert len(done) == len(kept)
-
-
-def test_messages_that_are_not_approved_do_not_use_up_the_rate_of_others() -> None:
-    rules = {
-        "rate": {"topics": ["/cmd_vel"], "messages_per_second": 5},
-        "asked": {"topics": ["/cmd_vel"], "roles": ["agent"], "approval": APPROVAL},
-        "limit": {"topics": ["/cmd_vel"], "roles": ["agent"], "fields": {"linear.x": {"max": 1}}},
-    }
-    robot = QuietRobot(rules)
-    agent, operator = robot.client("agent"), robot.client("operator")
-    for speed in (0.5, 5.0) * 20:
-        drive(agent, speed)
-    assert drive(operator, 0.5) == ""
-
-
-def test_very_long_lists_are_not_described_value_by_value() -> None:
-    limit = FieldLimit.model_validate({"max": 1})
-    type = GatedRobot({}).graph.registry.message("std_msgs/Float64MultiArray")
-    for length, text in (
-        (3, "data[] = 0.0 to 2.0 (3 values)"),
-        (20_000, "data[] has more than 10000 values"),
-    ):
-        payload = Payload.from_value(type, {"data": [0.0] * (length - 1) + [2.0]})
-        assert describe_fields(payload, {"data[]": limit}) == text
-
-
-def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:
-    rules = {
-        "asked": {"services": ["/blink"], "approval": APPROVAL, "emergency": True},
-        "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
-    }
-    robot = QuietRobot(rules)
-    done: list[Any] = []
-    robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
-    _blink(agent)
-    call(supervisor, "/gate/stop")
-    _answer(supervisor, "1")
-    (reply,) = agent.heard()
-    assert (reply["result"], done) == (False, [])
-    assert "the emergency stop is on" in reply["values"]
-
-
-def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing() -> None:
-    robot = AskedRobot()
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
-    _blink(agent)
-    agent.peer.graph.take_role(robot.access.admission.roles["viewer"])
-    _answer(supervisor, "1")
-    (reply,) = agent.heard()
-    assert (reply["result"], robot.done) == (False, [])
-    assert "call /blink: the client has another role now" in reply["values"]
+    assert len(done) + len(done_too) == len(kept)
 
 
 def test_two_rules_want_a_yes_each() -> None:
     rule = {"services": ["/blink"], "approval": APPROVAL}
     robot = QuietRobot({"one": rule, "two": {**rule, "approval": {"roles": ["admin"]}}})
-    done: list[Any] = []
-    robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
-    agent = robot.client("agent")
+    done = robot.offer("/blink")
+    agent, supervisor, admin = robot.clients("agent", "supervisor", "admin")
     _blink(agent)
-    assert _answer(robot.client("supervisor"), "1")["success"]
+    assert _answer(supervisor, "1")["success"]
     assert (done, agent.heard()) == ([], [])
-    assert "gate.rules.two" in _answer(robot.client("supervisor"), "2")["message"]
-    assert _answer(robot.client("admin"), "2")["success"]
+    assert "gate.rules.two" in _answer(supervisor, "2")["message"]
+    assert _answer(admin, "2")["success"]
     assert len(done) == 1
-
-
-def test_requests_are_bounded() -> None:
-    robot = AskedRobot()
-    agent = robot.client("agent")
-    for _ in range(MAX_OF_CREDENTIAL + 1):
-        _blink(agent)
-    (reply,) = agent.heard()
-    assert f"{MAX_OF_CREDENTIAL} requests of this client wait" in reply["values"]
-    assert agent.peer.graph.calls_in_flight == MAX_OF_CREDENTIAL
 
 
 def test_observing_asks_nobody() -> None:
     rule = {"services": ["/blink"], "topics": ["/cmd_vel"], "approval": APPROVAL}
     robot = QuietRobot({"asked": rule}, mode="observe")
-    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
+    robot.offer("/blink")
     client = robot.client("agent")
     assert call(client, "/blink", data=True)["success"]
     assert drive(client, 0.3) == ""
     assert robot.gate.approvals.pending == ()
 
 
-def test_one_yes_is_for_all_parameters_of_a_call() -> None:
-    robot = AskedRobot()
-    robot.node.parameters.declare("speed_limit", 1.0)
-    agent, supervisor = robot.client("agent"), robot.client("supervisor")
-    value = {"type": 3, "double_value": 2.0}
-    parameters = [{"name": name, "value": value} for name in ("limit", "speed_limit")]
-    agent.say("call_service", service="/robot/set_parameters", args={"parameters": parameters})
-    (asked,) = robot.waiting()
-    assert asked.name == "/robot:limit, /robot:speed_limit"
-    assert _answer(supervisor, "1")["success"]
-    assert robot.node.parameters.get("limit") == robot.node.parameters.get("speed_limit") == 2.0
-
-
-def test_what_a_yes_sets_off_is_not_done_by_who_says_it() -> None:
-    robot = AskedRobot()
+def test_what_a_yes_sets_off_is_not_done_by_who_says_it(
+    robot: AskedRobot, agent: Client, supervisor: Client
+) -> None:
     callers: list[object] = []
     robot.graph.participant("/late").advertise_service(
         "/blink", robot.graph.registry.service("std_srvs/SetBool"), lambda _: callers.append(CALLER.get())
     )
-    _blink(robot.client("agent"))
-    assert _answer(robot.client("supervisor"), "1")["success"]
+    _blink(agent)
+    assert _answer(supervisor, "1")["success"]
     assert callers == [None]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import logging
 import stat
 import threading
 from collections.abc import Callable, Mapping
@@ -11,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rwt.access.audit import Audit
+from rwt.access.audit import Audit, LogRate
 from rwt.access.gate.audit.file import AuditFile, encode, hash_of, numbered, read_audit, traffic_file
 from rwt.access.gate.audit.verification import verify_audit
 from rwt.access.gate.record import DECISIONS, Actor, AuditBudget, Recorder
@@ -20,7 +22,13 @@ from rwt.access.settings import AuditSettings, RoleSettings, SettingsError
 from rwt.rosapi import Rosapi
 from rwt_graph import SimulatedClock
 from rwt_transports.endpoint import PeerInfo
+from rwt_transports.errors import Refused
 from tests.core.access.gated_robot import DRIVE, GatedRobot, call, drive, token
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "audit.jsonl"
 
 
 def _lines(robot: GatedRobot, file: Path) -> list[Mapping[str, Any]]:
@@ -44,16 +52,15 @@ def _events(lines: list[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     return [tuple(str(line.get(key, "")) for key in ("decision", "act", "name", "client")) for line in lines]
 
 
-def test_it_says_who_did_what_and_which_rule_decided(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_it_says_who_did_what_and_which_rule_decided(file: Path) -> None:
     rules = {
         "drive": {**DRIVE, "emergency": True},
         "asked": {"services": ["/blink"], "approval": {"roles": ["supervisor"]}},
     }
     robot = GatedRobot(rules, audit={"file": file})
-    robot.node.advertise_service("/blink", "std_srvs/Trigger", lambda _: {"success": True})
+    robot.offer("/blink")
     robot.node.parameters.declare("limit", 1.0)
-    one, two, supervisor = robot.client(), robot.client("agent"), robot.client("supervisor")
+    one, two, supervisor = robot.clients("operator", "agent", "supervisor")
     drive(one, 0.5)
     drive(two, 0.5)
     value = {"type": 3, "double_value": 2.0}
@@ -97,8 +104,7 @@ def test_it_says_who_did_what_and_which_rule_decided(tmp_path: Path) -> None:
     assert {line["decision"] for line in lines} <= set(DECISIONS)
 
 
-def test_a_clamped_message_has_its_values_before_and_after(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_a_clamped_message_has_its_values_before_and_after(file: Path) -> None:
     fields = {"linear.x": {"max": 0.8, "beyond": "clamp"}, "linear.y": {"min": -1, "beyond": "clamp"}}
     robot = GatedRobot({"drive": {"topics": ["/cmd_vel"], "fields": fields}}, audit={"file": file})
     client = robot.client()
@@ -110,10 +116,9 @@ def test_a_clamped_message_has_its_values_before_and_after(tmp_path: Path) -> No
     assert (repeated["repeated"], "before" in repeated) == (2, False)
 
 
-def test_an_audit_alone_needs_no_rules_and_offers_nothing(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_an_audit_alone_needs_no_rules_and_offers_nothing(file: Path) -> None:
     robot = GatedRobot({}, audit={"file": file})
-    robot.node.advertise_service("/blink", "std_srvs/Trigger", lambda _: {"success": True})
+    robot.offer("/blink")
     client = robot.client()
     assert drive(client, 0.5) == ""
     call(client, "/blink")
@@ -128,8 +133,7 @@ def test_an_audit_alone_needs_no_rules_and_offers_nothing(tmp_path: Path) -> Non
     ]
 
 
-def test_repeated_events_are_counted(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_repeated_events_are_counted(file: Path) -> None:
     robot = GatedRobot({"drive": DRIVE}, audit={"file": file})
     drive(robot.client(), 0.1)
     client = robot.client()
@@ -143,9 +147,8 @@ def test_repeated_events_are_counted(tmp_path: Path) -> None:
     assert (lines[5]["rule"], lines[5]["client"]) == ("gate.rules.drive.lease", "rosbridge:2")
 
 
-def test_a_viewer_cannot_rotate_away_what_others_did(tmp_path: Path) -> None:
+def test_a_viewer_cannot_rotate_away_what_others_did(file: Path) -> None:
     """Attack: reconnect again and again, and be refused under ever new names."""
-    file = tmp_path / "audit.jsonl"
     robot = GatedRobot({"drive": DRIVE}, audit={"file": file, "file_bytes": 128 * 1024, "files": 2})
     drive(robot.client(), 0.1)
     robot.clock.advance(1)
@@ -164,15 +167,13 @@ def test_a_viewer_cannot_rotate_away_what_others_did(tmp_path: Path) -> None:
     written = sum(line["decision"] == "refused" for line in lines)
     counted = sum(int(line["text"].removeprefix("over the budget: ").split()[0]) for line in left_out)
     assert written + counted == 3000
-    assert len(list(tmp_path.iterdir())) <= 4
+    assert len(list(file.parent.iterdir())) <= 4
     assert verify_audit(file).faults == []
 
 
-def test_allowed_traffic_does_not_rotate_events_away(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_allowed_traffic_does_not_rotate_events_away(file: Path) -> None:
     robot = GatedRobot({"drive": DRIVE}, audit={"file": file, "file_bytes": 4096, "files": 2})
-    for number in range(200):
-        robot.node.advertise_service(f"/s{number}", "std_srvs/Trigger", lambda _: {"success": True})
+    robot.offer(*(f"/s{number}" for number in range(200)))
     drive(robot.client(), 0.1)
     robot.clock.advance(1)
     client = robot.client("agent")
@@ -184,8 +185,7 @@ def test_allowed_traffic_does_not_rotate_events_away(tmp_path: Path) -> None:
     assert traffic_file(file).exists()
 
 
-def test_a_line_names_the_token_and_values_before_and_after(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_a_line_names_the_token_and_values_before_and_after(file: Path) -> None:
     settings = AuditSettings(file=file)
     recorder = Recorder(settings, Audit(), SimulatedClock(0))
     role = Role("pilot", RoleSettings()).given_by("joystick")
@@ -220,8 +220,7 @@ def test_the_files_last_for_days_against_credentials_that_write_all_they_may(
     assert 0.5 < written / (file_bytes * (files - 1)) < 1
 
 
-def test_clients_without_credentials_do_not_use_up_the_budget_of_the_gate_itself(tmp_path: Path) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_clients_without_credentials_do_not_use_up_the_budget_of_the_gate_itself(file: Path) -> None:
     recorder = Recorder(AuditSettings(file=file, file_bytes=1024), Audit(), SimulatedClock(0))
     for number in range(2000):
         actor = Actor(f"http:{number}", Role("admin", RoleSettings()), f"192.0.2.{number % 200}")
@@ -231,15 +230,18 @@ def test_clients_without_credentials_do_not_use_up_the_budget_of_the_gate_itself
     assert any(line["decision"] == "stop" for line in read_audit(file))
 
 
-def test_credentials_come_with_the_role(tmp_path: Path) -> None:
-    robot = GatedRobot({})
-    admission = robot.access.admission
-    info = PeerInfo("websocket", "192.0.2.7", 1, "/", {"authorization": f"Bearer {token('operator')}"})
-    role = admission.role_of(info)
+def test_credentials_come_with_the_role() -> None:
+    admission = GatedRobot({}).access.admission
+    info, unknown = (
+        PeerInfo("websocket", "192.0.2.7", 1, "/", {"authorization": f"Bearer {token(name)}"})
+        for name in ("operator", "nobody")
+    )
+    with pytest.raises(Refused, match="this bearer token is not known here"):
+        admission.role_of(unknown)
+    role, plain = admission.role_of(info), admission.roles["operator"]
     assert role is not None
-    assert (role.name, role.credential) == ("operator", "operator")
-    assert admission.roles["operator"].credential == ""
-    assert role.answers is admission.roles["operator"].answers
+    assert (role.name, role.credential, plain.credential) == ("operator", "operator", "")
+    assert role.answers is plain.answers
 
 
 def _audit_of(path: Path, count: int = 8) -> list[bytes]:
@@ -262,39 +264,36 @@ def _audit_of(path: Path, count: int = 8) -> list[bytes]:
     ],
 )  # fmt: skip
 def test_verification_finds_the_line(
-    tmp_path: Path, attack: Callable[[list[bytes]], list[bytes]], expected: tuple[int, str]
+    file: Path, attack: Callable[[list[bytes]], list[bytes]], expected: tuple[int, str]
 ) -> None:
-    path = tmp_path / "audit.jsonl"
-    lines = _audit_of(path)
-    assert verify_audit(path).faults == []
-    path.write_bytes(b"".join(attack(lines)))
+    lines = _audit_of(file)
+    assert verify_audit(file).faults == []
+    file.write_bytes(b"".join(attack(lines)))
     line, text = expected
-    assert any(each.line == line and each.text.startswith(text) for each in verify_audit(path).faults)
+    assert any(each.line == line and each.text.startswith(text) for each in verify_audit(file).faults)
 
 
-def test_verification_of_an_end_needs_a_hash_or_the_other_file(tmp_path: Path) -> None:
-    path = tmp_path / "audit.jsonl"
-    audit = AuditFile(AuditSettings(file=path))
+def test_verification_of_an_end_needs_a_hash_or_the_other_file(file: Path) -> None:
+    audit = AuditFile(AuditSettings(file=file))
     for number in range(9):
         audit.write(encode({"number": number}), is_traffic=number > 6)
     audit.close()
-    report = verify_audit(path)
+    report = verify_audit(file)
     (_, last), _ = report.heads.values()
-    assert verify_audit(path, last).has_line
-    lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join(lines[:-2]))
-    report = verify_audit(path, last)
+    assert verify_audit(file, last).has_line
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(b"".join(lines[:-2]))
+    report = verify_audit(file, last)
     assert not report.has_line
     assert [each.text for each in report.faults] == [
         "lines with the sequence numbers 6 to 7 were removed at an end"
     ]
-    traffic_file(path).unlink()
-    assert verify_audit(path).faults == []  # Without the other file and a hash, an end looks like any other.
+    traffic_file(file).unlink()
+    assert verify_audit(file).faults == []  # Without the other file and a hash, an end looks like any other.
 
 
-def test_a_chain_continues_after_rotation_restart_and_power_failure(tmp_path: Path) -> None:
-    path = tmp_path / "audit.jsonl"
-    settings = AuditSettings(file=path, file_bytes=1024, files=9)
+def test_a_chain_continues_after_rotation_restart_and_power_failure(file: Path) -> None:
+    settings = AuditSettings(file=file, file_bytes=1024, files=9)
     for start in range(3):
         audit = AuditFile(settings)
         for number in range(12):
@@ -303,27 +302,26 @@ def test_a_chain_continues_after_rotation_restart_and_power_failure(tmp_path: Pa
                 threading.Event().wait(0.001)
         audit.close()
         if start == 1:
-            with path.open("ab") as file:
-                file.write(b'{"sequence":25,"li')
-    report = verify_audit(path)
+            with file.open("ab") as log:
+                log.write(b'{"sequence":25,"li')
+    report = verify_audit(file)
     assert report.faults == []
     assert report.lines == 37
-    assert numbered(path, 2).exists()
-    numbered(path, 1).unlink()
-    numbered(path, 2).rename(numbered(path, 1))
-    faults = verify_audit(path).faults
+    assert numbered(file, 2).exists()
+    numbered(file, 1).unlink()
+    numbered(file, 2).rename(numbered(file, 1))
+    faults = verify_audit(file).faults
     assert any("removed before this one" in each.text for each in faults)
 
 
-def test_files_are_rotated_by_age(tmp_path: Path) -> None:
-    path = tmp_path / "audit.jsonl"
-    settings = AuditSettings(file=path, file_days=1.0)
-    path.write_text('{"time": "2020-01-01T00:00:00Z", "line": 1, "sequence": 1}\n')
+def test_files_are_rotated_by_age(file: Path) -> None:
+    settings = AuditSettings(file=file, file_days=1.0)
+    file.write_text('{"time": "2020-01-01T00:00:00Z", "line": 1, "sequence": 1}\n')
     audit = AuditFile(settings)
     _write(audit, number=1)
     audit.close()
-    assert numbered(path, 1).read_text().startswith('{"time": "2020')
-    assert verify_audit(path).faults == []
+    assert numbered(file, 1).read_text().startswith('{"time": "2020')
+    assert verify_audit(file).faults == []
 
 
 def test_lines_go_to_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
@@ -336,27 +334,25 @@ def test_lines_go_to_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
     assert second["previous"] == hash_of(encode(first))
 
 
-def test_files_are_rotated_and_the_oldest_deleted(tmp_path: Path) -> None:
-    path = tmp_path / "audit.jsonl"
-    audit = AuditFile(AuditSettings(file=path, file_bytes=1024, files=3, queue_bytes=1024 * 1024))
+def test_files_are_rotated_and_the_oldest_deleted(file: Path) -> None:
+    audit = AuditFile(AuditSettings(file=file, file_bytes=1024, files=3, queue_bytes=1024 * 1024))
     for number in range(200):
         _write(audit, number=number, text="x" * 100)
         while audit.waiting:
             threading.Event().wait(0.001)
     audit.close()
-    files = sorted(each.name for each in tmp_path.iterdir())
+    files = sorted(each.name for each in file.parent.iterdir())
     assert files == ["audit.jsonl", "audit.jsonl.1", "audit.jsonl.2", "audit.traffic.jsonl"]
-    assert all(each.stat().st_size <= 1024 for each in tmp_path.iterdir())
-    numbers = [line["number"] for line in read_audit(path)]
+    assert all(each.stat().st_size <= 1024 for each in file.parent.iterdir())
+    numbers = [line["number"] for line in read_audit(file)]
     assert numbers == list(range(200 - len(numbers), 200))
     assert len(numbers) >= 9
 
 
 def test_a_disk_that_is_slower_than_the_events_costs_lines_and_never_the_server(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "audit.jsonl"
-    audit = AuditFile(AuditSettings(file=path, queue_bytes=1024))
+    audit = AuditFile(AuditSettings(file=file, queue_bytes=1024))
     is_writing, go_on = threading.Event(), threading.Event()
     put = audit._put
 
@@ -375,7 +371,7 @@ def test_a_disk_that_is_slower_than_the_events_costs_lines_and_never_the_server(
     assert dropped > 100
     go_on.set()
     audit.close()
-    lines = list(read_audit(path))
+    lines = list(read_audit(file))
     assert _plain(lines[-1]) == {"decision": "left out", "text": f"{dropped} lines were dropped"}
     assert [line["number"] for line in lines[:-1]] == list(range(200 - dropped))
 
@@ -398,16 +394,14 @@ def test_a_file_that_cannot_be_opened_is_an_error_of_the_settings(tmp_path: Path
         GatedRobot({}, audit={"file": tmp_path / "missing" / "audit.jsonl"})
 
 
-def test_a_line_that_was_cut_is_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "audit.jsonl"
-    numbered(path, 1).write_text('{"number": 1}\n{"numb')
-    path.write_text('\n[]\n{"number": 2}\n')
-    assert [json.dumps(line) for line in read_audit(path)] == ['{"number": 1}', '{"number": 2}']
+def test_a_line_that_was_cut_is_left_out(file: Path) -> None:
+    numbered(file, 1).write_text('{"number": 1}\n{"numb')
+    file.write_text('\n[]\n{"number": 2}\n')
+    assert [json.dumps(line) for line in read_audit(file)] == ['{"number": 1}', '{"number": 2}']
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
-def test_a_changed_parameter_has_its_values_before_and_after(tmp_path: Path, distro: str) -> None:
-    file = tmp_path / "audit.jsonl"
+def test_a_changed_parameter_has_its_values_before_and_after(file: Path, distro: str) -> None:
     robot = GatedRobot({}, distro, audit={"file": file})
     Rosapi(robot.graph)
     robot.node.parameters.declare("limit", 1.5)
@@ -422,10 +416,9 @@ def test_a_changed_parameter_has_its_values_before_and_after(tmp_path: Path, dis
 
 
 def test_log_gate_and_audit_name_a_client_in_the_same_way(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "rwt.bridge")
-    file = tmp_path / "audit.jsonl"
     robot = GatedRobot({"drive": {**DRIVE, "emergency": True}}, audit={"file": file})
     client = robot.client("agent")
     drive(client, 100.0)
@@ -438,3 +431,22 @@ def test_log_gate_and_audit_name_a_client_in_the_same_way(
     assert any(record["message"].startswith("gate: stop") for record in named)
     assert {record["client"] for record in records} == {"rosbridge:1", "rosbridge:2"}
     assert "rosbridge:1" in {line.get("client") for line in _lines(robot, file)}
+
+
+def test_a_place_that_floods_the_log_is_cut_and_counted_and_another_is_not() -> None:
+    written = io.StringIO()
+    handler = logging.StreamHandler(written)
+    seconds = [0.0]
+    handler.addFilter(LogRate(per_second=1, burst=3, monotonic=lambda: seconds[0]))
+    logger = logging.Logger("flood")
+    logger.addHandler(handler)
+    for number in range(11):
+        if number == 10:
+            seconds[0] = 60.0
+            logger.warning("of another place, with 100 %")
+        logger.warning("line %d of %s", number, "a client")
+    assert written.getvalue().splitlines() == [
+        *(f"line {number} of a client" for number in range(3)),
+        "of another place, with 100 %",
+        "line 10 of a client (7 lines like it were left out)",
+    ]

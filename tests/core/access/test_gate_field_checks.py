@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import FieldChecks, Motion
+from rwt.access.gate.fields import Clamped, FieldChecks, Motion
 from rwt.access.gate.rules import Rule
 from rwt.access.settings import FieldLimit, GateRule
 from rwt_interfaces.distro import JAZZY
@@ -257,7 +257,7 @@ def _outcome(checks: FieldChecks, motion: Motion, payload: Payload, now: float) 
         motion.refused()
         return "refused", str(refused)
     motion.passed(now)
-    return bytes(passed.json()).decode(), "" if changes is None else str(changes)
+    return bytes(passed.json()).decode(), str(Clamped(changes))
 
 
 def _decoded(value: Any) -> Any:
@@ -323,7 +323,7 @@ def test_items_of_nested_lists_count_together() -> None:
     arm: dict[str, Any] = {"joints": [{"values": [0.5] * 99}] * 100}
     rule = {"topics": ["/it"], "fields": {"joints[].values[]": {"max": 1}}}
     checks = FieldChecks(Rule("it", GateRule.model_validate(rule)), ARM)
-    assert checks.check(Payload.from_value(ARM, arm), 0.0)[1] is None
+    assert checks.check(Payload.from_value(ARM, arm), 0.0)[1] == ()
     arm["joints"][-1] = {"values": [0.5] * 100}
     with pytest.raises(GateRefused, match="more than 10000 items in its lists"):
         checks.check(Payload.from_value(ARM, arm), 0.0)
@@ -347,8 +347,8 @@ def test_an_item_out_of_range_is_found_anywhere(items: str, finite: bool) -> Non
 
 
 def test_the_description_of_what_was_clamped_is_bounded() -> None:
-    payload, clamped = _checks({"max": 0.1, "beyond": "clamp"}).check(_array(",".join(["0.5"] * 9000)), 0.0)
-    text = str(clamped)
+    payload, changes = _checks({"max": 0.1, "beyond": "clamp"}).check(_array(",".join(["0.5"] * 9000)), 0.0)
+    text = str(Clamped(changes))
     assert text.startswith("data[0]: 0.1 in place of 0.5; data[1]: ")
     assert text.endswith("data[7]: 0.1 in place of 0.5; 8992 more")
     value: Any = payload.value()

@@ -32,51 +32,53 @@ RULES: Mapping[str, Any] = {
 VALUES = ("NaN", "Infinity", "-Infinity", "1e999", "null")
 ARRAY = "std_msgs/Float64MultiArray"
 SCAN = "sensor_msgs/LaserScan"
+GO = "nav2_msgs/NavigateToPose"
+
+JSON, CBOR = ({"Content-Type": f"application/{kind}"} for kind in ("json", "cbor"))
 
 Op = dict[str, Any]
 
+
+def _publish(topic: str, type: str, **msg: object) -> Op:
+    return {"op": "publish", "topic": topic, "type": type, "msg": msg}
+
+
+def _call(service: str, args: object) -> Op:
+    return {"op": "call_service", "service": service, "args": args}
+
+
+def _array(*items: object) -> Op:
+    return _publish("/array", ARRAY, layout={"dim": [], "data_offset": 0}, data=[*items])
+
+
+def _set_parameter(name: str, **value: object) -> Op:
+    return _call("/robot/set_parameters", {"parameters": [{"name": name, "value": value}]})
+
+
+def _set_by_rosapi(name: str, value: object) -> Op:
+    return _call("/rosapi/set_param", {"name": name, "value": json.dumps(value).replace('"', "")})
+
+
+def _pose(x: object) -> dict[str, Any]:
+    return {"pose": {"pose": {"position": {"x": x}}}}
+
+
+ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 VERBS: Mapping[str, Callable[[Any], Op]] = {
-    "field": lambda x: {
-        "op": "publish", "topic": "/cmd_vel", "type": TWIST,
-        "msg": {"linear": {"x": x, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}},
-    },
-    "partial": lambda x: {"op": "publish", "topic": "/cmd_vel", "type": TWIST, "msg": {"linear": {"x": x}}},
-    "array": lambda x: {
-        "op": "publish", "topic": "/array", "type": ARRAY,
-        "msg": {"layout": {"dim": [], "data_offset": 0}, "data": [0.5, x]},
-    },
-    "long array": lambda x: {
-        "op": "publish", "topic": "/array", "type": ARRAY,
-        "msg": {"layout": {"dim": [], "data_offset": 0}, "data": [0.5] * 9000 + [x]},
-    },
-    "float32 array": lambda x: {"op": "publish", "topic": "/scan", "type": SCAN, "msg": {"ranges": [x]}},
-    "call": lambda x: {"op": "call_service", "service": "/spawn", "args": {"x": x}},
-    "call by position": lambda x: {"op": "call_service", "service": "/spawn", "args": [x]},
-    "goal": lambda x: {
-        "op": "send_action_goal", "action": "/go", "action_type": "nav2_msgs/NavigateToPose",
-        "args": {"pose": {"pose": {"position": {"x": x}}}},
-    },
-    "goal as a call": lambda x: {
-        "op": "call_service", "service": "/raw/_action/send_goal",
-        "args": {"goal": {"pose": {"pose": {"position": {"x": x}}}}},
-    },
-    "parameter": lambda x: {
-        "op": "call_service", "service": "/robot/set_parameters",
-        "args": {"parameters": [{"name": "speed", "value": {"type": 3, "double_value": x}}]},
-    },
-    "parameter list": lambda x: {
-        "op": "call_service", "service": "/robot/set_parameters",
-        "args": {"parameters": [{"name": "gains", "value": {"type": 8, "double_array_value": [1.0, x]}}]},
-    },
-    "parameter by rosapi": lambda x: {
-        "op": "call_service", "service": "/rosapi/set_param",
-        "args": {"name": "/robot:speed", "value": json.dumps(x).replace('"', "")},
-    },
-    "parameter list by rosapi": lambda x: {
-        "op": "call_service", "service": "/rosapi/set_param",
-        "args": {"name": "/robot:gains", "value": f"[1.0, {json.dumps(x)}]".replace('"', "")},
-    },
-}  # fmt: skip
+    "field": lambda x: _publish("/cmd_vel", TWIST, linear={**ZERO, "x": x}, angular=ZERO),
+    "partial": lambda x: _publish("/cmd_vel", TWIST, linear={"x": x}),
+    "array": lambda x: _array(0.5, x),
+    "long array": lambda x: _array(*[0.5] * 9000, x),
+    "float32 array": lambda x: _publish("/scan", SCAN, ranges=[x]),
+    "call": lambda x: _call("/spawn", {"x": x}),
+    "call by position": lambda x: _call("/spawn", [x]),
+    "goal": lambda x: {"op": "send_action_goal", "action": "/go", "action_type": GO, "args": _pose(x)},
+    "goal as a call": lambda x: _call("/raw/_action/send_goal", {"goal": _pose(x)}),
+    "parameter": lambda x: _set_parameter("speed", type=3, double_value=x),
+    "parameter list": lambda x: _set_parameter("gains", type=8, double_array_value=[1.0, x]),
+    "parameter by rosapi": lambda x: _set_by_rosapi("/robot:speed", x),
+    "parameter list by rosapi": lambda x: _set_by_rosapi("/robot:gains", [1.0, x]),
+}
 """Members that may hold a number, by op of rosbridge."""
 
 
@@ -90,7 +92,7 @@ class Ears(GatedRobot):
         for topic, type in (("/array", ARRAY), ("/scan", SCAN)):
             base.subscribe(topic, self.reached.append, registry.message(type))
         base.advertise_service("/spawn", registry.service("turtlesim/Spawn"), self.reached.append)
-        base.advertise_action("/go", registry.action("nav2_msgs/NavigateToPose"), self.reached.append)
+        base.advertise_action("/go", registry.action(GO), self.reached.append)
         if distro == "jazzy":
             send_goal = registry.service("nav2_msgs/NavigateToPose_SendGoal")
             base.advertise_service("/raw/_action/send_goal", send_goal, self.reached.append)
@@ -173,8 +175,7 @@ def test_over_rosbridge_in_bson() -> None:
 @pytest.mark.parametrize("value", VALUES)
 def test_a_goal_as_a_message(value: str) -> None:
     robot = Ears("noetic")
-    goals: list[Any] = []
-    robot.node.subscribe("/move/goal", goals.append, type="move_base_msgs/MoveBaseActionGoal")
+    goals = robot.hear("/move/goal", "move_base_msgs/MoveBaseActionGoal")
     client = robot.client()
     text = '{"op": "publish", "topic": "/move/goal", "type": "move_base_msgs/MoveBaseActionGoal", "msg":'
     text += '{"goal": {"target_pose": {"pose": {"position": {"x": %s}}}}}}'
@@ -223,31 +224,19 @@ async def test_over_http_and_mcp() -> None:
         node.advertise_service("/spawn", "turtlesim/Spawn", spawn)
         node.parameters.declare("speed", 1.0)
         async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
-            bodies: list[tuple[bytes, str]] = [
-                (cbor2.dumps({"linear": {"x": value}}), "application/cbor")
-                for value in (math.nan, math.inf, None)
-            ]
-            bodies += [(b'{"linear": {"x": %s}}' % value.encode(), "application/json") for value in VALUES]
-            for body, kind in bodies:
-                answer = await http.post("/api/topics/cmd_vel", content=body, headers={"Content-Type": kind})
+            bodies = [(cbor2.dumps({"linear": {"x": value}}), CBOR) for value in (math.nan, math.inf, None)]
+            bodies += [(b'{"linear": {"x": %s}}' % value.encode(), JSON) for value in VALUES]
+            for body, headers in bodies:
+                answer = await http.post("/api/topics/cmd_vel", content=body, headers=headers)
                 assert answer.status_code == 403, (body, answer.text)
             for value in VALUES:
-                body = b'{"x": %s}' % value.encode()
                 answer = await http.post(
-                    "/api/services/spawn", content=body, headers={"Content-Type": "application/json"}
+                    "/api/services/spawn", content=b'{"x": %s}' % value.encode(), headers=JSON
                 )
-                assert answer.status_code == 403, (body, answer.text)
-                answer = await http.put(
-                    "/api/parameters/base:speed",
-                    content=value.encode(),
-                    headers={"Content-Type": "application/json"},
-                )
+                assert answer.status_code == 403, (value, answer.text)
+                answer = await http.put("/api/parameters/base:speed", content=value.encode(), headers=JSON)
                 assert answer.status_code >= 400, (value, answer.text)
-            answer = await http.put(
-                "/api/parameters/base:speed",
-                content=cbor2.dumps(math.nan),
-                headers={"Content-Type": "application/cbor"},
-            )
+            answer = await http.put("/api/parameters/base:speed", content=cbor2.dumps(math.nan), headers=CBOR)
             assert answer.status_code >= 400
         async with agent_at(url_of(server)) as agent:
             for number in (math.nan, math.inf, None):

@@ -4,30 +4,29 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any
 
 import anyio
 import httpx
 import pytest
 
-from rwt import Server, connect
+from rwt import Server
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.clients import MAX_SESSIONS
-from rwt_client import Robot
-from rwt_graph import Node
-from tests.core.access.gated_robot import DRIVE, GatedRobot, call, drive, settings_of, token
+from tests.core.access.gated_robot import DRIVE, FIBONACCI, TWIST, GatedRobot, call, drive, settings_of, token
 from tests.core.rosbridge.recording_client import Client
 from tests.extensions.foxglove.viewer import Viewer
 from tests.extensions.mcp.agents import agent_at, url_of
-from tests.waiting import until
 
 RULE = {**DRIVE, "emergency": True}
+CLAMP = {"linear.x": {"max": 0.8, "beyond": "clamp"}}
+CLAMPED = "publish /cmd_vel: linear.x: 0.8 in place of 2 (gate.rules.drive)"
 
 
 @pytest.fixture
 def robot() -> GatedRobot:
-    return GatedRobot({"drive": RULE})
+    return GatedRobot({"drive": {**RULE, "fields": CLAMP}})
 
 
 @pytest.fixture
@@ -39,6 +38,10 @@ def viewer(robot: GatedRobot) -> Iterator[Viewer]:
     viewer.heard()
     yield viewer
     gateway.close()
+
+
+def _http(server: Server, **headers: str) -> httpx.AsyncClient:
+    return httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1), headers=headers)
 
 
 def _publish(viewer: Viewer, speed: float) -> str:
@@ -55,13 +58,10 @@ def test_two_protocols_never_both_drive(robot: GatedRobot, viewer: Viewer) -> No
     assert _publish(viewer, 0.125) == ""
     assert "/cmd_vel is held by foxglove:1 (role operator)" in drive(client, -1.0)
     assert [speed for speed, _ in robot.take()] == [0.125]
-
-
-def test_a_stop_over_one_protocol_holds_over_the_others(robot: GatedRobot, viewer: Viewer) -> None:
-    assert _publish(viewer, 0.125) == ""
-    call(robot.client(), "/gate/stop")
+    call(client, "/gate/stop")
     assert "the emergency stop is on" in _publish(viewer, 0.125)
-    assert [speed for speed, _ in robot.take()] == [0.125, 0.0]
+    assert "the emergency stop is on" in call(client, "/gate/take_lease", topic="/cmd_vel")["message"]
+    assert [speed for speed, _ in robot.take()] == [0.0]
 
 
 def test_a_viewer_that_goes_stops_the_robot(robot: GatedRobot, viewer: Viewer) -> None:
@@ -70,115 +70,40 @@ def test_a_viewer_that_goes_stops_the_robot(robot: GatedRobot, viewer: Viewer) -
     assert [speed for speed, _ in robot.take()] == [0.125, 0.0]
 
 
-@pytest.mark.anyio
-async def test_a_request_over_http_does_not_drive_what_another_holds() -> None:
-    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
-    async with Server("ws://127.0.0.1:0", gate=gate) as server:
-        heard: list[float] = []
-        node = server.node("base")
-        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
-        base = server.urls[0].replace("ws", "http", 1)
-        async with connect(server.urls[0]) as one, httpx.AsyncClient(base_url=base) as http:
-            taken = await one.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
-            assert taken.success
-            refused = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
-            assert (refused.status_code, "is held by rosbridge:1" in refused.text) == (403, True)
-            assert heard == []
-
-
-@pytest.mark.anyio
-async def test_an_agent_publishes_no_longer_than_the_lease_without_a_word() -> None:
-    gate = {"rules": {"drive": RULE}}
-    mcp = {"default_role": "admin"}
-    async with Server("ws://127.0.0.1:0", gate=gate, gateways=["mcp"], mcp=mcp) as server:
-        server.node("base").subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
-        async with agent_at(url_of(server)) as agent:
-            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}, "rate": 50}
-            refused = await agent.call_tool("publish", {**asked, "seconds": 0.6})
-            assert refused.is_error
-            assert "(safety gate) lasts 0.5 s" in str(refused.content)
-            assert not (await agent.call_tool("publish", {**asked, "seconds": 0.1})).is_error
+def test_a_client_is_told_what_was_clamped(robot: GatedRobot, viewer: Viewer) -> None:
+    assert CLAMPED in _publish(viewer, 2.0)
+    assert _publish(viewer, 2.0) == "", "not for each message"
+    viewer.leave()
+    client = robot.client()
+    twist = {"topic": "/cmd_vel", "type": TWIST, "msg": {"linear": {"x": 2.0}}}
+    client.say("publish", **twist)
+    assert f"gate: {CLAMPED}" in [each["msg"] for each in client.heard()]
+    client.say("set_level", level="error")
+    client.say("publish", **twist)
+    assert client.heard() == []
 
 
 @pytest.mark.anyio
 async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> None:
     tokens = {name: {"token": f"{name}-token-of-the-test", "role": "driver"} for name in ("one", "two")}
+    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
     roles = {"driver": {"publish": ["*"], "call": ["*"]}}
-    asked = {"services": ["/blink"], "approval": {"roles": ["admin"], "remember_seconds": 60}}
-    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}, "asked": asked}}
-    auth = {"tokens": tokens, "default_role": "admin"}
-    async with Server("ws://127.0.0.1:0", gate=gate, auth=auth, roles=roles) as server:
+    async with Server("ws://127.0.0.1:0", gate=gate, auth={"tokens": tokens}, roles=roles) as server:
         heard: list[float] = []
-        done: list[object] = []
-        node = server.node("base")
-        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
-
-        def blink(request: object) -> dict[str, bool]:
-            done.append(request)
-            return {"success": True}
-
-        node.advertise_service("/blink", "std_srvs/SetBool", blink)
-        base = server.urls[0].replace("ws", "http", 1)
-        one, two = ({"Authorization": f"Bearer {name}-token-of-the-test"} for name in ("one", "two"))
-        async with httpx.AsyncClient(base_url=base) as http:
+        server.node("base").subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), TWIST)
+        async with _http(server) as http:
             for _ in range(3):
-                driving = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}}, headers=one)
-                refused = await http.post("/api/topics/cmd_vel", json={"linear": {"x": -0.5}}, headers=two)
-                assert (driving.status_code, refused.status_code) == (204, 403)
-                assert "is held by http:1" in refused.text
-            assert heard == [0.5] * 3
-            # An approval of one is not valid for the other.
-            waiting: list[list[str]] = []
-            node.subscribe(
-                "/gate/approvals",
-                lambda message: waiting.append([each.id for each in message.approvals]),
-                "rwt_gate_msgs/Approvals",
-            )
-
-            async def ask(headers: dict[str, str]) -> None:
-                await http.post("/api/services/blink", json={"data": True}, headers=headers)
-
-            async with connect(server.urls[0]) as admin, anyio.create_task_group() as tasks:
-                tasks.start_soon(ask, one)
-                await until(lambda: ["1"] in waiting)
-                approval = {"id": "1", "approve": True, "seconds": 60.0}
-                assert (await admin.call("/gate/approve", approval, "rwt_gate_msgs/Approve")).success
-                await ask(one)
-                assert len(done) == 2
-                tasks.start_soon(ask, two)
-                await until(lambda: ["2"] in waiting)
-                assert len(done) == 2
-                refused_too = {"id": "2", "approve": False, "seconds": 0.0}
-                await admin.call("/gate/approve", refused_too, "rwt_gate_msgs/Approve")
+                for name, speed, status in (("one", 0.5, 204), ("two", -0.5, 403)):
+                    headers = {"Authorization": f"Bearer {name}-token-of-the-test"}
+                    answer = await http.post(
+                        "/api/topics/cmd_vel", json={"linear": {"x": speed}}, headers=headers
+                    )
+                    assert answer.status_code == status
+                    assert status == 204 or "is held by http:1" in answer.text
+        assert heard == [0.5] * 3
 
 
-CLAMP = {"linear.x": {"max": 0.8, "beyond": "clamp"}}
-CLAMPED = "linear.x: 0.8 in place of 2 (gate.rules.drive)"
-
-
-def test_a_client_is_told_what_was_clamped_and_what_waits() -> None:
-    approval = {"services": ["/blink"], "approval": {"roles": ["supervisor"], "seconds": 45}}
-    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
-    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}, "asked": approval, "spawn": spawn})
-    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
-    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
-    client = robot.client()
-    twist = {"linear": {"x": 2.0}}
-    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
-    client.say("call_service", service="/blink", args={"data": True})
-    client.say("call_service", service="/spawn", args={"x": 5.0})
-    told = [each["msg"] for each in client.heard() if each["op"] == "status" and each["level"] == "warning"]
-    assert [each for each in told if each.startswith("gate:")] == [
-        f"gate: publish /cmd_vel: {CLAMPED}",
-        "gate: call /blink: waiting for approval by supervisor (45 s left, id 1)",
-        "gate: call /spawn: x: 1 in place of 5 (gate.rules.spawn)",
-    ]
-    client.say("set_level", level="error")
-    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
-    assert client.heard() == []
-
-
-TWIST, SPAWN, FIBONACCI = "geometry_msgs/Twist", "turtlesim/Spawn", "example_interfaces/Fibonacci"
+SPAWN = "turtlesim/Spawn"
 REQUESTS: dict[str, dict[str, Any]] = {
     "topic": {"linear": {"x": 5.0}},
     "service": {"x": 5.0},
@@ -219,8 +144,7 @@ async def _over_foxglove(server: Server, kind: str, name: str) -> str:
 
 
 async def _over_http(server: Server, kind: str, name: str) -> str:
-    headers = {"Authorization": f"Bearer {token('agent')}"}
-    async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1), headers=headers) as http:
+    async with _http(server, Authorization=f"Bearer {token('agent')}") as http:
         if kind == "parameter":
             answer = await http.put("/api/parameters/base:asked", json=2.0)
         else:
@@ -294,50 +218,34 @@ async def _count(goal: Any) -> dict[str, list[int]]:
     return {"sequence": [1]}
 
 
-def test_a_foxglove_client_is_told_what_was_clamped() -> None:
-    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}})
-    gateway = FoxgloveGateway(robot.graph, robot.access)
-    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
-    viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
-    viewer.heard()
-    assert f"publish /cmd_vel: {CLAMPED}" in _publish(viewer, 2.0)
-    assert _publish(viewer, 2.0) == "", "not for each message"
-    gateway.close()
-
-
 @pytest.mark.anyio
 async def test_results_over_http_and_mcp_tell_what_was_clamped() -> None:
-    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
-    gate = {"rules": {"drive": {**RULE, "fields": CLAMP}, "spawn": spawn}}
+    gate = {"rules": {"drive": {**RULE, "fields": CLAMP}}}
     mcp = {"default_role": "admin"}
     async with Server("ws://127.0.0.1:0", gate=gate, gateways=["http", "mcp"], mcp=mcp) as server:
-        node = server.node("base")
-        node.subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
-        node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
-        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+        server.node("base").subscribe("/cmd_vel", lambda twist: None, TWIST)
+        async with _http(server) as http:
             answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 2.0}})
-            assert (answer.status_code, answer.json()) == (200, {"gate": [f"publish /cmd_vel: {CLAMPED}"]})
+            assert (answer.status_code, answer.json()) == (200, {"gate": [CLAMPED]})
             answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
             assert (answer.status_code, answer.content) == (204, b"")
-            answer = await http.post("/api/services/spawn", json={"x": 5.0})
-            assert answer.headers["gate-notice"] == "call /spawn: x: 1 in place of 5 (gate.rules.spawn)"
             await http.post("/api/services/gate/release_lease", json={"topic": "/cmd_vel"})
         async with agent_at(url_of(server)) as agent:
-            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "rate": 20, "seconds": 0.2}
-            answered = str((await agent.call_tool("publish", asked)).content)
+            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "rate": 20}
+            answered = str((await agent.call_tool("publish", {**asked, "seconds": 0.2})).content)
             assert answered.count(CLAMPED) == 1
-            answered = str(
-                (await agent.call_tool("call_service", {"service": "/spawn", "request": {"x": 5}})).content
-            )
-            assert "x: 1 in place of 5 (gate.rules.spawn)" in answered
+            # An agent publishes no longer than the lease without a word.
+            refused = await agent.call_tool("publish", {**asked, "seconds": 0.6})
+            assert refused.is_error
+            assert "(safety gate) lasts 0.5 s" in str(refused.content)
 
 
 @pytest.mark.anyio
 async def test_programs_with_one_token_do_not_alternate_commands_over_http() -> None:
     gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
     async with Server("ws://127.0.0.1:0", gate=gate) as server:
-        server.node("base").subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
-        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+        server.node("base").subscribe("/cmd_vel", lambda twist: None, TWIST)
+        async with _http(server) as http:
 
             async def drive_as(**headers: str) -> int:
                 names = {name.replace("_", "-"): value for name, value in headers.items()}
@@ -358,114 +266,70 @@ async def test_programs_with_one_token_do_not_alternate_commands_over_http() -> 
             assert await drive_as(RWT_Session="one") == 204
 
 
-class Approvals:
-    """A robot whose commands over HTTP require approval, and an administrator.
-
-    Attributes:
-        http: client of the agent.
-        others: client of others.
-    """
-
-    def __init__(self, node: Node, admin: Robot, http: httpx.AsyncClient, others: httpx.AsyncClient) -> None:
-        self.node = node
-        self.http = http
-        self.others = others
-        self._admin = admin
-
-    async def answer(self, *, approve: bool = True) -> None:
-        """Answer the first request, once it waits."""
-        request = {"id": "1", "approve": approve}
-        with anyio.fail_after(10):
-            while True:
-                if (await self._admin.call("/gate/approve", request, "rwt_gate_msgs/Approve")).success:
-                    return
-                await anyio.sleep(0.01)
-
-
-@pytest.fixture
-async def approvals() -> AsyncIterator[Approvals]:
-    """A server whose rule requires approval of a service, an action and parameters."""
+@pytest.mark.anyio
+async def test_what_waits_for_approval_over_http() -> None:
+    """A call, one that waits for its answer, one that is denied, a parameter and a goal."""
     asked = {
         "services": ["/blink", "/rosapi/set_param"],
         "actions": ["/count"],
         "approval": {"roles": ["admin"], "seconds": 45},
     }
-    tokens = {"agent": {"token": "agent-token-of-the-test", "role": "agent"}}
-    rights = {act: ["*"] for act in ("call", "goals", "get_param", "set_param")}
-    auth = {"tokens": tokens, "default_role": "admin"}
-    async with Server(
-        "ws://127.0.0.1:0", gate={"rules": {"asked": asked}}, auth=auth, roles={"agent": rights}
-    ) as server:
+    settings = settings_of({"rules": {"asked": asked}}, gateways=("http",))
+    async with Server("ws://127.0.0.1:0", settings=settings) as server:
         node = server.node("base")
         node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True, "message": "done"})
         node.parameters.declare("speed", 1.0)
+        node.advertise_action("/count", FIBONACCI, _count)
+        agent, other, admin = (
+            _http(server, Authorization=f"Bearer {token(role)}") for role in ("agent", "operator", "admin")
+        )
 
-        async def execute(goal: Any) -> dict[str, list[int]]:
-            return {"sequence": [1]}
+        async def answer(id: str, *, approve: bool = True) -> None:
+            """Answer a request, once it waits."""
+            request = {"id": id, "approve": approve}
+            with anyio.fail_after(10):
+                while True:
+                    if (await admin.post("/api/services/gate/approve", json=request)).json()["success"]:
+                        return
+                    await anyio.sleep(0.01)
 
-        node.advertise_action("/count", "example_interfaces/Fibonacci", execute)
-        base = server.urls[0].replace("ws", "http", 1)
-        agent = {"Authorization": "Bearer agent-token-of-the-test"}
-        async with (
-            connect(server.urls[0]) as admin,
-            httpx.AsyncClient(base_url=base, headers=agent) as http,
-            httpx.AsyncClient(base_url=base) as others,
-        ):
-            yield Approvals(node, admin, http, others)
+        async with agent, other, admin:
+            waiting = await agent.post("/api/services/blink", json={"data": True})
+            state = waiting.json()
+            assert (waiting.status_code, state["state"]) == (202, "waiting")
+            assert state["approval"]["roles"] == ["admin"]
+            text = r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)"
+            assert re.fullmatch(text, state["reason"])
+            where = waiting.headers["location"]
+            assert (await agent.get(where)).status_code == 202
+            assert (await other.get(where)).status_code == 404, "another client's call"
+            await answer("1")
+            for _ in range(2):
+                done = await agent.get(where)
+                assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
 
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(answer, "2")
+                patient = {"Prefer": "wait=20"}
+                done = await agent.post("/api/services/blink", json={"data": True}, headers=patient)
+            assert (done.status_code, done.json()["message"]) == (200, "done")
 
-@pytest.mark.anyio
-async def test_a_call_that_waits_for_approval_over_http_is_answered_at_once(approvals: Approvals) -> None:
-    http = approvals.http
-    waiting = await http.post("/api/services/blink", json={"data": True})
-    state = waiting.json()
-    assert (waiting.status_code, state["state"], state["approval"]["roles"]) == (202, "waiting", ["admin"])
-    assert re.fullmatch(
-        r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)", state["reason"]
-    )
-    where = waiting.headers["location"]
-    assert (await http.get(where)).status_code == 202
-    assert (await approvals.others.get(where)).status_code == 404, "another client's call"
-    await approvals.answer()
-    for _ in range(2):
-        done = await http.get(where)
-        assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
+            where = (await agent.post("/api/services/blink", json={"data": True})).headers["location"]
+            await answer("3", approve=False)
+            denied = await agent.get(where)
+            assert (denied.status_code, "a person said no" in denied.text) == (502, True)
 
+            where = (await agent.put("/api/parameters/base:speed", json=2.0)).headers["location"]
+            assert node.parameters.get("speed") == 1.0
+            await answer("4")
+            assert (await agent.get(where)).status_code == 200
+            assert node.parameters.get("speed") == 2.0
 
-@pytest.mark.anyio
-async def test_a_client_may_wait_for_approval_over_http(approvals: Approvals) -> None:
-    async with anyio.create_task_group() as tasks:
-        tasks.start_soon(approvals.answer)
-        patient = {"Prefer": "wait=20"}
-        done = await approvals.http.post("/api/services/blink", json={"data": True}, headers=patient)
-    assert (done.status_code, done.json()["message"]) == (200, "done")
-
-
-@pytest.mark.anyio
-async def test_a_call_over_http_that_is_denied(approvals: Approvals) -> None:
-    where = (await approvals.http.post("/api/services/blink", json={"data": True})).headers["location"]
-    await approvals.answer(approve=False)
-    denied = await approvals.http.get(where)
-    assert (denied.status_code, "a person said no" in denied.text) == (502, True)
-
-
-@pytest.mark.anyio
-async def test_a_parameter_is_set_over_http_once_it_is_approved(approvals: Approvals) -> None:
-    http, parameters = approvals.http, approvals.node.parameters
-    where = (await http.put("/api/parameters/base:speed", json=2.0)).headers["location"]
-    assert parameters.get("speed") == 1.0
-    await approvals.answer()
-    assert (await http.get(where)).status_code == 200
-    assert parameters.get("speed") == 2.0
-
-
-@pytest.mark.anyio
-async def test_a_goal_over_http_starts_once_it_is_approved(approvals: Approvals) -> None:
-    goal = await approvals.http.post("/api/actions/count/goals", json={"order": 1})
-    state = goal.json()
-    assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "1")
-    await approvals.answer()
-    with anyio.fail_after(10):
-        while state["state"] != "succeeded":
-            await anyio.sleep(0.01)
-            state = (await approvals.http.get(goal.headers["location"])).json()
+            goal = await agent.post("/api/actions/count/goals", json={"order": 1})
+            state = goal.json()
+            assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "5")
+            await answer("5")
+            with anyio.fail_after(10):
+                while state["state"] != "succeeded":
+                    await anyio.sleep(0.01)
+                    state = (await agent.get(goal.headers["location"])).json()

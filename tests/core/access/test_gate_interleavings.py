@@ -35,13 +35,12 @@ from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.http.gateway import HttpGateway
 from rwt.extensions.http.part import HttpSettings
 from rwt.gateways.base import Gateway
-from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
 from rwt.rosbridge import Bridge
 from rwt_graph import SimulatedClock
-from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.routes import HttpResponse
 from tests.core.access.gate_model import LEASE_SECONDS, LIMITS, PRECEDENCE, Fault, GateModel, Person
-from tests.core.access.gated_robot import GATE, TWIST, GatedRobot, settings_of, token
+from tests.core.access.gated_robot import FIBONACCI, GATE, TWIST, GatedRobot, HttpClient, settings_of, token
 from tests.core.rosbridge.recording_client import Client
 from tests.extensions.foxglove.viewer import Response, Viewer
 
@@ -185,32 +184,19 @@ class HttpWire(Wire):
 
     def __init__(self, robot: GatedRobot, gateway: HttpGateway, credential: str) -> None:
         super().__init__(credential)
-        self._robot = robot
-        self._routes = gateway.http.routes
+        self._client = HttpClient(robot, gateway)
 
-    def _post(self, kind: str, name: str, body: object) -> Any:
-        headers = {
-            "authorization": f"Bearer {token(self.person.credential)}",
-            "content-type": "application/json",
-        }
-        path = f"/api/{kind}{name}"
-        request = HttpRequest("POST", path, "", headers, json.dumps(body).encode(), address="127.0.0.1")
-        route = next(each for each in self._routes if each.path == f"/api/{kind}/*" and each.method == "POST")
-        answer: Any = route.page(request, self._robot.access.reader(peer_of(request)))
-        if hasattr(answer, "send"):
-            try:
-                answer.send(None)
-            except StopIteration as done:
-                return done.value
-            raise AssertionError("this request waits")
-        return answer
+    def _post(self, path: str, body: object) -> HttpResponse:
+        return self._client.request("POST", path, json.dumps(body).encode(), self.person.credential)
 
     def publish(self, message: dict[str, Any]) -> str:
-        answer = self._post("topics", "/cmd_vel", message)
+        answer = self._post("/api/topics/cmd_vel", message)
+        assert isinstance(answer.body, bytes)
         return "" if answer.status < 300 else answer.body.decode()
 
     def ask(self, service: str, arguments: dict[str, object]) -> dict[str, Any] | None:
-        answer = self._post("services", service, arguments)
+        answer = self._post(f"/api/services{service}", arguments)
+        assert isinstance(answer.body, bytes)
         return json.loads(answer.body) if answer.status < 300 else None
 
     def leave(self) -> bool:
@@ -236,16 +222,11 @@ class GateMachine(RuleBasedStateMachine):
         self.model = GateModel(by_service=take == "service")
         self.robot = robot = self._make_robot()
         self.began = robot.clock.monotonic()
-        graph = robot.graph
         # So that the type is known before anybody has published.
         robot.node.advertise("/cmd_vel", TWIST)
         robot.node.parameters.declare("limit", 0.0)
-        self.blinks: list[bool] = []
-        self.goals: list[Any] = []
-        self.cancelled = 0
-        robot.node.advertise_service("/blink", "std_srvs/SetBool", self._blink)
-        kind = graph.registry.action("example_interfaces/Fibonacci")
-        graph.participant("/counter").advertise_action("/count", kind, self._count)
+        self.requests = robot.offer("/blink")
+        self.goals, _ = robot.accept_goals("/count")
         self._serve()
         return [
             self._connect(credential, gateway)
@@ -273,13 +254,10 @@ class GateMachine(RuleBasedStateMachine):
         self.http = HttpGateway(robot.graph, robot.access, HttpSettings())
         self.of_http: dict[str, HttpWire] = {}
 
-    def _blink(self, request: Any) -> dict[str, object]:
-        self.blinks.append(request.data)
-        return {"success": True}
-
-    def _count(self, goal: Any) -> None:
-        self.goals.append(goal)
-        goal.accept()
+    @property
+    def blinks(self) -> list[bool]:
+        """Values of the calls that reached the robot."""
+        return [each.data for each in self.requests]
 
     def _now(self) -> float:
         return self.robot.clock.monotonic() - self.began
@@ -370,7 +348,7 @@ class GateMachine(RuleBasedStateMachine):
     def call(self, wire: Wire, value: bool) -> None:
         if isinstance(wire, HttpWire) or wire.is_request:  # Its request would wait.
             return
-        before = list(self.blinks)
+        before = self.blinks
         wire.ask("/blink", {"data": value})
         assert self.blinks == before, "a call needs approval"
         new = set(self._waiting()) - set(self.model.pending)
@@ -391,7 +369,7 @@ class GateMachine(RuleBasedStateMachine):
     @rule(wire=wires, data=st.data(), is_approved=st.booleans())
     def approve(self, wire: Wire, data: st.DataObject, is_approved: bool) -> None:
         id = data.draw(st.sampled_from(sorted(self.model.pending)))
-        before = list(self.blinks)
+        before = self.blinks
         answer = wire.ask("/gate/approve", {"id": id, "approve": is_approved, "seconds": 0.0})
         assert answer is not None
         who, value = self.model.pending[id]
@@ -407,8 +385,7 @@ class GateMachine(RuleBasedStateMachine):
         if not isinstance(wire, RosbridgeWire):
             return
         before = len(self.goals)
-        kind = "example_interfaces/Fibonacci"
-        wire.say(op="send_action_goal", action="/count", action_type=kind, args={"order": 1}, id="g")
+        wire.say(op="send_action_goal", action="/count", action_type=FIBONACCI, args={"order": 1}, id="g")
         assert len(self.goals) - before == (not self.model.is_stopped)
 
     @rule(wire=wires, value=st.integers(1, 9))

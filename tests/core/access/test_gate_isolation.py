@@ -92,11 +92,10 @@ def test_no_sequence_of_acts_takes_anything_from_another_credential(
 
 def _attack(acts: list[tuple[Callable[[Attackers, int], None], int]]) -> None:
     robot = GatedRobot(RULES)
-    for service in ("/blink", "/spawn"):
-        robot.node.advertise_service(service, "std_srvs/Trigger", lambda _: {"success": True})
+    robot.offer("/blink", "/spawn")
     for topic in ("/cmd_vel", "/held", *(f"/x/{number}" for number in range(3 * MAX_LEASES))):
         robot.node.advertise(topic, TWIST)
-    victim, holder = robot.client("operator"), robot.client("admin")
+    victim, holder = robot.clients("operator", "admin")
     assert drive(holder, 0.1, "/held") == ""
     name = call(victim, "/gate/take_lease", topic="/cmd_vel")["client"]
     call(victim, "/gate/release_lease", topic="/cmd_vel")

@@ -5,17 +5,12 @@ from __future__ import annotations
 import json
 from typing import Any
 
-import anyio
 import pytest
 
 from rwt.access.disclosure import affected_parameters
 from rwt.access.gate import gate
-from rwt.extensions.http.gateway import HttpGateway
-from rwt.extensions.http.part import HttpSettings
-from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
-from rwt_transports.http.routes import HttpRequest
-from tests.core.access.gated_robot import GatedRobot, call, token
+from tests.core.access.gated_robot import GatedRobot, HttpClient, call
 from tests.core.rosbridge.recording_client import Client
 
 GUARDED = "/robot/max_speed"
@@ -91,20 +86,12 @@ def test_reading_is_not_guarded() -> None:
 def test_by_http(name: str, value: str | None) -> None:
     robot = TreeRobot()
     before = robot.tree
-    gateway = HttpGateway(robot.graph, robot.access, HttpSettings())
-    method = "DELETE" if value is None else "PUT"
-    route = next(
-        each for each in gateway.http.routes if "parameters/*" in each.path and each.method == method
-    )
-    headers = {"authorization": f"Bearer {token('admin')}", "content-type": "application/json"}
-    path = f"/api/parameters/{name.lstrip('/')}"
-    request = HttpRequest(method, path, "", headers, (value or "").encode(), address="127.0.0.1")
-
-    async def ask() -> int:
-        answer: Any = route.page(request, robot.access.reader(peer_of(request)))
-        return int((await answer).status if hasattr(answer, "__await__") else answer.status)
-
-    assert anyio.run(ask) in (403, 404)
+    client, path = HttpClient(robot), f"/api/parameters/{name.lstrip('/')}"
+    if value is None:
+        answer = client.request("DELETE", path, b"", "admin")
+    else:
+        answer = client.request("PUT", path, value.encode(), "admin")
+    assert answer.status in (403, 404)
     assert robot.tree == before
 
 

@@ -32,7 +32,7 @@ from rwt_graph.memory.topics import MemoryPublisher
 from rwt_interfaces.payload import Payload
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
 from tests.call_counts import count_calls
-from tests.core.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, token
+from tests.core.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, errors, token
 from tests.extensions.foxglove.viewer import Viewer
 from tests.held import held
 
@@ -60,23 +60,13 @@ def _crowded(topics: int) -> GatedRobot:
 # -- work --------------------------------------------------------------------------------------------------
 
 
-def test_the_work_of_a_stop_does_not_grow_with_topics_and_clients() -> None:
-    few, many = _crowded(300), _crowded(4000)
-    counts = [count_calls(partial(robot.gate.stop, None)) for robot in (few, many)]
-    assert counts[1] < 1.1 * counts[0]
-    assert many.take()[0] == (0.0, GATE)
-
-
-def test_the_work_of_a_stop_does_not_grow_with_connected_clients() -> None:
-    counts = []
-    for clients in (10, 500):
-        robot = GatedRobot({"drive": EVERY_DRIVE})
-        for _ in range(clients):
-            robot.client("operator").say("subscribe", topic="/gate/stopped")
-        drive(robot.client("admin"), 0.5)
-        counts.append(count_calls(partial(robot.gate.stop, None)))
-        assert robot.take()[-1] == (0.0, GATE)
-    assert counts[1] < 1.1 * counts[0]
+def _subscribed(clients: int) -> GatedRobot:
+    robot = GatedRobot({"drive": EVERY_DRIVE})
+    for _ in range(clients):
+        robot.client("operator").say("subscribe", topic="/gate/stopped")
+    drive(robot.client("admin"), 0.5)
+    robot.take()
+    return robot
 
 
 def _with_history(events: int) -> GatedRobot:
@@ -99,8 +89,20 @@ def _with_history(events: int) -> GatedRobot:
     return robot
 
 
-def test_the_work_of_a_stop_does_not_grow_with_history() -> None:
-    counts = [count_calls(partial(_with_history(events).gate.stop, None)) for events in (5, 150)]
+@pytest.mark.parametrize(
+    ("make", "few", "many"),
+    [
+        pytest.param(_crowded, 300, 4000, id="topics and clients"),
+        pytest.param(_subscribed, 10, 500, id="connected clients"),
+        pytest.param(_with_history, 5, 150, id="history"),
+    ],
+)
+def test_the_work_of_a_stop_does_not_grow(make: Callable[[int], GatedRobot], few: int, many: int) -> None:
+    counts = []
+    for size in (few, many):
+        robot = make(size)
+        counts.append(count_calls(partial(robot.gate.stop, None)))
+        assert robot.take()[0] == (0.0, GATE)
     assert counts[1] < 1.1 * counts[0]
 
 
@@ -126,6 +128,16 @@ def test_the_rest_is_stopped_in_turns() -> None:
     assert len(told) == len(set(told)) == 1000
 
 
+def test_what_is_driven_after_a_release_is_not_stopped_by_a_late_turn() -> None:
+    robot = _crowded(1000)
+    robot.gate.stop(None)
+    robot.gate.release(None)
+    told = robot.hear("/x/999")
+    assert drive(robot.client(), 0.5, "/x/999") == ""
+    robot.clock.advance(0.001)
+    assert [each.linear.x for each in told] == [0.5]
+
+
 def test_a_new_topic_examines_a_fixed_number_of_others() -> None:
     few, many = _crowded(100), _crowded(3000)
     counts = []
@@ -133,15 +145,11 @@ def test_a_new_topic_examines_a_fixed_number_of_others() -> None:
         client = robot.client("admin")
         counts.append(count_calls(partial(client.say, "advertise", topic="/x/new", type=TWIST)))
     assert counts[1] < 1.2 * counts[0]
-
-
-def test_a_client_that_leaves_costs_as_much_as_it_has() -> None:
-    counts = []
-    for robot in (_crowded(1), _crowded(100), _crowded(3000)):
+    for robot in (few, few, many):  # A client that leaves costs as much as it has.
         actor = robot.gate.join("", robot.access.admission.roles["operator"], "")
         counts.append(count_calls(partial(robot.gate.leave, actor)))
     # The first one also calls what Python caches, such as the checks of abstract classes.
-    assert counts[1] == counts[2]
+    assert counts[3] == counts[4]
 
 
 def test_long_names_of_clients_are_not_kept() -> None:
@@ -330,8 +338,7 @@ def test_a_client_does_not_give_a_guarded_topic_its_type(op: str) -> None:
     attacker = robot.client()
     attacker.say(op, topic="/late", type="std_msgs/String", msg={"data": ""})
     assert "its type is not known" in str(attacker.heard())
-    told: list[Any] = []
-    robot.node.subscribe("/late", told.append, type=TWIST)
+    told = robot.hear("/late")
     assert drive(attacker, 0.5, "/late") == ""
     assert call(attacker, "/gate/stop")["success"]
     assert [each.linear.x for each in told] == [0.5, 0.0]
@@ -365,6 +372,7 @@ def test_a_topic_with_a_fault_is_named_in_the_answer_to_a_stop() -> None:
     robot.node.advertise("/late", "std_msgs/String")
     client = robot.client()
     client.say("publish", topic="/late", type="std_msgs/String", msg={"data": ""})
+    assert "the rules of /late cannot be applied" in errors(client)
     answer = call(client, "/gate/stop")
     assert (answer["success"], "these were not stopped: /late:" in answer["message"]) == (False, True)
 

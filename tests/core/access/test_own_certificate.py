@@ -9,6 +9,7 @@ import os
 import ssl
 import subprocess
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,17 @@ async def accepts(url: str, authority: Path) -> bool:
             return True
     except ssl.SSLCertVerificationError:
         return False
+
+
+def verified(authority: Path, file: Path, *options: str) -> str:
+    """Return what OpenSSL finds wrong with a certificate; empty if nothing."""
+    found = subprocess.run(
+        ["openssl", "verify", *options, "-CAfile", authority, file],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return found.stderr if found.returncode else ""
 
 
 @pytest.mark.anyio
@@ -78,14 +90,8 @@ def test_openssl_finds_nothing_wrong_with_the_chain(tmp_path: Path) -> None:
     assert {"localhost", "127.0.0.1", "robot.example.org", "203.0.113.7"} <= set(made.names)
     (tmp_path / "leaf.crt").write_bytes(leaf(tmp_path).public_bytes(Encoding.PEM))
     for option, name in (("-verify_hostname", "robot.example.org"), ("-verify_ip", "203.0.113.7")):
-        words = ["openssl", "verify", "-x509_strict", "-purpose", "sslserver", option, name]
-        found = subprocess.run(
-            [*words, "-CAfile", str(made.authority), str(tmp_path / "leaf.crt")],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert found.returncode == 0, found.stderr
+        options = ("-x509_strict", "-purpose", "sslserver", option, name)
+        assert verified(made.authority, tmp_path / "leaf.crt", *options) == ""
 
 
 @pytest.mark.parametrize("name", ["example.org", "8.8.8.8"])
@@ -94,56 +100,35 @@ def test_the_authority_cannot_vouch_for_the_sites_of_the_world(tmp_path: Path, n
     key = load_pem_private_key((tmp_path / "authority.pem").read_bytes(), password=None)
     assert isinstance(key, ec.EllipticCurvePrivateKey)
     authority = x509.load_pem_x509_certificate(made.authority.read_bytes())
-    forged = (
-        x509.CertificateBuilder(
-            authority.subject, x509.Name([]), ec.generate_private_key(ec.SECP256R1()).public_key()
-        )
-        .serial_number(7)
-        .not_valid_before(authority.not_valid_before_utc)
-        .not_valid_after(authority.not_valid_after_utc)
-        .add_extension(
-            x509.SubjectAlternativeName(
-                [x509.DNSName(name) if name[0].isalpha() else x509.IPAddress(ipaddress.ip_address(name))]
-            ),
-            critical=True,
-        )
-        .sign(key, hashes.SHA256())
+    forged = x509.CertificateBuilder(
+        authority.subject,
+        x509.Name([]),
+        ec.generate_private_key(ec.SECP256R1()).public_key(),
+        7,
+        authority.not_valid_before_utc,
+        authority.not_valid_after_utc,
     )
-    (tmp_path / "forged.crt").write_bytes(forged.public_bytes(Encoding.PEM))
-    found = subprocess.run(
-        ["openssl", "verify", "-CAfile", str(made.authority), str(tmp_path / "forged.crt")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert found.returncode != 0
-    assert "permitted subtree violation" in found.stderr
+    names = [x509.DNSName(name) if name[0].isalpha() else x509.IPAddress(ipaddress.ip_address(name))]
+    forged = forged.add_extension(x509.SubjectAlternativeName(names), critical=True)
+    (tmp_path / "forged.crt").write_bytes(forged.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
+    assert "permitted subtree violation" in verified(made.authority, tmp_path / "forged.crt")
 
 
-def test_it_is_made_anew_a_month_before_its_end_by_the_same_authority(tmp_path: Path) -> None:
+def test_it_is_made_anew_before_its_end_and_where_the_clock_was_wrong(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     first = own_certificate(kept_in(tmp_path), NOW)
     one = leaf(tmp_path)
     own_certificate(kept_in(tmp_path), NOW + 59 * DAY)
     assert leaf(tmp_path) == one
-    later = own_certificate(kept_in(tmp_path), NOW + 61 * DAY)
+    own_certificate(kept_in(tmp_path), NOW + 61 * DAY)
     assert leaf(tmp_path).not_valid_after_utc == NOW + 151 * DAY
-    assert later.fingerprint == first.fingerprint
-
-
-def test_it_is_made_anew_where_the_clock_was_wrong_before(tmp_path: Path) -> None:
-    first = own_certificate(kept_in(tmp_path), NOW)
     own_certificate(kept_in(tmp_path), NOW - 30 * DAY)
     assert leaf(tmp_path).not_valid_before_utc == NOW - 31 * DAY
     assert own_certificate(kept_in(tmp_path), NOW).fingerprint == first.fingerprint
-
-
-def test_an_authority_at_its_end_is_followed_by_another_which_is_said(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    first = own_certificate(kept_in(tmp_path), NOW)
     with caplog.at_level(logging.WARNING):
         later = own_certificate(kept_in(tmp_path), NOW + 3649 * DAY)
-    assert later.fingerprint != first.fingerprint
+    assert later.fingerprint != first.fingerprint, "the authority is at its end, too"
     assert "to be installed on devices" in caplog.text
 
 
@@ -155,35 +140,23 @@ def test_a_new_name_has_it_made_anew_or_is_refused_where_the_authority_cannot_vo
 
 
 def test_many_who_begin_at_once_have_one_authority(tmp_path: Path) -> None:
-    found: list[str] = []
     barrier = threading.Barrier(8)
 
-    def begin() -> None:
+    def begin(_: int) -> str:
         barrier.wait()
-        found.append(own_certificate(kept_in(tmp_path)).fingerprint)
+        return own_certificate(kept_in(tmp_path)).fingerprint
 
-    threads = [threading.Thread(target=begin) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(found) == 8
-    assert len(set(found)) == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "authority.crt",
-        "authority.pem",
-        "server.pem",
-    ]
+    with ThreadPoolExecutor(8) as threads:
+        assert len(set(threads.map(begin, range(8)))) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"authority.crt", "authority.pem", "server.pem"}
 
 
 def test_files_are_for_their_user_alone(tmp_path: Path) -> None:
     folder = tmp_path / "tls"
     own_certificate(kept_in(folder))
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert [(folder / name).stat().st_mode & 0o777 for name in ("authority.pem", "server.pem")] == [
-        0o600,
-        0o600,
-    ]
+    for name in ("authority.pem", "server.pem"):
+        assert (folder / name).stat().st_mode & 0o777 == 0o600
     assert b"PRIVATE" not in (folder / "authority.crt").read_bytes()
 
 

@@ -84,7 +84,7 @@ async def test_roles_of_connected_clients_change_and_what_they_refuse_ends() -> 
 
 
 @pytest.mark.anyio
-async def test_a_token_that_is_gone_lets_nobody_stay() -> None:
+async def test_tokens_and_origins_are_those_of_the_last_reading() -> None:
     now = settings(FREE)
     server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
     async with server, asking(server.urls[0]) as client:
@@ -96,20 +96,11 @@ async def test_a_token_that_is_gone_lets_nobody_stay() -> None:
         assert (closed.value.rcvd.code, "auth.tokens" in closed.value.rcvd.reason) == (1008, True)
         with pytest.raises(InvalidStatus):
             await asking(server.urls[0])
-        async with asking(server.urls[0], OTHER):
-            pass
-
-
-@pytest.mark.anyio
-async def test_origins_are_those_of_the_last_reading() -> None:
-    now = settings(FREE)
-    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
-    async with server:
         with pytest.raises(InvalidStatus):
-            await asking(server.urls[0], origin="https://ui.example")
-        now = settings(FREE, origins={"allow": ["https://ui.example"]})
+            await asking(server.urls[0], OTHER, origin="https://ui.example")
+        now = settings(FREE, OTHER, origins={"allow": ["https://ui.example"]})
         server.reload()
-        async with asking(server.urls[0], origin="https://ui.example"):
+        async with asking(server.urls[0], OTHER, origin="https://ui.example"), asking(server.urls[0], OTHER):
             pass
 
 

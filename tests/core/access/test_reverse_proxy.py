@@ -68,21 +68,25 @@ def test_what_a_stranger_says_of_itself_is_dropped() -> None:
     assert headers == {"host": "other", "x-forwarded-proto": "https"}
 
 
-_NGINX = """
+_NGINX_HEAD = """
 daemon off; pid {folder}/pid; error_log {folder}/error.log; worker_processes 1;
 events {{ }}
 http {{
   access_log off;
   client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/fastcgi;
   uwsgi_temp_path {folder}/uwsgi; scgi_temp_path {folder}/scgi;
-  server {{
+  proxy_http_version 1.1; proxy_buffering off;
+"""
+
+_NGINX_BELOW = (
+    _NGINX_HEAD
+    + """  server {{
     listen 127.0.0.1:{port} ssl; ssl_certificate {folder}/cert.pem; ssl_certificate_key {folder}/key.pem;
     location ~ ^/robot(/|$) {{
       set $page $http_upgrade$uri;
       if ($page = /robot) {{ return 301 /robot/; }}
       rewrite ^/robot/?(.*)$ /$1 break;
       proxy_pass {url};
-      proxy_http_version 1.1; proxy_buffering off;
       proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";
       proxy_set_header Host $http_host;
       # A test has one machine: what it says in front stands for the client's address.
@@ -92,18 +96,18 @@ http {{
   }}
 }}
 """
+)
 
 
 @contextmanager
-def nginx(folder: Path, url: str) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
-    """nginx with TLS in front of a server, below /robot/; its port."""
-    program = shutil.which("nginx", path="/usr/sbin:/usr/bin:/sbin:/usr/local/sbin:/usr/local/bin")
-    if program is None:
-        pytest.skip("nginx is not installed (Debian's package nginx-light)")
+def proxy(kind: str, config: str, folder: Path, url: str) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
+    """A proxy in front of a server; its port."""
     port = free_port()
-    file = folder / "nginx.conf"
-    file.write_text(_NGINX.format(folder=folder, port=port, url=url.replace("ws:", "http:", 1)))
-    with subprocess.Popen([program, "-p", str(folder), "-c", str(file)], stderr=subprocess.PIPE) as process:
+    address = url.removeprefix("ws://")
+    text = config.format(folder=folder, port=port, url=f"http://{address}", address=address)
+    (folder / "config").write_text(text)
+    home = {"HOME": str(folder)}
+    with subprocess.Popen(_command(kind, folder), stderr=subprocess.PIPE, env=home) as process:
         try:
             yield port, process
         finally:
@@ -150,7 +154,7 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         )
         caplog.set_level("INFO", "rwt_transports.access")
         robot = stack.enter_context(server)
-        port, process = stack.enter_context(nginx(tmp_path, server.urls[0]))
+        port, process = stack.enter_context(proxy("nginx", _NGINX_BELOW, tmp_path, server.urls[0]))
         status, kind, page = get(port, trust, "/robot/index")
         assert (status, kind) == (200, "text/html; charset=utf-8")
         assert f"wss://127.0.0.1:{port}/robot/".encode() in page
@@ -184,19 +188,13 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         assert process.poll() is None
 
 
-_AT_ROOT = """
-daemon off; pid {folder}/pid; error_log {folder}/error.log; worker_processes 1;
-events {{ }}
-http {{
-  access_log off;
-  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/fastcgi;
-  uwsgi_temp_path {folder}/uwsgi; scgi_temp_path {folder}/scgi;
-  map $http_upgrade $connection_upgrade {{ default upgrade; "" ""; }}
+_NGINX_AT_ROOT = (
+    _NGINX_HEAD
+    + """  map $http_upgrade $connection_upgrade {{ default upgrade; "" ""; }}
   server {{
     listen 127.0.0.1:{port};
     location / {{
       proxy_pass {url};
-      proxy_http_version 1.1; proxy_buffering off;
       proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection $connection_upgrade;
       proxy_set_header Host $http_host;
       proxy_set_header X-Forwarded-For $proxy_add_x_forwarded_for; proxy_set_header X-Forwarded-Proto $scheme;
@@ -204,6 +202,7 @@ http {{
   }}
 }}
 """
+)
 
 _CADDY_AT_ROOT = """
 {{
@@ -279,7 +278,7 @@ def _command(kind: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "config", "prefix"),
     [
-        ("nginx", _AT_ROOT, ""),
+        ("nginx", _NGINX_AT_ROOT, ""),
         ("caddy", _CADDY_AT_ROOT, ""),
         ("caddy below a path", _CADDY_BELOW, "/robot"),
         ("traefik", _TRAEFIK_AT_ROOT, ""),
@@ -292,19 +291,8 @@ def test_resources_events_and_websockets_through_a_proxy(
     server = Server("ws://127.0.0.1:0", web={"enabled": False}, proxies=["127.0.0.1"])
     with server as robot:
         robot.publish("/label", {"data": "it is here"}, "std_msgs/String", latch=True)
-        url = server.urls[0]
-        port = free_port()
-        address = url.removeprefix("ws://")
-        file = config.format(folder=tmp_path, port=port, url=f"http://{address}", address=address)
-        (tmp_path / "config").write_text(file)
-        with subprocess.Popen(
-            _command(kind, tmp_path), stderr=subprocess.PIPE, env={"HOME": str(tmp_path)}
-        ) as proxy:
-            try:
-                _use(f"127.0.0.1:{port}", prefix, follows_bare_path="traefik" not in kind)
-            finally:
-                proxy.terminate()
-                proxy.communicate(timeout=60)
+        with proxy(kind, config, tmp_path, server.urls[0]) as (port, _):
+            _use(f"127.0.0.1:{port}", prefix, follows_bare_path="traefik" not in kind)
 
 
 def _use(address: str, prefix: str, *, follows_bare_path: bool) -> None:

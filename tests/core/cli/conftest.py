@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from websockets.sync.server import ServerConnection, serve
 
 from rwt.cli import main
-from tests.processes import running, start
+from tests.processes import ended, running, start
 
 ROOT = Path(__file__).parents[3]
 
@@ -39,6 +43,34 @@ class Ended:
 
 
 Rwt = Callable[..., Ended]
+
+
+def candidates(url: str, line: str, **environment: str) -> list[str]:
+    """Return the completions of the last word of a line, with a robot at some URL."""
+    asked = {"RWT_URL": url, "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
+    asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": "/dev/stdout", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}
+    answer = ended(environment={**os.environ, **asked, **environment})
+    assert answer.stderr == ""
+    return sorted(answer.stdout.split("\v")) if answer.stdout else []
+
+
+@contextmanager
+def served(handle: Callable[[ServerConnection], None]) -> Iterator[str]:
+    """The URL of a robot that is a function of each connection."""
+    with serve(handle, "127.0.0.1", 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def response(asked: Any, values: object, result: bool = True) -> dict[str, Any]:
+    """The answer to a call."""
+    answer = {"op": "service_response", "service": asked["service"], "id": asked.get("id")}
+    return {**answer, "values": values, "result": result}
 
 
 @contextmanager
@@ -71,6 +103,26 @@ def rwt(demo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
         return Ended(code, captured.out, captured.err)
 
     return run
+
+
+_TRANSCRIPTS = Path(__file__).parent / "transcripts"
+
+
+def transcript(name: str) -> pytest.MarkDecorator:
+    """A case for each command of a file in the folder `transcripts`: its line, and what it prints."""
+    text = (_TRANSCRIPTS / name).read_text(encoding="utf-8")
+    cases = [block.partition("\n")[::2] for block in text.split("\n$ rwt ")[1:]]
+    return pytest.mark.parametrize(("line", "printed"), cases, ids=[line for line, _ in cases])
+
+
+def check_transcript(rwt: Rwt, line: str, printed: str) -> None:
+    """Run a command of a transcript, and compare what it prints, with its exit code."""
+    ended = rwt(*shlex.split(line))
+    errors = "".join(f"! {each}" for each in ended.err.splitlines(keepends=True))
+    code = f"\n[{ended.code}]" if ended.code else ""
+    found = f"{ended.out}{errors}".strip("\n") + code
+    wanted = ".*".join(map(re.escape, printed.strip("\n").split("…")))
+    assert re.fullmatch(wanted, found, re.DOTALL), found
 
 
 def impatient(rwt: Rwt, *words: str, seconds: float = 0.2) -> tuple[Ended, str]:

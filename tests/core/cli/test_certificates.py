@@ -37,20 +37,3 @@ def test_the_doctor_asks_for_the_file_and_takes_it(rwt: Rwt, encrypted: str, cer
     ended = rwt("doctor", encrypted, "--cafile", str(certificate))
     assert ended.code == 0
     assert ended.out.startswith("ok       server: rwt ")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--insecure", "--url", "ws://127.0.0.1:1"), "require a wss:// or tcps:// URL"),
-        (
-            ("--cafile", "/no/such.pem", "--url", "wss://127.0.0.1:1"),
-            "/no/such.pem: cannot be read: No such file",
-        ),
-        (("--cafile", __file__, "--url", "wss://127.0.0.1:1"), "expected certificates in PEM"),
-        (("--cafile", "a.pem", "--insecure"), "not allowed with argument"),
-    ],
-)
-def test_what_cannot_be_meant(rwt: Rwt, words: tuple[str, ...], said: str) -> None:
-    ended = rwt("topic", "list", *words)
-    assert (ended.code, said in ended.err) == (2, True), ended.err

@@ -7,85 +7,66 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
-from websockets.sync.server import ServerConnection, serve
+from websockets.sync.server import ServerConnection
 
-from tests.processes import ended
-
-
-def candidates(url: str, *words: str) -> list[str]:
-    """Return the completions of the last word of a line, with a robot at some URL."""
-    line = " ".join(("rwt", *words))
-    asked = {"RWT_URL": url, "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
-    asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": "/dev/stdout", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}
-    answer = ended(environment={**os.environ, **asked})
-    return sorted(answer.stdout.split("\v")) if answer.stdout else []
+from tests.core.cli.conftest import candidates, response, served
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("topi",), ["topic"]),
-        (("top",), ["top", "topic"]),
-        (("topic", "ec"), ["echo"]),
-        (("topic", "echo", "/od"), ["/odom"]),
-        (("topic", "hz", "/odom", "/sc"), ["/scan"]),
-        (("topic", "echo", "--field", "x"), []),
-        (("topic", "echo", "--once", "/od"), ["/odom"]),
-        (("topic", "echo", "--times", "3", "/od"), ["/odom"]),
-        (("topic", "echo", "--qos-history", ""), ["keep_all", "keep_last"]),
-        (("topic", "pub", "/cmd_vel", "geometry_msgs/msg/TwistS"), ["geometry_msgs/msg/TwistStamped"]),
-        (("topic", "list", "--sh"), ["--show-types"]),
-        (("service", "call", "/add"), ["/add_two_ints"]),
-        (("action", "send_goal", "/fib"), ["/fibonacci"]),
-        (("param", "get", "/demo"), ["/demo_robot"]),
-        (("node", "info", "/rosa"), ["/rosapi"]),
-        (("completion", ""), ["bash", "fish", "zsh"]),
-        (("interface", "show", "std_srvs/srv/T"), ["std_srvs/srv/Trigger"]),
-        (("bag", ""), ["info", "play", "record", "recover"]),
-        (("topic", "list", "more"), []),
-        (("topic", "echo", "--nonsense"), []),
+        ("topi", ["topic"]),
+        ("top", ["top", "topic"]),
+        ("topic ec", ["echo"]),
+        ("topic echo /od", ["/odom"]),
+        ("topic hz /odom /sc", ["/scan"]),
+        ("topic echo --field x", []),
+        ("topic echo --once /od", ["/odom"]),
+        ("topic echo --times 3 /od", ["/odom"]),
+        ("topic echo --qos-history ", ["keep_all", "keep_last"]),
+        ("topic pub /cmd_vel geometry_msgs/msg/TwistS", ["geometry_msgs/msg/TwistStamped"]),
+        ("topic list --sh", ["--show-types"]),
+        ("service call /add", ["/add_two_ints"]),
+        ("action send_goal /fib", ["/fibonacci"]),
+        ("param get /demo", ["/demo_robot"]),
+        ("node info /rosa", ["/rosapi"]),
+        ("completion ", ["bash", "fish", "zsh"]),
+        ("interface show std_srvs/srv/T", ["std_srvs/srv/Trigger"]),
+        ("bag ", ["info", "play", "record", "recover"]),
+        ("topic list more", []),
+        ("topic echo --nonsense", []),
     ],
 )
-def test_candidates(demo: str, words: tuple[str, ...], expected: list[str]) -> None:
-    assert candidates(demo, *words) == expected
+def test_candidates(demo: str, words: str, expected: list[str]) -> None:
+    assert candidates(demo, f"rwt {words}") == expected
 
 
 HOSTILE = (
-    "/$(touch pwned)",
-    "/`touch pwned`",
-    "/;touch pwned",
-    "/a b",
-    "/\x1b]0;pwned\x07",
-    "/a\v/b",
-    "/a\nb",
-)
+    "/$(touch pwned)", "/`touch pwned`", "/;touch pwned", "/a b", "/\x1b]0;pwned\x07", "/a\v/b", "/a\nb",
+)  # fmt: skip
 
 
 def _answer(wire: ServerConnection) -> None:
     for text in wire:
         asked = json.loads(text)
         if asked["op"] == "call_service":
-            values = {"topics": ["/fine", *HOSTILE], "types": ["std_msgs/msg/String"] * (len(HOSTILE) + 1)}
-            reply = {"op": "service_response", "service": asked["service"], "values": values, "result": True}
-            wire.send(json.dumps({**reply, "id": asked.get("id")}))
+            types = ["std_msgs/msg/String"] * (len(HOSTILE) + 1)
+            wire.send(json.dumps(response(asked, {"topics": ["/fine", *HOSTILE], "types": types})))
 
 
 def test_names_that_a_shell_would_run_are_not_offered() -> None:
-    with serve(_answer, "127.0.0.1", 0) as server:
-        threading.Thread(target=server.serve_forever).start()
-        url = f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
-        assert candidates(url, "topic", "echo", "/") == ["/fine"]
+    with served(_answer) as url:
+        assert candidates(url, "rwt topic echo /") == ["/fine"]
 
 
 def test_the_robot_that_is_typed_is_asked(demo: str) -> None:
     nobody = "ws://127.0.0.1:1"
-    assert candidates(nobody, "topic", "echo", "/od") == []
-    assert candidates(nobody, "topic", "echo", "--url", demo, "/od") == ["/odom"]
-    assert candidates(nobody, "topic", "echo", f"--url={demo}", "/od") == ["/odom"]
+    assert candidates(nobody, "rwt topic echo /od") == []
+    assert candidates(nobody, f"rwt topic echo --url {demo} /od") == ["/odom"]
+    assert candidates(nobody, f"rwt topic echo --url={demo} /od") == ["/odom"]
 
 
 def _in_shell(shell: str, script: str, folder: Path, demo: str) -> str:

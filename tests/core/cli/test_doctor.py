@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import socket
-import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
-from websockets.sync.server import ServerConnection, serve
+from websockets.sync.server import ServerConnection
 
 from rwt import Server
 from rwt.cli.commands.doctor import encodings, stop_finding
-from tests.core.cli.conftest import Rwt, demo_server
+from tests.core.cli.conftest import Rwt, demo_server, response, served
 
 
 def _verdicts(told: dict[str, Any]) -> dict[str, str]:
@@ -35,9 +35,8 @@ def test_a_server_that_is_well(rwt: Rwt, demo: str) -> None:
     assert lines[0].startswith("ok       server: rwt ")
 
 
-@pytest.mark.parametrize("distro", ["noetic"])
-def test_ros_1(rwt: Rwt, distro: str) -> None:
-    with demo_server("--distro", distro) as url:
+def test_ros_1(rwt: Rwt) -> None:
+    with demo_server("--distro", "noetic") as url:
         told = rwt("doctor", url, "--json").json
     assert _verdicts(told)["ROS"] == "note"
     assert _verdicts(told)["encoding cbor-raw"] == "ok"
@@ -97,7 +96,6 @@ def test_nobody_there(rwt: Rwt) -> None:
         port = listener.getsockname()[1]
     ended = rwt("doctor", f"ws://127.0.0.1:{port}")
     assert (ended.code, "start the server" in ended.out) == (3, True)
-    assert rwt("doctor", "nonsense").code == 2
 
 
 @pytest.mark.parametrize(
@@ -121,30 +119,21 @@ def _scripted(answer: Any) -> Iterator[str]:
         except ConnectionClosed:
             return
 
-    with serve(handle, "127.0.0.1", 0) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
-        finally:
-            server.shutdown()
-            thread.join()
+    with served(handle) as url:
+        yield url
 
 
 def _old_robot(op: dict[str, Any]) -> list[dict[str, Any]]:
     """A server of long ago: JSON only, no version, a clock an hour behind."""
-    import time
-
     if op["op"] == "publish":
         return [{"op": "publish", "topic": op["topic"], "msg": op["msg"]}]
     if op["op"] != "call_service":
         return []
-    answer = {"op": "service_response", "id": op["id"], "service": op["service"]}
     if op["service"] == "/rosapi/get_time":
-        return [{**answer, "result": True, "values": {"time": {"secs": int(time.time()) - 3600, "nsecs": 0}}}]
+        return [response(op, {"time": {"secs": int(time.time()) - 3600, "nsecs": 0}})]
     if op["service"] == "/rosapi/topics":
-        return [{**answer, "result": True, "values": {"topics": [], "types": []}}]
-    return [{**answer, "result": False, "values": "Service does not exist"}]
+        return [response(op, {"topics": [], "types": []})]
+    return [response(op, "Service does not exist", result=False)]
 
 
 def test_an_old_server_with_a_wrong_clock(rwt: Rwt) -> None:
@@ -162,7 +151,7 @@ def test_an_old_server_with_a_wrong_clock(rwt: Rwt) -> None:
 def test_a_server_that_tells_a_version_of_its_own(rwt: Rwt) -> None:
     def answer(op: dict[str, Any]) -> list[dict[str, Any]]:
         values = {"version": "two", "distro": "own"} if op.get("service") == "/rosapi/get_ros_version" else {}
-        return [{"op": "service_response", "id": op.get("id"), "result": True, "values": values}]
+        return [response({"service": "", **op}, values)]
 
     with _scripted(answer) as url:
         ended = rwt("doctor", url, "--timeout", "0.2", "--json")
@@ -185,7 +174,6 @@ def test_the_stop_latency_of_this_machine(rwt: Rwt) -> None:
     assert (stop["name"], lease["name"]) == ("stop latency", "lease latency")
     assert re.match(r"p50 \d+\.\d ms, p99 \d+\.\d ms, max \d+\.\d ms of 200, .*guarantee 20 ms", stop["text"])
     assert {stop["verdict"], lease["verdict"]} <= {"ok", "warning"}
-    assert rwt("doctor", "--stop-latency", "ws://robot:9090").code == 2
 
 
 def test_the_verdict_on_latencies() -> None:

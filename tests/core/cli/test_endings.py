@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -78,61 +77,37 @@ def test_a_lost_connection_ends_what_waits_for_an_answer() -> None:
     assert len(errors.splitlines()) == 1
 
 
-def _loaded_by(*commands: tuple[str, ...], url: str) -> set[str]:
-    code = "import sys; from rwt.cli import main\n"
-    code += f"for words in {commands!r}: main(words)\nprint('\\n', *sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=30,
-        env={**os.environ, "RWT_URL": url},
-    )
-    assert done.returncode == 0, done.stderr
-    return set(done.stdout.splitlines()[-1].split())
-
-
-def test_help_loads_nothing_that_takes_time(demo: str) -> None:
-    code = (
-        "import sys\nimport rwt.cli\nsys.argv = ['rwt', '--help']\n"
-        "try:\n rwt.cli.main()\nexcept SystemExit:\n pass\n"
-    )
+@pytest.mark.parametrize(
+    ("commands", "loaded", "unloaded"),
+    [
+        (["--help"], "rwt.cli", "pydantic msgspec anyio asyncio numpy PIL rwt_client rwt.rosbridge"),
+        (
+            ["topic list", "topic echo /scan --once", "service list"],
+            "rwt_client",
+            "numpy PIL rwt.rosbridge rwt_graph trio rwt.cli.commands.doctor",
+        ),
+    ],
+    ids=["help", "verbs"],
+)
+def test_a_command_loads_only_what_it_needs(
+    demo: str, commands: list[str], loaded: str, unloaded: str
+) -> None:
+    code = "import sys; from contextlib import suppress; from rwt.cli import main\n"
+    code += f"for line in {commands!r}:\n with suppress(SystemExit): main(line.split())\n"
     done = subprocess.run(
         [sys.executable, "-c", f"{code}print('\\n', *sys.modules)"],
         capture_output=True,
         text=True,
         timeout=30,
+        env={**os.environ, "RWT_URL": demo},
     )
-    loaded = set(done.stdout.splitlines()[-1].split())
-    assert "rwt.cli" in loaded
-    assert not loaded & {
-        "pydantic",
-        "msgspec",
-        "anyio",
-        "asyncio",
-        "numpy",
-        "PIL",
-        "rwt_client",
-        "rwt.rosbridge",
-    }
+    assert done.returncode == 0, done.stderr
+    modules = set(done.stdout.splitlines()[-1].split())
+    assert loaded in modules
+    assert not modules & set(unloaded.split())
 
 
-def test_a_verb_loads_no_server_and_no_arrays(demo: str) -> None:
-    commands = ("topic", "list"), ("topic", "echo", "/scan", "--once"), ("service", "list")
-    loaded = _loaded_by(*commands, url=demo)
-    assert "rwt_client" in loaded
-    assert not loaded & {
-        "numpy",
-        "PIL",
-        "rwt.rosbridge",
-        "rwt_graph",
-        "rwt.nodes",
-        "trio",
-        "rwt.cli.commands.doctor",
-    }
-
-
-def test_output_survives_a_terminal_without_unicode(demo: str, tmp_path: Path) -> None:
+def test_output_survives_a_terminal_without_unicode(demo: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "RWT_URL": demo}
     words = ("topic", "pub", "--once", "-w", "0", "/a", "std_msgs/String", "data: é")
     done = ended(*words, environment=environment, real=True)

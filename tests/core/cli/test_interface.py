@@ -16,32 +16,8 @@ from rwt_interfaces import Payload, Registry
 from tests.core.cli.conftest import ROOT, Rwt
 
 _NODE_CLIENTS = ROOT / "tests" / "clients" / "node"
-_TRICKY = """\
-# Every shape that a definition can have, and every name that a language has for itself.
-int8 SMALL=-5
-uint64 HUGE=18446744073709551615
-float32 HALF=0.5
-string NAME="quo\\"te"
-bool json
-string from
-string[] class
-int64 int
-uint8[] octets
-uint8[4] four
-float64[3] three
-float32[<=2] few
-string<=5 short
-wstring wide
-builtin_interfaces/Time stamp
-builtin_interfaces/Duration[2] durations
-Inner[2] inners
-Inner[] more
-geometry_msgs/Point point
-char letter
-byte octet
-float64 infinite 1.5
-int32[3] given [1, 2, 3]
-"""
+TRICKY = Path(__file__).parent / "tricky_msgs"
+"""A package with everything that may go wrong; one of its names is also a standard one."""
 
 
 def _module(path: Path) -> ModuleType:
@@ -53,61 +29,15 @@ def _module(path: Path) -> ModuleType:
     return module
 
 
-@pytest.fixture
-def tricky(tmp_path: Path) -> Path:
-    """A package with everything that may go wrong; one of its names is also a standard one."""
-    folder = tmp_path / "tricky_msgs"
-    for kind, name, text in (
-        ("msg", "All", _TRICKY),
-        ("msg", "Inner", "float64 x\n"),
-        ("msg", "Point", "int32 column\ngeometry_msgs/Point where\n"),
-        ("srv", "Ask", "string question\n---\nPoint answer\n"),
-        ("action", "Walk", "Point to\n---\nbool there\n---\nfloat32 left\n"),
-    ):
-        file = folder / kind / f"{name}.{kind}"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
-    return folder
-
-
-def test_list(rwt: Rwt) -> None:
-    said = rwt("interface", "list", "-s", "std_srvs")
-    assert (
-        said.out == "Services:\n    std_srvs/srv/Empty\n    std_srvs/srv/SetBool\n    std_srvs/srv/Trigger\n"
-    )
-    assert rwt("interface", "list", "std_srvs", "--json").json["services"][0] == "std_srvs/srv/Empty"
-    assert "geometry_msgs/msg/Twist" in rwt("interface", "list", "-m", "--live", "--json").json["messages"]
-    assert rwt("interface", "list", "no_msgs").code == 1
-
-
-def test_show(rwt: Rwt) -> None:
-    assert rwt("interface", "show", "geometry_msgs/msg/Twist").out == (
-        "Vector3 linear\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
-        "Vector3 angular\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
-    )
-    assert (
-        rwt("interface", "show", "std_srvs/SetBool").out == "bool data\n---\nbool success\nstring message\n"
-    )
-    assert rwt("interface", "show", "--live", "nav_msgs/Odometry").out.startswith(
-        "std_msgs/Header header\n\t"
-    )
-    parts = rwt("interface", "show", "std_srvs/srv/SetBool", "--json").json["parts"]
-    assert parts["request"] == [{"name": "data", "type": "bool"}]
-    ended = rwt("interface", "show", "std_msgs/msg/Strin")
-    assert (ended.code, "did you mean std_msgs/String?" in ended.err) == (1, True)
-
-
-def test_show_comments(rwt: Rwt, tricky: Path) -> None:
-    there = ("--interfaces", str(tricky))
+def test_show_comments(rwt: Rwt) -> None:
+    there = ("--interfaces", str(TRICKY))
     assert rwt("interface", "show", "tricky_msgs/All", *there).out.startswith("# Every shape")
     assert "#" not in rwt("interface", "show", "tricky_msgs/All", "--no-comments", *there).out
 
 
-def test_generated_python_satisfies_mypy_and_takes_real_messages(
-    rwt: Rwt, tricky: Path, tmp_path: Path
-) -> None:
+def test_generated_python_satisfies_mypy_and_takes_real_messages(rwt: Rwt, tmp_path: Path) -> None:
     own, live = tmp_path / "own_messages.py", tmp_path / "live_messages.py"
-    made = rwt("interface", "generate", "--lang", "python", "--interfaces", str(tricky), "-o", str(own))
+    made = rwt("interface", "generate", "--lang", "python", "--interfaces", str(TRICKY), "-o", str(own))
     assert made.code == 0, made.err
     assert rwt("interface", "generate", "--lang", "python", "--live", "-o", str(live)).code == 0
     user = tmp_path / "user.py"
@@ -119,7 +49,7 @@ def test_generated_python_satisfies_mypy_and_takes_real_messages(
     )
     _mypy_accepts(own, live, user)
     _real_messages_fit(rwt, _module(live))
-    _tricky_messages_fit(_module(own), tricky)
+    _tricky_messages_fit(_module(own))
 
 
 def _mypy_accepts(*files: Path) -> None:
@@ -136,9 +66,9 @@ def _real_messages_fit(rwt: Rwt, module: ModuleType) -> None:
         assert json.loads(message.model_dump_json()) == json.loads(text)
 
 
-def _tricky_messages_fit(module: ModuleType, folder: Path) -> None:
+def _tricky_messages_fit(module: ModuleType) -> None:
     registry = Registry()
-    registry.add_directory(folder)
+    registry.add_directory(TRICKY)
     kind = registry.message("tricky_msgs/All")
     # What the server makes of nothing is what the model makes of nothing.
     wire = json.loads(bytes(Payload.from_value(kind, {}).json()))
@@ -163,12 +93,12 @@ def _tricky_messages_fit(module: ModuleType, folder: Path) -> None:
 
 
 @pytest.mark.extended
-def test_generated_typescript_satisfies_tsc(rwt: Rwt, tricky: Path, tmp_path: Path) -> None:
+def test_generated_typescript_satisfies_tsc(rwt: Rwt, tmp_path: Path) -> None:
     compiler = _NODE_CLIENTS / "node_modules" / "typescript" / "bin" / "tsc"
     if not compiler.is_file():
         pytest.fail("TypeScript is not installed: run `npm ci --prefix tests/clients/node`", pytrace=False)
     own, live = tmp_path / "own.ts", tmp_path / "live.ts"
-    rwt("interface", "generate", "--lang", "typescript", "--interfaces", str(tricky), "-o", str(own))
+    rwt("interface", "generate", "--lang", "typescript", "--interfaces", str(TRICKY), "-o", str(own))
     rwt("interface", "generate", "--lang", "typescript", "--live", "-o", str(live))
     user = tmp_path / "user.ts"
     user.write_text(
@@ -182,33 +112,3 @@ def test_generated_typescript_satisfies_tsc(rwt: Rwt, tricky: Path, tmp_path: Pa
     command = ["node", str(compiler), "--strict", "--noEmit", "--target", "es2022", str(user)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
-
-
-def test_generate_offline_to_standard_output(rwt: Rwt) -> None:
-    code = rwt("interface", "generate", "--lang", "python", "std_msgs/msg/String").out
-    assert "class String(_Message):" in code
-    told = rwt("interface", "generate", "--lang", "typescript", "geometry_msgs/Twist", "--json").json
-    assert told["types"] == ["geometry_msgs/msg/Vector3", "geometry_msgs/msg/Twist"]
-    assert "export interface Twist {" in told["code"]
-    noetic = rwt("interface", "generate", "--lang", "python", "--distro", "noetic", "std_msgs/Header").out
-    assert "secs: _Uint32 = 0" in noetic
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "expected"),
-    [
-        ((), 2, "expected types or packages"),
-        (("sensor_msg",), 1, "did you mean sensor_msgs?"),
-        (("--interfaces", "/no/such/folder"), 2, "no such folder"),
-        (("std_msgs", "-o", "/no/such/folder/file.py"), 1, "cannot be written"),
-        (("--live", "--interfaces", "."), 2, "cannot be combined with --live and --url"),
-    ],
-)
-def test_generate_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expected: str) -> None:
-    ended = rwt("interface", "generate", "--lang", "python", *words)
-    assert (ended.code, expected in ended.err) == (code, True), ended.err
-
-
-def test_a_package_has_no_definition(rwt: Rwt) -> None:
-    ended = rwt("interface", "show", "geometry_msgs")
-    assert (ended.code, "expected a type, for example geometry_msgs/msg/Twist" in ended.err) == (2, True)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rwt.cli.commands.topic.rates import in_bytes, spread
 
@@ -16,15 +12,6 @@ def test_a_spread_of_some_numbers() -> None:
     found = spread([0.5, 1.5])
     assert found is not None
     assert (found.mean, found.least, found.most, found.deviation, found.number) == (1.0, 0.5, 1.5, 0.5, 2)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1))
-def test_the_mean_is_between_the_extremes(values: list[float]) -> None:
-    found = spread(values)
-    assert found is not None
-    slack = 1e-9 * max(1.0, abs(found.least), abs(found.most))
-    assert found.least - slack <= found.mean <= found.most + slack
-    assert found.deviation >= 0 and math.isfinite(found.deviation)
 
 
 @pytest.mark.parametrize(

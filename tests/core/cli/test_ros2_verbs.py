@@ -52,18 +52,6 @@ def test_the_table_is_what_the_parsers_say() -> None:
             assert text == parser.unavailable
 
 
-@pytest.mark.parametrize(
-    "words", [("bag", "convert"), ("bag", "convert", "-i", "x"), ("action", "echo", "--help")]
-)
-def test_what_cannot_be_had_says_so_in_a_line(
-    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"rwt: `rwt {words[0]} {words[1]}` is not available: ")
-
-
 def _choices(parser: Parser) -> dict[str, Parser]:
     (found,) = (action.choices for action in actions_of(parser) if isinstance(action.choices, dict))
     return found

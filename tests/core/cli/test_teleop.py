@@ -15,7 +15,7 @@ import pytest
 
 from rwt import Server
 from rwt.cli.commands.teleop import HeldKey
-from tests.core.cli.conftest import Rwt, process
+from tests.core.cli.conftest import process
 
 _UP = b"\x1b[A"
 _LIMIT = 20.0
@@ -121,9 +121,3 @@ def test_whatever_ends_it_the_robot_stands(ending: str) -> None:
         _ENDINGS[ending](driven)
         driven.wait_for(0.0, 0.0)
         assert driven.ended()[0] == 0
-
-
-def test_it_needs_a_terminal_and_a_topic_that_takes_commands(rwt: Rwt) -> None:
-    ended = rwt("teleop")
-    assert (ended.code, "teleop requires a terminal" in ended.err) == (2, True)
-    assert rwt("teleop", "--speed", "-1").code == 2

@@ -121,13 +121,3 @@ def test_live_rates_are_drawn_in_place_and_in_colour(terminal: Terminal) -> None
     said = terminal.run("NO_COLOR=1 rwt topic list -t")
     assert re.search(r"^/odom +nav_msgs/msg/Odometry$", said, re.MULTILINE)
     assert "\x1b[36m" not in terminal.screen(colours=True)
-
-
-@pytest.mark.timeout(120)
-def test_tab_completes_a_topic(terminal: Terminal) -> None:
-    terminal.run("source <(rwt completion bash)")
-    terminal._tmux("send-keys", "-l", "clear; rwt topic type /od")
-    terminal.keys("Tab")
-    terminal.wait_for(r"rwt topic type /odom")
-    terminal.keys("Enter")
-    terminal.wait_for(r"^nav_msgs/msg/Odometry$")

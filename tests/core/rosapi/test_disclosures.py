@@ -16,6 +16,7 @@ from rwt_graph.disclosure import NOTHING, Disclosure, Lists, ListsProviders, Rea
 from rwt_graph.nodes.logs import DISCLOSURES as OF_LOGGERS
 from rwt_graph.parameters.services import DISCLOSURES as OF_PARAMETERS
 from rwt_interfaces import Payload
+from rwt_interfaces.structs import MessageType, ServiceType
 from rwt_participant.errors import GoalAborted
 from rwt_participant.goals import ReceivedGoal
 
@@ -69,15 +70,21 @@ def declared_services(graph: MemoryGraph) -> dict[str, Disclosure]:
     return {each.name: DECLARED[each.type.name] for each in asked}
 
 
-async def answer(graph: MemoryGraph, service: str) -> Any:
-    """The response to a request about what is open."""
+def type_of(graph: MemoryGraph, service: str) -> ServiceType:
     info = graph.service(service)
     assert info is not None
-    kind = TYPES.get(service.rpartition("/")[2], FIBONACCI)
-    given = {**REQUEST, "type": kind}
-    fields = [field.name for field in info.type.request.definition.fields]
-    request = {name: given[name] for name in fields if name in given}
-    return await Node(graph, "client").call(service, request)
+    return info.type
+
+
+def fields_of(message: MessageType) -> set[str]:
+    return {field.name for field in message.definition.fields}
+
+
+async def answer(graph: MemoryGraph, service: str) -> Any:
+    """The response to a request about what is open."""
+    given = {**REQUEST, "type": TYPES.get(service.rpartition("/")[2], FIBONACCI)}
+    asked = fields_of(type_of(graph, service).request) & given.keys()
+    return await Node(graph, "client").call(service, {name: given[name] for name in asked})
 
 
 async def test_every_service_declares_what_it_reveals(graph: MemoryGraph) -> None:
@@ -93,10 +100,7 @@ async def test_every_service_declares_what_it_reveals(graph: MemoryGraph) -> Non
 
 async def test_declared_fields_are_there(graph: MemoryGraph) -> None:
     for name, disclosure in declared_services(graph).items():
-        info = graph.service(name)
-        assert info is not None
-        asked = {field.name for field in info.type.request.definition.fields}
-        answered = {field.name for field in info.type.response.definition.fields}
+        asked, answered = fields_of(type_of(graph, name).request), fields_of(type_of(graph, name).response)
         for each in disclosure:
             if isinstance(each, Lists):
                 assert {field.partition(".")[0] for field in each.fields} <= answered, name
@@ -133,16 +137,14 @@ async def test_answers_about_what_is_open_name_the_rest_in_declared_fields_only(
 
 def as_text(graph: MemoryGraph, service: str, response: Any) -> str:
     """The response in JSON, as :func:`json.dumps` writes it."""
-    info = graph.service(service)
-    assert info is not None
-    return json.dumps(json.loads(bytes(Payload.from_value(info.type.response, response).json())))
+    return json.dumps(
+        json.loads(bytes(Payload.from_value(type_of(graph, service).response, response).json()))
+    )
 
 
 async def test_services_that_are_asked_about_something_declare_it(graph: MemoryGraph) -> None:
     for name, disclosure in declared_services(graph).items():
-        info = graph.service(name)
-        assert info is not None
-        asked = {field.name for field in info.type.request.definition.fields}
+        asked = fields_of(type_of(graph, name).request)
         if asked & REQUEST.keys():
             assert disclosure != NOTHING, name
         for field in asked & {"names", "parameters"}:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from rwt_client import Robot
 from rwt_protocol import codecs
 from rwt_transports import BadUrl
 from rwt_transports.schemes import SCHEMES, parse_connect_url
+from tests.core.cli.conftest import candidates
 
 ENTRY_POINTS = """\
 [rwt.commands]
@@ -319,23 +319,16 @@ def test_commands_of_a_missing_distribution_name_it(
     assert capsys.readouterr().err.count("pip install rwt-rclpy\n") == 2
 
 
-def test_completion_of_a_command(stage: Path) -> None:
-    def candidates(line: str) -> set[str]:
-        asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
-        asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": "/dev/stdout", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}
-        path = os.pathsep.join((str(stage), os.environ.get("PYTHONPATH", "")))
-        done = subprocess.run(
-            [sys.executable, "-m", "rwt.cli"],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            env={**os.environ, **asked, "PYTHONPATH": path},
-        )
-        assert done.stderr == ""
-        return {word.strip() for word in done.stdout.split("\v")}
-
-    assert candidates("rwt dan") == {"dance"}
-    assert candidates("rwt dance wa") == {"waltz"}
-    assert candidates("rwt dance --ti") == {"--times"}
-    assert candidates("rwt laun") == {"launch"}
-    assert candidates("rwt launch --ser") == {"--serve"}
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("rwt dan", "dance"),
+        ("rwt dance wa", "waltz"),
+        ("rwt dance --ti", "--times"),
+        ("rwt laun", "launch"),
+        ("rwt launch --ser", "--serve"),
+    ],
+)
+def test_completion_of_a_command(stage: Path, line: str, found: str) -> None:
+    path = os.pathsep.join((str(stage), os.environ.get("PYTHONPATH", "")))
+    assert candidates("", line, PYTHONPATH=path) == [found]

@@ -298,7 +298,7 @@ def test_another_role_shows_other_channels_and_ends_what_it_does_not_allow(
     viewer.subscribe("/u", 2)
     viewer.advertise("/mine", "std_msgs/String")
     assert viewer.heard() == []
-    gateway.access.admission.reload(Settings.model_validate(guest(subscribe=["/u"])))
+    gateway.access.admission.prepare(Settings.model_validate(guest(subscribe=["/u"])))()
     gateway.reload_roles()
     heard = viewer.heard()
     assert viewer.topics == {"/u"}
@@ -307,9 +307,9 @@ def test_another_role_shows_other_channels_and_ends_what_it_does_not_allow(
     assert viewer.heard_data() == []
     viewer.publish(b'{"data":"x"}')
     assert viewer.statuses() == ["message data: this client advertises no channel 1"]
-    gateway.access.admission.reload(
+    gateway.access.admission.prepare(
         Settings.model_validate({"auth": {"tokens": {"a": {"token": "x" * 20, "role": "admin"}}}})
-    )
+    )()
     gateway.reload_roles()
     assert viewer.close_code == 1008
 

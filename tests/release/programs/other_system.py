@@ -20,38 +20,14 @@ from pathlib import Path
 from types import ModuleType
 
 # What is not the project's own knows this system, and has to have been loaded on it.
-for theirs in [
-    "aiortc",
-    "anyio._backends._asyncio",
-    "anyio._backends._trio",
-    "argcomplete",
-    "av",
-    "bson",
-    "cryptography.x509",
-    "h11",
-    "http.client",
-    "isal",
-    "logging.handlers",
-    "mcp",
-    "multiprocessing.connection",
-    "numpy",
-    "PIL.Image",
-    "pydantic.main",
-    "pytest",
-    "rosbags",
-    "selectors",
-    "shutil",
-    "ssl",
-    "subprocess",
-    "tempfile",
-    "trio",
-    "websockets.asyncio.client",
-    "websockets.asyncio.server",
-    "websockets.sync.client",
-    "xxhash",
-    "yaml",
-    "zenoh",
-]:
+_THEIRS = (
+    "aiortc anyio._backends._asyncio anyio._backends._trio argcomplete av bson "
+    "cryptography.x509 h11 http.client isal logging.handlers mcp multiprocessing.connection "
+    "numpy PIL.Image pydantic.main pytest rosbags selectors shutil ssl subprocess tempfile "
+    "trio websockets.asyncio.client websockets.asyncio.server websockets.sync.client xxhash "
+    "yaml zenoh"
+)
+for theirs in _THEIRS.split():
     with suppress(ImportError):  # An extra that is not installed: who imports it is heard of below.
         importlib.import_module(theirs)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from enum import Enum
+from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from rwt.access.gate.record import Actor, Recorder
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt_graph.clock import Clock
-    from rwt_participant.timers import Timer
 
 #: Maximum number of pending requests of all clients. Above it, the credential with the most loses its newest.
 MAX_PENDING: Final = 1000
@@ -85,14 +85,6 @@ class _ApprovalState(Enum):
     WITHDRAWN = "withdrawn"
 
 
-_TRANSITIONS: Final = {
-    _ApprovalState.PENDING: {_ApprovalState.APPROVED, _ApprovalState.DENIED, _ApprovalState.WITHDRAWN},
-    _ApprovalState.APPROVED: set[_ApprovalState](),
-    _ApprovalState.DENIED: set[_ApprovalState](),
-    _ApprovalState.WITHDRAWN: set[_ApprovalState](),
-}
-
-
 class Approval(PendingCall):
     """Request for the approval of one act.
 
@@ -108,6 +100,7 @@ class Approval(PendingCall):
         id: number of the request, as a string.
         client, act, name: those of the subject.
         slot: credential and rule whose requests are limited together.
+        settings: those of the rule.
         content: digest and size of the message, the fields that rules name, and its JSON, truncated.
         asked_ns: ROS time of the request.
         go: performs the act once it is approved; None: the client has to send it again. Set by the requester.
@@ -117,6 +110,7 @@ class Approval(PendingCall):
     """
 
     def __init__(self, approvals: Approvals, id: str, subject: Subject, rule: Rule, content: str) -> None:
+        assert rule.settings.approval is not None  # Only rules with it require approval.
         self._approvals = approvals
         self.id = id
         self.subject = subject
@@ -124,14 +118,15 @@ class Approval(PendingCall):
         self.act: GatedAct = subject.act
         self.name = subject.name
         self.rule = rule
+        self.settings = rule.settings.approval
         self.content = content
-        self.slot = ("", rule.key)
-        self.asked_ns = 0
+        self.slot = (subject.client.owner, rule.key)
+        self.asked_ns = approvals.clock.time_ns()
         self._state = _ApprovalState.PENDING
         self.go: Callable[[], None] | None = None
         self.refuse: Callable[[str], None] | None = None
-        self.timer: Timer | None = None
-        self.until = 0.0
+        self.until = approvals.clock.monotonic() + self.settings.seconds
+        self.timer = approvals.clock.call_later(self.settings.seconds, partial(approvals.expire, self))
 
     @property
     def is_pending(self) -> bool:
@@ -140,7 +135,7 @@ class Approval(PendingCall):
 
     def become(self, state: _ApprovalState) -> None:
         """Set the final state."""
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        assert self.is_pending, f"{self._state} -> {state}"
         self._state = state
 
     @property
@@ -149,15 +144,9 @@ class Approval(PendingCall):
         return max(0.0, round(self.until - self._approvals.clock.monotonic(), 1))
 
     @property
-    def approvers(self) -> tuple[str, ...]:
-        """Globs of the roles that may answer."""
-        settings = self.rule.settings.approval
-        return () if settings is None else settings.roles
-
-    @property
     def progress(self) -> str:
         """Description for the client that waits."""
-        roles, left = " or ".join(self.approvers), f"{self.seconds_left:g} s left"
+        roles, left = " or ".join(self.settings.roles), f"{self.seconds_left:g} s left"
         return f"{self.act} {self.name}: waiting for approval by {roles} ({left}, id {self.id})"
 
     def cancel(self) -> None:
@@ -248,19 +237,11 @@ class Approvals:
             )
         if len(self._pending) >= MAX_PENDING:
             self._make_room(client.owner, rule)
-        assert rule.settings.approval is not None  # Only rules with it require approval.
         self._count += 1
         content = _shown(subject.digest, self._describe(act, name, payload), payload)
         approval = Approval(self, str(self._count), subject, rule, content)
-        approval.asked_ns = self.clock.time_ns()
-        seconds = rule.settings.approval.seconds
-        approval.until = self.clock.monotonic() + seconds
-        approval.timer = self.clock.call_later(
-            seconds, lambda: self._deny(approval, None, f"no answer within {seconds:g} s")
-        )
         self._pending[approval.id] = self._asked[subject[:-1]] = approval
         self._counts[slot] += 1
-        approval.slot = slot
         self._recorder.note("asked", act, name, client, f"as {approval.id}: {approval.content}", rule.key)
         self._on_change()
         client.tell_approval(approval.progress)
@@ -293,8 +274,7 @@ class Approvals:
         approval = self._pending.get(id)
         if approval is None:
             raise GateRefused(f"nothing waits for an answer under id {id[:40]!r}")
-        settings = approval.rule.settings.approval
-        assert settings is not None  # Only rules with it require approval.
+        settings = approval.settings
         key = f"{approval.rule.key}.approval"
         if by is not None and glob_pattern(settings.roles).fullmatch(by.role) is None:
             raise GateRefused(f"role {by.role!r} may not answer requests", f"{key}.roles")
@@ -325,22 +305,20 @@ class Approvals:
             approval.go()
         return f"approved: {what}"
 
+    def expire(self, approval: Approval) -> None:
+        """Deny a request after its timeout."""
+        self._deny(approval, None, f"no answer within {approval.settings.seconds:g} s")
+
     def _deny(self, approval: Approval, by: Actor | None, why: str) -> None:
         self.end(approval, _ApprovalState.DENIED)
-        self._recorder.note(
-            "denied",
-            approval.act,
-            approval.name,
-            by,
-            f"{approval.id} of {approval.client}: {why}",
-            approval.rule.key,
-            about=approval.client,
-        )
-        text = f"{approval.act} {approval.name}: {why} ({approval.rule.key}.approval)"
+        client, act, name, rule = approval.subject[:4]
+        reason = f"{approval.id} of {client}: {why}"
+        self._recorder.note("denied", act, name, by, reason, rule, about=client)
+        text = f"{act} {name}: {why} ({rule}.approval)"
         if approval.refuse is not None:
             approval.refuse(text)
         else:
-            approval.client.tell_approval(f"{text}, id {approval.id}")
+            client.tell_approval(f"{text}, id {approval.id}")
 
     def end(self, approval: Approval, state: _ApprovalState) -> None:
         """Remove a pending request, which gets its final state."""
@@ -351,8 +329,7 @@ class Approvals:
         self._counts[approval.slot] -= 1
         if not self._counts[approval.slot]:
             del self._counts[approval.slot]
-        if approval.timer is not None:
-            approval.timer.cancel()
+        approval.timer.cancel()
         self._on_change()
 
     def leave(self, client: Actor) -> None:

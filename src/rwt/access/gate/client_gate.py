@@ -17,7 +17,7 @@ from rwt.access.gate.record import CALLER, Actor
 from rwt.access.gate.topic import TopicState
 from rwt.access.graph_view import STOP
 from rwt.access.roles import Role, absolute_globs
-from rwt_graph.api import ClientGoal, OnReply, PendingCall
+from rwt_graph.api import ClientGoal, OnReply, PendingCall, ServiceInfo
 from rwt_participant.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import Durability, QoS
@@ -245,8 +245,11 @@ class ClientGate:
         self.actor = gate.join(name, role, address, device)
 
     def take_role(self, role: Role) -> None:
-        """Switch the client to another role."""
-        self._gate.take_role(self.actor, role)
+        """Switch the client to another role, which may allow less."""
+        self.actor.rights = role
+        for topic in tuple(self.actor.topics):
+            if not role.allows("publish", topic.name):
+                topic.leave(self.actor, "its holder's role may not publish there")
 
     def close(self) -> None:
         """Remove the client: release its leases, and withdraw its requests for approval."""
@@ -387,7 +390,7 @@ class ClientGate:
             gate.refuse(self.actor, "call", service, refused)
             return request, []
 
-    def note_call(self, service: str, written: list[str], request: Payload) -> None:
+    def _note_call(self, service: str, written: list[str], request: Payload) -> None:
         """Record a call that is sent, with the request if it sets parameters."""
         recorder = self._gate.recorder
         if not recorder.keeps_all:
@@ -407,18 +410,32 @@ class ClientGate:
         self._gate.read_parameters(written, note)
 
     def call(
-        self, needed: Needed, request: Payload, send: Callable[[Payload], PendingCall], on_reply: OnReply
+        self,
+        info: ServiceInfo,
+        needed: Needed,
+        written: list[str],
+        request: Payload,
+        send: Callable[[Payload], PendingCall],
+        on_reply: OnReply,
     ) -> PendingCall:
         """Send a call once all of its acts are approved.
 
         Args:
             needed: acts that require approval, from :meth:`check_call`.
+            written: parameters that the call sets.
             on_reply: called with the reason if the call is not sent.
         """
+        if not needed:
+            self._note_call(info.name, written, request)
+            return send(request)
         waiting = PendingApproval()
         kept = request.detach()
 
         def go() -> None:
+            # Check again: service and role may have changed while the call waited.
+            self._gate.require_same_type(info)
+            self.actor.rights.require("call", info.name)
+            self._note_call(info.name, written, kept)
             waiting.then = send(kept)
 
         self._ask(needed, kept, waiting, go, lambda why: on_reply(ServiceFailed(why)))
@@ -455,14 +472,19 @@ class ClientGate:
             send: sends the goal under a goal id.
             refused: called with the reason if the goal is not sent.
         """
-        gate, goal_id = self._gate, uuid4().hex
-        if gate.recorder.keeps_all and not needed:
-            gate.recorder.note("allowed", "goal", action, self.actor)
+        recorder, goal_id = self._gate.recorder, uuid4().hex
         if not needed:
+            if recorder.keeps_all:
+                recorder.note("allowed", "goal", action, self.actor)
             return send(goal_id, goal)
         kept = goal.detach()
         waiting = WaitingGoal(goal_id, action, refused)
-        self._ask(needed, kept, waiting, lambda: waiting.send(lambda id: send(id, kept)), waiting.refuse)
+
+        def go() -> None:
+            self.actor.rights.require("goals", action)  # The role may have changed while the goal waited.
+            waiting.send(lambda id: send(id, kept))
+
+        self._ask(needed, kept, waiting, go, waiting.refuse)
         return waiting
 
     def _ask(

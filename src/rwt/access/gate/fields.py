@@ -78,11 +78,6 @@ class Clamped:
     def __init__(self, changes: Sequence[Change]) -> None:
         self._changes = tuple(changes)
 
-    @classmethod
-    def joined(cls, parts: Iterable[Clamped]) -> Clamped:
-        """Return the changes of several rules together."""
-        return cls([change for part in parts for change in part._changes])
-
     @property
     def _named(self) -> list[Change]:
         return [change for change in self._changes if change is not _UNNAMED][:_MAX_CHANGES]
@@ -209,8 +204,8 @@ class FieldChecks:
         """True if every message of the type passes."""
         return not (self._checks or self._float_sum or self._max_bytes)
 
-    def check(self, payload: Payload, now: float) -> tuple[Payload, Clamped | None]:
-        """Check a message; return the one to pass on, and what was clamped; None if nothing was.
+    def check(self, payload: Payload, now: float) -> tuple[Payload, Sequence[Change]]:
+        """Check a message; return the one to pass on, and what was clamped.
 
         Args:
             now: seconds of a steady clock.
@@ -226,7 +221,7 @@ class FieldChecks:
         if not self._checks and (
             self._float_sum is None or (payload.is_passthrough and not _find_null(payload.json()))
         ):
-            return payload, None
+            return payload, ()
         if self._has_lists:
             self._require_few(payload)
         given = payload.value()
@@ -242,10 +237,10 @@ class FieldChecks:
         if value is given:
             text = payload.received_json
             if not self._checks or text is None or bytes(text).count(b":") == self._colons:
-                return payload, None
-            return Payload.from_value(self._type, given), None
+                return payload, ()
+            return Payload.from_value(self._type, given), ()
         try:
-            return Payload.from_value(self._type, value), Clamped(changes)
+            return Payload.from_value(self._type, value), changes
         except InvalidMessage as error:
             # The limit itself is outside the range of the field's type.
             raise GateRefused(str(error), f"{self._key}.fields") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from math import inf
 from typing import TYPE_CHECKING, Final
@@ -59,6 +60,7 @@ class _Delay:
         return difference - self._least
 
 
+@dataclass(slots=True)
 class _CommandStream:
     """Commands of one client.
 
@@ -75,17 +77,15 @@ class _CommandStream:
         delays: delays in real time and in ROS time. A simulation's clock may run at another speed.
     """
 
-    __slots__ = ("at", "count", "delays", "had_gap", "pace", "sends_stop", "since", "state", "was_stop")
-
-    def __init__(self, now: float) -> None:
-        self.state = _State.RELEASED
-        self.at = self.since = now
-        self.count = 0
-        self.had_gap = False
-        self.pace = 0.0
-        self.was_stop = True
-        self.sends_stop = False
-        self.delays = (_Delay(), _Delay())
+    at: float
+    since: float
+    state: _State = _State.RELEASED
+    count: int = 0
+    had_gap: bool = False
+    pace: float = 0.0
+    was_stop: bool = True
+    sends_stop: bool = False
+    delays: tuple[_Delay, _Delay] = field(default_factory=lambda: (_Delay(), _Delay()))
 
 
 class Freshness:
@@ -187,7 +187,7 @@ class Freshness:
     def _add(self, client: Actor, now: float) -> _CommandStream:
         if len(self._streams) >= _MAX_CLIENTS:
             del self._streams[min(self._streams, key=lambda each: self._streams[each].at)]
-        stream = self._streams[client] = _CommandStream(now)
+        stream = self._streams[client] = _CommandStream(now, now)
         return stream
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -16,6 +16,7 @@ from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import Approvals, Subject
 from rwt.access.gate.fields import (
     BYTES_OF_ITEM,
+    Change,
     Clamped,
     FieldChecks,
     NoSuchField,
@@ -31,7 +32,7 @@ from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic, TopicState
 from rwt.access.graph_view import canonical
 from rwt.access.roles import Role, absolute_globs, glob_pattern
 from rwt.access.settings import GateRule, GateSettings, SettingsError
-from rwt_graph.api import Graph, Publisher
+from rwt_graph.api import Graph, Publisher, ServiceInfo
 from rwt_graph.parameters.values import decode
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
@@ -72,7 +73,7 @@ class Gate:
     The emergency stop is released or pressed: ``stopped_by`` names who pressed it, and is empty while it is
     released. In mode ``observe`` a press publishes the stop messages, and is released at once.
 
-    Private attributes: ``_checks`` and ``_finite`` (rules compiled for a type of requests or goals),
+    Private attributes: ``_checks`` (limits of rules, compiled for a type of requests or goals),
     ``_cancels`` (publishers of the `cancel` topics of ROS 1's actions, by topic),
     ``_count`` (number of clients so far), ``_topics`` (by name; from the first publisher on, or since the
     robot has the topic), ``_sweep`` (the same, in the order in which they are examined for removal).
@@ -124,8 +125,7 @@ class Gate:
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
         self._sweep: deque[GuardedTopic] = deque()
-        self._checks: dict[tuple[Rule, MessageType], FieldChecks | str] = {}
-        self._finite: dict[tuple[Rule, MessageType], FieldChecks] = {}
+        self._checks: dict[tuple[Rule, MessageType, bool], FieldChecks | str] = {}
         self._cancels: dict[str, Publisher] = {}
         try:
             self._check_rules()
@@ -154,9 +154,10 @@ class Gate:
         ]
         for act, name, type in types:
             for rule in self.rules.of(act, name):
-                checks = self._checks_of(rule, type)
-                if isinstance(checks, str):
-                    raise SettingsError(f"{checks} ({name})")
+                try:
+                    self._checks_of(rule, type)
+                except NoSuchField as wrong:
+                    raise SettingsError(f"{wrong} ({name})") from None
 
     def replace_rules(self, settings: GateSettings) -> None:
         """Replace the rules, the mode, and the roles of the emergency stop while clients are connected.
@@ -194,23 +195,19 @@ class Gate:
             else:
                 topic.end_lease(LOST_BY_RELOAD)
             topic.close()
-        unchanged = {
-            rule.key for rule in old[0].all if settings.rules.get(rule.key.split(".", 2)[2]) == rule.settings
-        }
-        changed = [rule for rule in (*old[0].all, *self.rules.all) if rule.key not in unchanged]
+        names = {*before.rules, *settings.rules}
+        keys = {f"gate.rules.{name}" for name in names if before.rules.get(name) != settings.rules.get(name)}
+        changed = [rule for rule in (*old[0].all, *self.rules.all) if rule.key in keys]
 
         def concerns(subject: Subject) -> bool:
             """Return True for a request that a changed rule has checked, or would check now."""
             names = subject.name.split(", ")
-            return any(
-                rule.key == subject.rule or any(map(partial(rule.names, subject.act), names))
-                for rule in changed
-            )
+            about = any(rule.names(subject.act, name) for rule in changed for name in names)
+            return about or subject.rule in keys
 
         for _ in self.approvals.drop(concerns, "the settings have changed"):
             pass
-        keys = sorted({rule.key for rule in changed})
-        text = f"rules replaced; changed are {', '.join(keys) or 'none'}"
+        text = f"rules replaced; changed are {', '.join(sorted(keys)) or 'none'}"
         self.recorder.note("reload", "reload", "", None, text, before=before.mode, after=settings.mode)
         self.on_leases()
 
@@ -242,10 +239,6 @@ class Gate:
         self.actors[actor.name] = actor
         return actor
 
-    def is_present(self, actor: Actor) -> bool:
-        """Return True until a client has left."""
-        return self.actors.get(actor.name) is actor
-
     def leave(self, actor: Actor) -> None:
         """Remove a client: release its leases, and withdraw its requests for approval."""
         self.actors.pop(actor.name, None)
@@ -258,13 +251,6 @@ class Gate:
         topic = self._topics.get(name)
         if topic is not None:
             topic.leave(actor, "its holder stopped publishing")
-
-    def take_role(self, actor: Actor, role: Role) -> None:
-        """Switch a client to another role, which may allow less."""
-        actor.rights = role
-        for topic in tuple(actor.topics):
-            if not role.allows("publish", topic.name):
-                topic.leave(actor, "its holder's role may not publish there")
 
     # Topics
 
@@ -431,6 +417,12 @@ class Gate:
         if not self.is_observing:
             raise refused
 
+    def require_same_type(self, info: ServiceInfo) -> None:
+        """Raise GateRefused if a service has another type than when it was called."""
+        now = self._graph.service(info.name)
+        if now is not None and now.type is not info.type:
+            raise GateRefused(f"{info.name} is of another type now: call it again")
+
     def require_released(self, rule: Rule) -> None:
         """Raise GateRefused while the emergency stop is pressed, if a rule is for it."""
         if self.stopped_by and rule.settings.emergency:
@@ -465,8 +457,11 @@ class Gate:
                 text += f", which was asked for under id {request.id}: send it again when it is there"
         raise GateRefused(text, f"{rule.key}.approval")
 
-    def note_clamped(self, client: Actor, act: GatedAct, name: str, clamped: Clamped, key: str) -> None:
+    def note_clamped(
+        self, client: Actor, act: GatedAct, name: str, changes: Sequence[Change], key: str
+    ) -> None:
         """Record what was clamped, and tell the client."""
+        clamped = Clamped(changes)
         text = str(clamped)
         self.recorder.note(
             "changed", act, name, client, text, key, before=clamped.before, after=clamped.after
@@ -484,12 +479,13 @@ class Gate:
     def _checked(
         self, actor: Actor, act: GatedAct, name: str, rule: Rule, type: MessageType, payload: Payload
     ) -> Payload:
-        checks = self._checks_of(rule, type)
-        if isinstance(checks, str):
-            raise GateRefused(f"the rules of {name} cannot be applied: {checks}")
-        taken, clamped = checks.check(payload, self.clock.monotonic())
-        if clamped is not None:
-            self.note_clamped(actor, act, name, clamped, rule.key)
+        try:
+            checks = self._checks_of(rule, type)
+        except NoSuchField as wrong:
+            raise GateRefused(f"the rules of {name} cannot be applied: {wrong}") from None
+        taken, changes = checks.check(payload, self.clock.monotonic())
+        if changes:
+            self.note_clamped(actor, act, name, changes, rule.key)
         return payload if self.is_observing else taken
 
     def affected_parameters(self, written: Iterable[str], text: str) -> list[str]:
@@ -553,12 +549,7 @@ class Gate:
         """
         if not rule.settings.finite:
             return
-        checks = self._finite.get((rule, payload.type))
-        if checks is None:
-            if len(self._finite) >= _MAX_TYPES:
-                self._finite.clear()
-            checks = self._finite[rule, payload.type] = FieldChecks(rule, payload.type, limits={})
-        checks.check(payload, 0.0)
+        self._checks_of(rule, payload.type, has_limits=False).check(payload, 0.0)
         most_bytes = BYTES_OF_ITEM * rule.settings.largest_items
         if len(text) > most_bytes:
             raise GateRefused(
@@ -568,35 +559,44 @@ class Gate:
         if text and not has_finite_numbers(text):
             raise GateRefused("value: expected finite numbers", f"{rule.key}.finite")
 
-    def _checks_of(self, rule: Rule, type: MessageType) -> FieldChecks | str:
-        """Return the compiled limits of a rule for requests or goals, or an error text if they do not fit."""
-        checks = self._checks.get((rule, type))
+    def _checks_of(self, rule: Rule, type: MessageType, *, has_limits: bool = True) -> FieldChecks:
+        """Return the compiled limits of a rule for requests or goals.
+
+        Args:
+            has_limits: False for a check of size and numbers alone.
+
+        Raises:
+            NoSuchField: the limits do not fit the type.
+        """
+        checks = self._checks.get((rule, type, has_limits))
         if checks is None:
             if len(self._checks) >= _MAX_TYPES:
                 self._checks.clear()
             try:
-                checks = FieldChecks(rule, type)
+                checks = FieldChecks(rule, type, limits=None if has_limits else {})
             except NoSuchField as wrong:
                 checks = str(wrong)
                 logger.error("the gate rejects every command: %s", wrong)
-            self._checks[rule, type] = checks
+            self._checks[rule, type, has_limits] = checks
+        if isinstance(checks, str):
+            raise NoSuchField(checks)
         return checks
 
     # Leases
 
-    def leased(self, actor: Actor | None, name: str) -> GuardedTopic:
-        """Return the topic whose lease a client asks about; None: the gate itself.
+    def leased(self, actor: Actor, name: str) -> tuple[GuardedTopic, Lease]:
+        """Return the topic whose lease a client asks about, and that lease.
 
         Raises:
             GateRefused: the topic has no lease, or the client may not publish on it.
         """
         absolute = canonical(name)
-        if actor is not None and not actor.rights.allows("publish", absolute):
+        if not actor.rights.allows("publish", absolute):
             raise GateRefused(
                 f"role {actor.role!r} may not publish on {absolute}", f"roles.{actor.role}.publish"
             )
         rules = self.rules.of("publish", absolute)
-        if not any(rule.settings.lease for rule in rules if actor is None or rule.holds_for(actor.role)):
+        if not any(rule.settings.lease for rule in rules if rule.holds_for(actor.role)):
             raise GateRefused(f"no rule of the gate asks for a lease of {absolute}")
         topic = self._topics.get(absolute)
         info = self._graph.topic(absolute)
@@ -606,7 +606,7 @@ class Gate:
             raise GateRefused(f"{absolute} is not advertised, so its type is not known yet")
         if topic.fault:
             raise GateRefused(f"the rules of {absolute} cannot be applied: {topic.fault}")
-        return topic
+        return topic, topic.lease
 
     def lease_seconds(self, role: Role, name: str) -> float | None:
         """Return the seconds of silence after which a client loses the lease of a topic.
@@ -625,14 +625,11 @@ class Gate:
         Raises:
             GateRefused: another client holds it, or as for :meth:`leased`.
         """
-        topic = self.leased(actor, name)
-        if topic.is_stopped:
-            raise GateRefused(
-                f"the emergency stop is on: stopped by {self.stopped_by}", f"{topic.lease_rule}.emergency"
-            )
-        assert topic.lease is not None  # `leased` finds no others.
-        before = topic.lease.holder
-        topic.lease.take(actor)
+        topic, lease = self.leased(actor, name)
+        for rule in self.rules.of("publish", topic.name):
+            self.require_released(rule)
+        before = lease.holder
+        lease.take(actor)
         if before is not None and before is not actor:
             topic.halt()  # Else the last command of the former holder would stay in effect.
 
@@ -642,10 +639,7 @@ class Gate:
         Raises:
             GateRefused: the client does not hold it, or as for :meth:`leased`.
         """
-        topic = self.leased(actor, name)
-        assert topic.lease is not None  # `leased` finds no others.
-        self._require_holder(topic, actor)
-        topic.lease.release(actor, "given back")
+        self._held_by(actor, name).release(actor, "given back")
 
     def pass_lease(self, actor: Actor, name: str, to: str) -> None:
         """Give a lease to another client, and stop the robot until that client publishes.
@@ -654,9 +648,7 @@ class Gate:
             GateRefused: the client does not hold it, the other one is unknown or may not publish on the
                 topic, or as for :meth:`leased`.
         """
-        topic = self.leased(actor, name)
-        assert topic.lease is not None  # `leased` finds no others.
-        self._require_holder(topic, actor)
+        lease = self._held_by(actor, name)
         other = self.actors.get(to)
         if other is None:
             raise GateRefused(
@@ -667,7 +659,7 @@ class Gate:
             raise GateRefused(
                 f"clients of its credential hold {MAX_LEASES // 2} leases: no more are passed on"
             )
-        topic.lease.pass_to(other)
+        lease.renew(other, "passed on")
 
     def require_lease_room(self, client: Actor) -> None:
         """Check that a client may hold one more lease: all leases may end at the same time.
@@ -684,10 +676,13 @@ class Gate:
                 lease.check_silence()
         return bool(self.held)
 
-    def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:
-        holder = None if topic.lease is None else topic.lease.holder
-        if holder is not actor:
-            raise GateRefused(f"{topic.name} is held by {holder or 'no client'}, and not by this client")
+    def _held_by(self, actor: Actor, name: str) -> Lease:
+        """Return the lease that a client holds. Raises GateRefused if it does not hold it."""
+        topic, lease = self.leased(actor, name)
+        if lease.holder is not actor:
+            holder = lease.holder or "no client"
+            raise GateRefused(f"{topic.name} is held by {holder}, and not by this client")
+        return lease
 
     # The emergency stop
 

@@ -151,11 +151,15 @@ class Lease:
         order = self.settings.precedence
         return order.index(client.role) if client.role in order else len(order)
 
-    def renew(self, client: Actor) -> None:
-        """Give or extend the lease: a message for which :meth:`require` passed was published."""
+    def renew(self, client: Actor, change: str = "taken") -> None:
+        """Give or extend the lease without a check, after a message for which :meth:`require` passed.
+
+        Args:
+            change: description of the change if another client gets it.
+        """
         self._renewed_at = self._clock.boottime()
         if client is not self.holder:
-            self._give(client, "taken")
+            self._give(client, change)
 
     def take(self, client: Actor) -> None:
         """Give or extend the lease on request.
@@ -166,12 +170,6 @@ class Lease:
         if client is not self.holder:
             self._require_free(client)
         self.renew(client)
-
-    def pass_to(self, client: Actor) -> None:
-        """Give the lease to another client, which then has to publish like any holder."""
-        self._renewed_at = self._clock.boottime()
-        if client is not self.holder:
-            self._give(client, "passed on")
 
     def take_over_bar(self, other: Lease) -> None:
         """Continue the bar of another lease, whose settings were replaced: commands of a pause may follow."""

@@ -148,24 +148,21 @@ class GateNode:
         }
 
     def _approvals(self) -> dict[str, object]:
-        waiting = []
-        for each in self._gate.approvals.listed(MAX_APPROVALS):
-            settings = each.rule.settings.approval
-            assert settings is not None  # Only rules with it require approval.
-            waiting.append(
-                {
-                    "id": each.id,
-                    "act": each.act,
-                    "name": each.name if len(each.name) <= _MAX_NAME else f"{each.name[:_MAX_NAME]}…",
-                    "rule": each.rule.key,
-                    "client": each.client.name,
-                    "role": each.client.role,
-                    "content": each.content,
-                    "asked": self._distro.time(each.asked_ns),
-                    "seconds": settings.seconds,
-                    "remember_seconds": settings.remember_seconds,
-                }
-            )
+        waiting = [
+            {
+                "id": each.id,
+                "act": each.act,
+                "name": each.name if len(each.name) <= _MAX_NAME else f"{each.name[:_MAX_NAME]}…",
+                "rule": each.rule.key,
+                "client": each.client.name,
+                "role": each.client.role,
+                "content": each.content,
+                "asked": self._distro.time(each.asked_ns),
+                "seconds": each.settings.seconds,
+                "remember_seconds": each.settings.remember_seconds,
+            }
+            for each in self._gate.approvals.listed(MAX_APPROVALS)
+        ]
         return {"approvals": waiting}
 
     def _on_stop(self, sample: Sample) -> None:
@@ -182,9 +179,8 @@ class GateNode:
         Raises:
             GateRefused: no other client holds it, too many requests are pending, or as for `Gate.leased`.
         """
-        topic = self._gate.leased(client, name)
-        assert topic.lease is not None  # `leased` finds no others.
-        if topic.lease.holder in (None, client):
+        topic, lease = self._gate.leased(client, name)
+        if lease.holder in (None, client):
             raise GateRefused(f"no other client holds the lease of {topic.name}: take it")
         key = topic.name, client.owner
         if key not in self._requests:
@@ -208,7 +204,7 @@ class GateNode:
     def _requests_for(self, topic: str, holder: Actor | None) -> list[dict[str, object]]:
         """Return the pending requests for a lease; drop those that are granted, or whose client has left."""
         for key, (client, timer) in tuple(self._requests.items()):
-            if (key[0] == topic and client is holder) or not self._gate.is_present(client):
+            if (key[0] == topic and client is holder) or self._gate.actors.get(client.name) is not client:
                 timer.cancel()
                 del self._requests[key]
         return [

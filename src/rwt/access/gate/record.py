@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
@@ -100,6 +100,7 @@ Value = object | Callable[[], object]
 """Value of an audit line, or a function that returns it."""
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class Actor:
     """Client as the gate knows it.
 
@@ -114,16 +115,16 @@ class Actor:
             told.
     """
 
-    __slots__ = ("address", "device", "name", "on_approval", "on_notice", "rights", "topics")
+    name: str
+    rights: Role
+    address: str
+    device: str = ""
+    topics: set[GuardedTopic] = field(default_factory=set)
+    on_notice: Callable[[str], None] | None = None
+    on_approval: Callable[[str], None] | None = None
 
-    def __init__(self, name: str, rights: Role, address: str, device: str = "") -> None:
-        self.name = name
-        self.rights = rights
-        self.address = address
-        self.device = device or address
-        self.topics: set[GuardedTopic] = set()
-        self.on_notice: Callable[[str], None] | None = None
-        self.on_approval: Callable[[str], None] | None = None
+    def __post_init__(self) -> None:
+        self.device = self.device or self.address
 
     def tell_approval(self, text: str) -> None:
         """Tell the client about its request for approval, if it wants that."""
@@ -179,19 +180,18 @@ class AuditBudget:
         self._burst = max(file_bytes * _SOURCE_FRACTION, _MIN_BURST_BYTES)
         self._rate = file_bytes * max(files - 1, 0.5) / keep_seconds * _SOURCE_FRACTION
         self._sources: dict[Source, RateLimit] = {}
-        self._credentials: dict[str, RateLimit] = {}
+        times = _SOURCES_OF_CREDENTIAL
+        self._credentials = defaultdict[str, RateLimit](
+            lambda: RateLimit(self._rate * times, self._burst * times)
+        )
         self._left_out: dict[Source, Counter[str]] = {}
 
     def take(self, source: Source, size: int, now: float) -> bool:
         """Return True if a line of this size may be written; `now` in seconds on a monotonic clock."""
         bucket = self._bucket_of(source, now)
-        credential = self._credentials.get(source[0])
-        if credential is None:
-            times = _SOURCES_OF_CREDENTIAL
-            credential = self._credentials[source[0]] = RateLimit(self._rate * times, self._burst * times)
         if not bucket.take(now, size):
             return False
-        if not credential.take(now, size):
+        if not self._credentials[source[0]].take(now, size):
             bucket.give_back(size)
             return False
         return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, Literal, TypeGuard
 
-from rwt.access.roles import absolute_globs, glob_pattern
+from rwt.access.roles import NameCache, absolute_globs, glob_pattern
 
 if TYPE_CHECKING:
     import re
@@ -23,12 +23,6 @@ RULE_KEYS: Final[Mapping[GatedAct, str]] = {
     "set_param": "parameters",
 }
 """Key of a rule's names, by act."""
-
-#: Maximum number of cached look-ups: names come from clients. At the limit the cache is cleared.
-_MAX_NAMES: Final = 4096
-
-#: Maximum number of characters of a cached name: clients may send names of megabytes.
-_MAX_NAME: Final = 256
 
 
 def is_gated(act: str) -> TypeGuard[GatedAct]:
@@ -80,15 +74,10 @@ class Rules:
         self.all = tuple(Rule(name, rule) for name, rule in settings.items())
         self.has_emergency = any(rule.settings.emergency for rule in self.all)
         self.has_parameters = any(rule.settings.parameters for rule in self.all)
-        self._found: dict[tuple[GatedAct, str], tuple[Rule, ...]] = {}
+        self._found: NameCache[GatedAct, tuple[Rule, ...]] = NameCache(
+            lambda act, name: tuple(rule for rule in self.all if rule.names(act, name))
+        )
 
     def of(self, act: GatedAct, name: str) -> tuple[Rule, ...]:
         """Return the rules about a name, for any role."""
-        found = self._found.get((act, name))
-        if found is None:
-            found = tuple(rule for rule in self.all if rule.names(act, name))
-            if len(name) <= _MAX_NAME:
-                if len(self._found) >= _MAX_NAMES:
-                    self._found.clear()
-                self._found[act, name] = found
-        return found
+        return self._found[act, name]

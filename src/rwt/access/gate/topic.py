@@ -7,7 +7,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField, has_lists, without_repeats
+from rwt.access.gate.fields import Change, FieldChecks, Motion, NoSuchField, has_lists, without_repeats
 from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt_interfaces.errors import InterfaceError
@@ -297,12 +297,11 @@ class GuardedTopic:
         if rules.lease is not None:
             rules.lease.require(client)
             self._require_fresh(client, rules.lease, payload, now)
-        changed: list[Clamped] = []
+        changed: list[Change] = []
         for _, checks, _ in rules.compiled:
             if checks is not None:
-                payload, clamped = checks.check(payload, now)
-                if clamped is not None:
-                    changed.append(clamped)
+                payload, changes = checks.check(payload, now)
+                changed += changes
         # After the fields, so that rejected messages do not use up the rate of other clients.
         for rule, rate in rules.rates:
             if not rate.take(now):
@@ -315,7 +314,7 @@ class GuardedTopic:
             payload = self._approved(client, rules, payload)
         if changed:
             first = rules.compiled[0].rule.key
-            self._gate.note_clamped(client, "publish", self.name, Clamped.joined(changed), first)
+            self._gate.note_clamped(client, "publish", self.name, changed, first)
         return payload
 
     def _approved(self, client: Actor, rules: _RoleRules, payload: Payload) -> Payload:

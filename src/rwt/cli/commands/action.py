@@ -12,14 +12,15 @@ from rwt.cli.approval import ApprovalProgress
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
 from rwt.cli.console.output import Output, Style, note
-from rwt.cli.entities import ACTION, absolute_name, ask_rosapi
+from rwt.cli.entities import ACTION, absolute_name, all_nodes
 from rwt.cli.errors import FAILED, CommandError
 from rwt.cli.parser import Commands, add_unavailable
-from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
+from rwt.cli.verbs import Arguments, Verb, add_family, arguments, flag
 from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
     from rwt_client import Robot
+    from rwt_client.rosapi import NodeDetails
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType, MessageType
     from rwt_participant.goals import Goal
@@ -37,14 +38,11 @@ def add_action_command(commands: Commands) -> None:
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
-    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    nodes = await all_nodes(robot)
+    feedback = {f"{name}/_action/feedback", f"{name}/feedback"}
     return {
-        "clients": sorted(
-            node.name
-            for node in nodes
-            if not {f"{name}/_action/feedback", f"{name}/feedback"}.isdisjoint(node.subscribing)
-        ),
-        "servers": sorted(node.name for node in nodes if offers(name, node.services, node.publishing)),
+        "clients": sorted(node.name for node in nodes if not feedback.isdisjoint(node.subscribing)),
+        "servers": sorted(node.name for node in nodes if offers(name, node)),
     }
 
 
@@ -58,15 +56,23 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
             output.line(f"    {output.styled(node, 'name')}{shown}")
 
 
-def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) -> bool:
-    """True if a node with these services and topics is a server of an action.
+def offers(action: str, node: NodeDetails) -> bool:
+    """True if a node is a server of an action.
 
     rosapi does not list servers: they offer the services (ROS 2) or topics (ROS 1) of the action.
     """
-    return f"{action}/_action/cancel_goal" in services or f"{action}/feedback" in publishing
+    return f"{action}/_action/cancel_goal" in node.services or f"{action}/feedback" in node.publishing
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Send a goal and wait for its result; Ctrl-C cancels it.
+
+    example:
+      rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback
+
+    --json prints:
+      with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}
+    """
     name = absolute_name(arguments.action)
     kind, given = type_and_message(arguments.goal, "goal")
     action_type = await robot.types.action_of(name, kind or await ACTION.known(robot, name))
@@ -132,28 +138,25 @@ class _GoalPrinter:
 VERBS = (
     ACTION.list_verb(),
     ACTION.info_verb(
-        "print an action's type, clients and servers",
+        "Print an action's type, clients and servers.",
         _ask_info,
         _show_info,
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
         '"servers": ["/demo_robot"]}; clients are nodes, not rosbridge clients',
         arguments(
-            argument("-t", "--show-types", action="store_true", help="show the type beside each node"),
-            argument("-c", "--count", action="store_true", help="only print the number of nodes"),
+            flag("-t", "--show-types", help="show the type beside each node"),
+            flag("-c", "--count", help="only print the number of nodes"),
         ),
     ),
     ACTION.find_verb(),
     ACTION.type_verb(),
     Verb(
         "send_goal",
-        "send a goal and wait for its result; Ctrl-C cancels it",
         _send_goal,
-        "rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
-        'with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}',
         arguments(
             ACTION.add_argument,
             partial(add_message_argument, owner="action", noun="goal"),
-            argument("-f", "--feedback", action="store_true", help="also print the feedback"),
+            flag("-f", "--feedback", help="also print the feedback"),
         ),
     ),
 )

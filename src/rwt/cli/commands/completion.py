@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, NoReturn, cast
 from rwt.cli.console.output import standard_output
 from rwt.cli.entities import ACTION, NODE, SERVICE, TOPIC, Entity
 from rwt.cli.parser import Commands, add_commands, commands_of, leave_out_unavailable
-from rwt.cli.verbs import Arguments, connecting, sentence
+from rwt.cli.verbs import Arguments, connecting
 
 if TYPE_CHECKING:
     from argcomplete.completers import BaseCompleter
@@ -38,8 +38,10 @@ _ENTITIES: Final = {entity.noun.upper(): entity for entity in (TOPIC, SERVICE, A
 
 def add_completion_command(commands: Commands) -> None:
     """Add `completion` to the command line."""
-    help = "print the completion script of a shell, which also completes names of the robot's live graph"
-    parser = commands.add_parser("completion", description=sentence(help), epilog=_EXAMPLES)
+    description = (
+        "Print the completion script of a shell, which also completes names of the robot's live graph."
+    )
+    parser = commands.add_parser("completion", description=description, epilog=_EXAMPLES)
     shells = add_commands(parser, "shells", "SHELL")
     for shell in SHELLS:
         of_shell = shells.add_parser(shell, help=f"for {shell}", description=f"The script for {shell}.")
@@ -75,16 +77,13 @@ def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: objec
     metavar = action.metavar if isinstance(action.metavar, str) else ""
     if metavar in _ENTITIES:
         return _live(_ENTITIES[metavar], parsed_args)
-    return _types() if metavar.split(" ")[0] == "TYPE" else ()
-
-
-def _types() -> list[str]:
+    if metavar.split(" ")[0] != "TYPE":
+        return ()
+    from rwt.cli.type_lookup import known_names
     from rwt_interfaces.distro import JAZZY
-    from rwt_interfaces.names import KINDS, three_part
     from rwt_interfaces.registry import Registry
 
-    registry = Registry(JAZZY)
-    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
+    return known_names(Registry(JAZZY))
 
 
 def _live(entity: Entity, given: argparse.Namespace) -> list[str]:

@@ -76,7 +76,7 @@ def settings_of(arguments: argparse.Namespace, options: Mapping[str, object] | N
             key, equals, value = text.partition("=")
             if not equals:
                 raise SettingsError(f"--set {text}: expected KEY=VALUE, for example limits.connections=20")
-            given.append(from_text(key.strip(), value, f"--set {key}"))
+            given.append(from_text(tuple(key.strip().split(".")), value, f"--set {key}"))
         return load_settings(arguments.config, os.environ, tuple(given))
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error

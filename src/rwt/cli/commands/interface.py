@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.cli.console.output import Output, note, standard_output, write_file
+from rwt.cli.console.output import Output, note, write_file
 from rwt.cli.entities import ask_rosapi
-from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.parser import Commands, add_commands
-from rwt.cli.type_lookup import find_types, live_types, offline_registry
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.cli.parser import Commands
+from rwt.cli.type_lookup import find_types, known_names, live_types, of_package, offline_registry
 from rwt.cli.verbs import (
-    AddArguments,
     Arguments,
+    LocalVerb,
+    add_family,
     add_robot_options,
     argument,
     arguments,
     connecting,
-    epilog,
+    flag,
     run_async,
-    sentence,
 )
 from rwt_interfaces.definitions.model import Field, MessageDefinition
 from rwt_interfaces.definitions.parser import format_type
 from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.names import KINDS, three_part
+from rwt_interfaces.names import three_part
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, ServiceType
-from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_interfaces.codegen.type_selection import InterfaceType, TypeSelection
@@ -41,21 +40,12 @@ _HEADINGS: Final = {"msg": "Messages", "srv": "Services", "action": "Actions"}
 
 def add_interface_command(commands: Commands) -> None:
     """Add `interface` to the command line."""
-    family = commands.add_parser(
-        "interface",
-        description="Messages, services and actions: of the standard set, of folders, or of a robot.",
-    )
-    verbs = add_commands(family)
-    for name, help, example, json, run, add in _VERBS:
-        parser = verbs.add_parser(name, help=help, description=sentence(help), epilog=epilog(example, json))
-        add(parser)
-        _add_source(parser)
-        parser.set_defaults(run=partial(_run, run))
-
-
-def _run(run: Callable[[Arguments, Output], None], arguments: Arguments) -> int:
-    run(arguments, standard_output(json=arguments.json))
-    return 0
+    description = "Messages, services and actions: of the standard set, of folders, or of a robot."
+    verbs = [
+        replace(verb, add_arguments=arguments(verb.add_arguments, _add_source, add_robot_options))
+        for verb in VERBS
+    ]
+    add_family(commands, "interface", description, verbs)
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +65,6 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
         help="distribution of the standard types (default jazzy)",
     )
     source.add_argument("--live", action="store_true", help="ask the robot (implied by --url)")
-    add_robot_options(parser)
 
 
 def _is_live(arguments: Arguments) -> bool:
@@ -108,22 +97,21 @@ def _kinds(arguments: Arguments) -> list[str]:
 def _names(arguments: Arguments) -> list[str]:
     if _is_live(arguments):
         return _live_names(arguments)
-    registry = _registry(arguments)
-    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
-
-
-def _of_package(names: list[str], package: str) -> list[str]:
-    found = [name for name in names if name.startswith(f"{package}/")]
-    if not found:
-        packages = {name.partition("/")[0] for name in names}
-        raise CommandError(f"unknown package {package}{did_you_mean(package, packages)}", FAILED)
-    return found
+    return known_names(_registry(arguments))
 
 
 def _list(arguments: Arguments, output: Output) -> None:
+    """List messages, services and actions.
+
+    example:
+      rwt interface list -m
+
+    --json prints:
+      {"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for
+    """
     names = _names(arguments)
     if arguments.package:
-        names = _of_package(names, arguments.package)
+        names = of_package(names, arguments.package)
     by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in _kinds(arguments)}
     if output.json:
         output.record({_HEADINGS[kind].lower(): of_kind for kind, of_kind in by_kind.items()})
@@ -135,17 +123,29 @@ def _list(arguments: Arguments, output: Output) -> None:
 
 
 def _packages(arguments: Arguments, output: Output) -> None:
+    """List the packages that have messages, services or actions.
+
+    example:
+      rwt interface packages -s
+
+    --json prints:
+      ["example_interfaces", …]
+    """
     kinds = _kinds(arguments)
     packages = sorted({name.split("/")[0] for name in _names(arguments) if name.split("/")[1] in kinds})
-    _print_types(packages, output)
+    output.names(packages, "type")
 
 
-def _print_types(names: list[str], output: Output) -> None:
-    if output.json:
-        output.record(names)
-        return
-    for name in names:
-        output.line(output.styled(name, "type"))
+def _package(arguments: Arguments, output: Output) -> None:
+    """List the types of a package.
+
+    example:
+      rwt interface package geometry_msgs
+
+    --json prints:
+      ["geometry_msgs/msg/Accel", …]
+    """
+    output.names(of_package(_names(arguments), arguments.package), "type")
 
 
 def _live_names(arguments: Arguments) -> list[str]:
@@ -172,6 +172,14 @@ def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
 
 
 def _proto(arguments: Arguments, output: Output) -> None:
+    """Print a message, request or goal with its defaults, to be filled in and sent.
+
+    example:
+      rwt interface proto geometry_msgs/msg/Twist
+
+    --json prints:
+      {"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}
+    """
     from rwt.cli.console.message_format import Formatting, plain
     from rwt.cli.console.yaml_text import block
 
@@ -189,6 +197,15 @@ def _proto(arguments: Arguments, output: Output) -> None:
 
 
 def _show(arguments: Arguments, output: Output) -> None:
+    """Print a definition with those that it contains.
+
+    example:
+      rwt interface show geometry_msgs/msg/Twist
+
+    --json prints:
+      {"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the
+      parts of a service are "request" and "response", of an action "goal", "result" and "feedback"
+    """
     registry, found = _type(arguments)
     parts = _parts(found)
     if output.json:
@@ -254,6 +271,15 @@ def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[Inter
 
 
 def _generate(arguments: Arguments, output: Output) -> None:
+    """Generate types for your program: pydantic models or TypeScript interfaces.
+
+    example:
+      rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py
+      rwt interface generate --lang typescript --live --out messages.ts      all types of a robot
+
+    --json prints:
+      {"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out
+    """
     from rwt_interfaces.codegen.type_selection import selection
     from rwt_interfaces.definitions.package_directories import interface_files
 
@@ -293,67 +319,28 @@ def _code(language: str, chosen: TypeSelection) -> str:
 
 _TYPE: Final = argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
 
-_VERBS: Final[tuple[tuple[str, str, str, str, Callable[[Arguments, Output], None], AddArguments], ...]] = (
-    (
+VERBS: Final = (
+    LocalVerb(
         "list",
-        "list messages, services and actions",
-        "rwt interface list -m",
-        '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
         _list,
         arguments(
             argument("package", metavar="PACKAGE", nargs="?", help="only types of this package"), _add_kinds
         ),
     ),
-    (
-        "packages",
-        "list the packages that have messages, services or actions",
-        "rwt interface packages -s",
-        '["example_interfaces", …]',
-        _packages,
-        _add_kinds,
-    ),
-    (
-        "package",
-        "list the types of a package",
-        "rwt interface package geometry_msgs",
-        '["geometry_msgs/msg/Accel", …]',
-        lambda given, output: _print_types(_of_package(_names(given), given.package), output),
-        argument("package", metavar="PACKAGE", help="for example geometry_msgs"),
-    ),
-    (
+    LocalVerb("packages", _packages, _add_kinds),
+    LocalVerb("package", _package, argument("package", metavar="PACKAGE", help="for example geometry_msgs")),
+    LocalVerb(
         "show",
-        "print a definition with those that it contains",
-        "rwt interface show geometry_msgs/msg/Twist",
-        (
-            '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; '
-            "the\n"
-            'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"'
-        ),
         _show,
         arguments(
             _TYPE,
-            argument("--no-comments", action="store_true", help="without comments"),
-            argument(
-                "--all-comments", action="store_true", help="include the comments of nested definitions"
-            ),
+            flag("--no-comments", help="without comments"),
+            flag("--all-comments", help="include the comments of nested definitions"),
         ),
     ),
-    (
-        "proto",
-        "print a message, request or goal with its defaults, to be filled in and sent",
-        "rwt interface proto geometry_msgs/msg/Twist",
-        '{"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}',
-        _proto,
-        arguments(_TYPE, argument("--no-quotes", action="store_true", help="omit the quotes around it")),
-    ),
-    (
+    LocalVerb("proto", _proto, arguments(_TYPE, flag("--no-quotes", help="omit the quotes around it"))),
+    LocalVerb(
         "generate",
-        "generate types for your program: pydantic models or TypeScript interfaces",
-        (
-            "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
-            "rwt interface generate --lang typescript --live --out messages.ts      all types of a robot"
-        ),
-        '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
         _generate,
         arguments(
             argument(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.cli.commands.action import offers
 from rwt.cli.console.output import Output
-from rwt.cli.entities import NODE, is_hidden
+from rwt.cli.entities import NODE, is_hidden, names_and_types
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, add_family, argument, gather
+from rwt.cli.verbs import Arguments, add_family, flag, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -25,9 +25,7 @@ async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, 
     topics = {topic.name: topic.type for topic in await robot.api.topics()}
     services = sorted(each for each in found.services if arguments.include_hidden or not is_hidden(each))
     kinds = await gather([partial(robot.api.service_type, service) for service in services])
-    actions = [
-        each for each in await robot.api.action_servers() if offers(each, found.services, found.publishing)
-    ]
+    actions = [each for each in await robot.api.action_servers() if offers(each, found)]
     action_types = await gather([partial(robot.api.action_type, action) for action in actions])
     sections = {
         "subscribers": [(topic, topics.get(topic, "")) for topic in sorted(found.subscribing)],
@@ -35,7 +33,7 @@ async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, 
         "service_servers": zip(services, kinds, strict=True),
         "action_servers": zip(actions, action_types, strict=True),
     }
-    return {key: [{"name": name, "type": kind} for name, kind in named] for key, named in sections.items()}
+    return {key: names_and_types(named) for key, named in sections.items()}
 
 
 def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> None:
@@ -50,13 +48,11 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 VERBS = (
     NODE.list_verb(),
     NODE.info_verb(
-        "print a node's topics, services and actions",
+        "Print a node's topics, services and actions.",
         _ask_info,
         _show_info,
         '{"name": "/demo_robot", "subscribers": [{"name": "/cmd_vel", "type": …}, …], "publishers": […],\n'
         '"service_servers": […], "action_servers": […]}; rosapi does not know service clients',
-        argument(
-            "--include-hidden", action="store_true", help="include names with a part that begins with `_`"
-        ),
+        flag("--include-hidden", help="include names with a part that begins with `_`"),
     ),
 )

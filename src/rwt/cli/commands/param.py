@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Final
 from rwt.cli.console.message_argument import STDIN, read_value
 from rwt.cli.console.output import Output, write_file
 from rwt.cli.entities import absolute_name, ask_rosapi, unknown
-from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError, cannot_read
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
+from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, flag, gather
 from rwt_participant.errors import NotFound, ParameterRejected
 from rwt_participant.spelling import did_you_mean
 
@@ -30,11 +30,9 @@ _KINDS: Final = (
 )  # fmt: skip
 """Names of parameter types, indexed by ``rcl_interfaces/msg/ParameterType``."""
 _CONSTRAINTS: Final = {
-    "min": "Min value",
-    "max": "Max value",
-    "step": "Step",
-    "constraints": "Additional constraints",
-}
+    "min": "Min value", "max": "Max value", "step": "Step", "constraints": "Additional constraints",
+}  # fmt: skip
+
 _ANY_NODE: Final = ("/**", "**")
 
 _NODE: Final = argument("node", metavar="NODE", help="for example /demo_robot")
@@ -55,10 +53,6 @@ def add_param_command(commands: Commands) -> None:
 # -- names -------------------------------------------------------------------------------------------------
 
 
-async def _names(robot: Robot) -> tuple[str, ...]:
-    return await ask_rosapi(robot.params.names)
-
-
 def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
     """Group parameters by node; those of ROS 1, which belong to no node, under the empty name."""
     found: dict[str, list[str]] = {}
@@ -69,7 +63,7 @@ def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 async def _of_node(robot: Robot, node: str) -> list[str]:
-    names = await _names(robot)
+    names = await ask_rosapi(robot.params.names)
     found = _by_node(names)
     if node in found:
         return found[node]
@@ -94,19 +88,20 @@ def _addressed(robot: Robot, words: list[str]) -> str:
     return absolute_name(words[0])
 
 
-async def _get_value(robot: Robot, name: str) -> YamlValue:
-    try:
-        return await ask_rosapi(lambda: robot.params.get(name))
-    except NotFound as error:
-        raise CommandError(str(error), FAILED) from error
-
-
 # -- list, get, set, delete --------------------------------------------------------------------------------
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """List the parameters, of one node or all.
+
+    example:
+      rwt param list /demo_robot
+
+    --json prints:
+      {"/demo_robot": ["max_speed", …]}; on ROS 1 the names of all stand under ""
+    """
     if arguments.node is None:
-        found = _by_node(await _names(robot))
+        found = _by_node(await ask_rosapi(robot.params.names))
     else:
         found = {absolute_name(arguments.node): await _of_node(robot, absolute_name(arguments.node))}
     if output.json:
@@ -121,16 +116,23 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print a parameter's value.
+
+    example:
+      rwt param get /demo_robot max_speed
+
+    --json prints:
+      {"name": "/demo_robot:max_speed", "value": 0.8}
+    """
     from rwt.cli.console.yaml_text import flow
 
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
-    value = await _get_value(robot, name)
-    if output.json:
-        output.record({"name": name, "value": value})
-    elif arguments.hide_type:
-        output.line(flow(value))
-    else:
-        output.line(f"{_kind(value)} value is: {_shown(value, output)}")
+    try:
+        value = await ask_rosapi(lambda: robot.params.get(name))
+    except NotFound as error:
+        raise CommandError(str(error), FAILED) from error
+    text = flow(value) if arguments.hide_type else f"{_kind(value)} value is: {_shown(value, output)}"
+    output.answer({"name": name, "value": value}, text)
 
 
 def _given(*words: str | None) -> list[str]:
@@ -147,47 +149,56 @@ def _shown(value: ParameterValue, output: Output) -> str:
 
 
 def _kind(value: ParameterValue) -> str:
-    match value:
-        case bool():
-            return "Boolean"
-        case int():
-            return "Integer"
-        case float():
-            return "Double"
-        case str():
-            return "String"
-        case list():
-            return f"{_kind(value[0])} array" if value else "Array"
-        case _:
-            return "Value"
+    if isinstance(value, list):
+        return f"{_kind(value[0])} array" if value else "Array"
+    return {bool: "Boolean", int: "Integer", float: "Double", str: "String"}.get(type(value), "Value")
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Set a parameter.
+
+    example:
+      rwt param set /demo_robot max_speed 0.5
+
+    --json prints:
+      {"name": "/demo_robot:max_speed", "value": 0.5}
+    """
     words = _given(arguments.node, arguments.parameter, arguments.value)
     name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
     try:
         await robot.params.set(name, value)
     except ParameterRejected as error:
         raise CommandError(f"setting {name} failed: {error}", FAILED) from error
-    if output.json:
-        output.record({"name": name, "value": value})
-    else:
-        output.line("Set parameter successful")
+    output.answer({"name": name, "value": value}, "Set parameter successful")
 
 
 async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Remove a parameter.
+
+    example:
+      rwt param delete /my_node my_parameter
+
+    --json prints:
+      {"name": "/my_node:my_parameter", "deleted": true}
+    """
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
     await robot.params.delete(name)
-    if output.json:
-        output.record({"name": name, "deleted": True})
-    else:
-        output.line("Deleted parameter successfully")
+    output.answer({"name": name, "deleted": True}, "Deleted parameter successfully")
 
 
 # -- describe ----------------------------------------------------------------------------------------------
 
 
 async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the descriptions of a node's parameters.
+
+    example:
+      rwt param describe /demo_robot max_speed
+
+    --json prints:
+      [{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",
+      "read_only" and "constraints", each only where the node declares it
+    """
     node = absolute_name(arguments.node)
     if not robot.types.registry.distro.parameters_belong_to_nodes:
         raise CommandError("ROS 1 parameters have no descriptions: use `rwt param get`", FAILED)
@@ -209,20 +220,16 @@ async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _description(descriptor: Message) -> dict[str, object]:
-    limits = [*descriptor.floating_point_range, *descriptor.integer_range]
     kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
-    found: dict[str, object] = {"name": descriptor.name, "type": kind}
-    if descriptor.description:
-        found["description"] = descriptor.description
-    if descriptor.read_only:
-        found["read_only"] = True
-    if limits:
-        found |= {"min": limits[0].from_value, "max": limits[0].to_value}
-        if limits[0].step:
-            found["step"] = limits[0].step
-    if descriptor.additional_constraints:
-        found["constraints"] = descriptor.additional_constraints
-    return found
+    found = {
+        "description": descriptor.description or None,
+        "read_only": descriptor.read_only or None,
+        "constraints": descriptor.additional_constraints or None,
+    }
+    for limits in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
+        found |= {"min": limits.from_value, "max": limits.to_value, "step": limits.step or None}
+    declared = {key: value for key, value in found.items() if value is not None}
+    return {"name": descriptor.name, "type": kind, **declared}
 
 
 def _print_description(described: Mapping[str, object], output: Output) -> None:
@@ -243,6 +250,14 @@ def _print_description(described: Mapping[str, object], output: Output) -> None:
 
 
 async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print a node's parameters in the format that `load` reads.
+
+    example:
+      rwt param dump /demo_robot > demo_robot.yaml
+
+    --json prints:
+      {"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}
+    """
     from rwt.cli.console.yaml_text import block
 
     node = absolute_name(arguments.node)
@@ -255,8 +270,8 @@ async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
     text = block({node: {PARAMETERS: _nested(flat)}})
     if arguments.output is None:
         output.text(text)
-        return
-    write_file(arguments.output, text)
+    else:
+        write_file(arguments.output, text)
 
 
 def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
@@ -277,6 +292,14 @@ def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
 
 
 async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Set a node's parameters from a file.
+
+    example:
+      rwt param load /demo_robot demo_robot.yaml
+
+    --json prints:
+      {"node": "/demo_robot", "set": 9, "failed": []}
+    """
     node = absolute_name(arguments.node)
     parameters = _in_file(_text(arguments.file), node, arguments.file)
     failures = []
@@ -312,7 +335,7 @@ def _text(file: str) -> str:
     try:
         return Path(file).read_text(encoding="utf-8")
     except OSError as error:
-        raise CommandError(f"{file}: cannot be read: {error.strerror}", CALLED_WRONGLY) from error
+        raise cannot_read(file, error) from error
     except UnicodeDecodeError as error:
         raise CommandError(f"{file}: not UTF-8 text", CALLED_WRONGLY) from error
 
@@ -352,27 +375,12 @@ def _flat(nested: Mapping[str, YamlValue], above: str = "") -> dict[str, YamlVal
 
 VERBS = (
     Verb(
-        "list",
-        "list the parameters, of one node or all",
-        _list,
-        "rwt param list /demo_robot",
-        '{"/demo_robot": ["max_speed", …]}; on ROS 1 the names of all stand under ""',
-        argument("node", metavar="NODE", nargs="?", help="only list parameters of this node"),
+        "list", _list, argument("node", metavar="NODE", nargs="?", help="only list parameters of this node")
     ),
-    Verb(
-        "get",
-        "print a parameter's value",
-        _get,
-        "rwt param get /demo_robot max_speed",
-        '{"name": "/demo_robot:max_speed", "value": 0.8}',
-        arguments(_NAME, argument("--hide-type", action="store_true", help="only print the value")),
-    ),
+    Verb("get", _get, arguments(_NAME, flag("--hide-type", help="only print the value"))),
     Verb(
         "set",
-        "set a parameter",
         _set,
-        "rwt param set /demo_robot max_speed 0.5",
-        '{"name": "/demo_robot:max_speed", "value": 0.5}',
         arguments(
             _NODE_OR_PARAMETER,
             argument("parameter", metavar="PARAMETER", help="for example max_speed"),
@@ -381,39 +389,22 @@ VERBS = (
             ),
         ),
     ),
-    Verb(
-        "delete",
-        "remove a parameter",
-        _delete,
-        "rwt param delete /my_node my_parameter",
-        '{"name": "/my_node:my_parameter", "deleted": true}',
-        _NAME,
-    ),
+    Verb("delete", _delete, _NAME),
     Verb(
         "describe",
-        "print the descriptions of a node's parameters",
         _describe,
-        "rwt param describe /demo_robot max_speed",
-        '[{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",\n'
-        '"read_only" and "constraints", each only where the node declares it',
         arguments(
             _NODE, argument("parameters", metavar="PARAMETER", nargs="+", help="for example max_speed")
         ),
     ),
     Verb(
         "dump",
-        "print a node's parameters in the format that `load` reads",
         _dump,
-        "rwt param dump /demo_robot > demo_robot.yaml",
-        '{"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}',
         arguments(_NODE, argument("-o", "--output", type=Path, metavar="FILE", help="write to this file")),
     ),
     Verb(
         "load",
-        "set a node's parameters from a file",
         _load,
-        "rwt param load /demo_robot demo_robot.yaml",
-        '{"node": "/demo_robot", "set": 9, "failed": []}',
         arguments(
             _NODE, argument("file", metavar="FILE", help="file of `rwt param dump`; `-` reads standard input")
         ),

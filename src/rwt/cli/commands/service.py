@@ -12,9 +12,9 @@ from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.entities import SERVICE, absolute_name, ask_rosapi
+from rwt.cli.entities import SERVICE, absolute_name, all_nodes, ask_rosapi
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, gather, hertz
+from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, flag, hertz
 from rwt_participant.messages import to_payload
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def add_service_command(commands: Commands) -> None:
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
-    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    nodes = await all_nodes(robot)
     return {"servers": sorted(node.name for node in nodes if name in node.services)}
 
 
@@ -43,6 +43,14 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the requests and responses of a service that publishes them (ROS 2).
+
+    example:
+      rwt service echo /add_two_ints --flow-style
+
+    --json prints:
+      one line for each: {"info": {"event_type": 1, …}, "request": [{"a": 1, "b": 2}], "response": []}
+    """
     name = absolute_name(arguments.service)
     kind = arguments.type or await SERVICE.known(robot, name)
     topic = f"{name}{_EVENTS}"
@@ -55,6 +63,15 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Call a service.
+
+    example:
+      rwt service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'
+      rwt service call /add_two_ints '{a: 1, b: 2}'
+
+    --json prints:
+      the response, one line for each call: {"sum": 3}
+    """
     name = absolute_name(arguments.service)
     kind, given = type_and_message(arguments.request, "request")
     service_type = await robot.types.service_of(name, kind or await SERVICE.known(robot, name))
@@ -82,18 +99,15 @@ VERBS = (
     SERVICE.type_verb(),
     SERVICE.find_verb(),
     SERVICE.info_verb(
-        "print a service's type and servers",
+        "Print a service's type and servers.",
         _ask_info,
         _show_info,
         '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts", "servers": ["/demo_robot"]}',
-        argument("-v", "--verbose", action="store_true", help="list the nodes that offer it"),
+        flag("-v", "--verbose", help="list the nodes that offer it"),
     ),
     Verb(
         "echo",
-        "print the requests and responses of a service that publishes them (ROS 2)",
         _echo,
-        "rwt service echo /add_two_ints --flow-style",
-        'one line for each: {"info": {"event_type": 1, …}, "request": [{"a": 1, "b": 2}], "response": []}',
         arguments(
             SERVICE.add_argument,
             argument(
@@ -106,11 +120,7 @@ VERBS = (
     ),
     Verb(
         "call",
-        "call a service",
         _call,
-        "rwt service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'\n"
-        "rwt service call /add_two_ints '{a: 1, b: 2}'",
-        'the response, one line for each call: {"sum": 3}',
         arguments(
             SERVICE.add_argument,
             partial(add_message_argument, owner="service", noun="request"),

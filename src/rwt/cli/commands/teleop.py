@@ -57,6 +57,15 @@ class HeldKey:
 
 
 async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Drive while an arrow key is held; the robot stops on release and on exit.
+
+    example:
+      rwt teleop
+      rwt teleop /turtle1/cmd_vel --speed 2 --turn 2
+
+    --json prints:
+      one line for each command: {"linear": 0.3, "angular": 0.0}; metres and radians a second
+    """
     if not can_press_keys():
         raise CommandError("teleop requires a terminal; use `rwt topic pub` in programs", CALLED_WRONGLY)
     topic = absolute_name(arguments.topic)
@@ -118,10 +127,7 @@ async def _stop(robot: Robot, publisher: RemotePublisher) -> None:
 
 _TELEOP = Verb(
     "teleop",
-    "drive while an arrow key is held; the robot stops on release and on exit",
     _teleop,
-    "rwt teleop\nrwt teleop /turtle1/cmd_vel --speed 2 --turn 2",
-    'one line for each command: {"linear": 0.3, "angular": 0.0}; metres and radians a second',
     arguments(
         argument(
             "topic",

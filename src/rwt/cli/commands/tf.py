@@ -12,7 +12,7 @@ import anyio
 from rwt.cli.console.output import Output
 from rwt.cli.errors import TIMED_OUT, CommandError
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_family, count, hertz, seconds
+from rwt.cli.verbs import Arguments, Verb, add_family, add_times, hertz, rounds, seconds
 from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -38,23 +38,28 @@ def _echo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="transforms per second (default 1)"
     )
-    how_many = parser.add_mutually_exclusive_group()
-    how_many.add_argument("--once", action="store_const", const=1, dest="times", help="stop after one")
-    how_many.add_argument("-n", "--times", type=count, metavar="N", help="stop after N")
+    add_times(parser, "stop after one", "stop after N")
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
-    printed = 0
-    while True:
+    """Print the transform between two frames.
+
+    example:
+      rwt tf echo map base_link
+
+    --json prints:
+      a line for each transform: {"stamp": {"sec": …, "nanosec": …}, "source": "map",
+      "target": "base_link", "translation": [x, y, z], "rotation": [x, y, z, w],
+      "rpy": […], "matrix": […]}; metres, radians
+    """
+    for number in rounds(arguments.times):
         found = await robot.tf.lookup(arguments.source, arguments.target)
         if output.json:
             output.record(_record(found))
         else:
-            output.text("".join(f"{line}\n" for line in _lines(found, output)))
-        printed += 1
-        if printed == arguments.times:
-            return
-        await anyio.sleep(1 / arguments.rate)
+            output.lines(_lines(found, output))
+        if number != arguments.times:
+            await anyio.sleep(1 / arguments.rate)
 
 
 def _record(found: StampedTransform) -> dict[str, object]:
@@ -101,6 +106,16 @@ def _tree_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the tree of frames.
+
+    example:
+      rwt tf tree
+      rwt tf tree --dot | dot -Tpdf > frames.pdf
+
+    --json prints:
+      [{"frame": "base_link", "parent": "odom", "static": false, "rate": 20.0}, …]; the parent of a
+      root is null
+    """
     await robot.tf.start()
     await anyio.sleep(arguments.wait)
     frames = robot.tf.buffer
@@ -113,8 +128,7 @@ async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
     elif arguments.dot:
         output.text(frames.all_frames_as_dot())
     else:
-        for line in frames.tree().splitlines():
-            output.line(output.escape_terminal(line))
+        output.lines(map(output.escape_terminal, frames.tree().splitlines()))
 
 
 def _frame(frames: Buffer, frame: str) -> dict[str, object]:
@@ -127,24 +141,6 @@ def _frame(frames: Buffer, frame: str) -> dict[str, object]:
 
 
 VERBS = (
-    Verb(
-        "echo",
-        "print the transform between two frames",
-        _echo,
-        "rwt tf echo map base_link",
-        'a line for each transform: {"stamp": {"sec": …, "nanosec": …}, "source": "map",\n'
-        '"target": "base_link", "translation": [x, y, z], "rotation": [x, y, z, w],\n'
-        '"rpy": […], "matrix": […]}; metres, radians',
-        _echo_arguments,
-        until_interrupted=True,
-    ),
-    Verb(
-        "tree",
-        "print the tree of frames",
-        _tree,
-        "rwt tf tree\nrwt tf tree --dot | dot -Tpdf > frames.pdf",
-        '[{"frame": "base_link", "parent": "odom", "static": false, "rate": 20.0}, …]; the parent of a\n'
-        "root is null",
-        _tree_arguments,
-    ),
+    Verb("echo", _echo, _echo_arguments, until_interrupted=True),
+    Verb("tree", _tree, _tree_arguments),
 )

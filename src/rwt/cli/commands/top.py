@@ -19,6 +19,7 @@ from rwt.cli.verbs import (
     argument,
     arguments,
     count,
+    rounds,
     seconds,
     tls_of,
     topic_glob,
@@ -105,6 +106,17 @@ class _Watch:
 
 
 async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Watch topics with their rates and sizes, nodes and clients; subscribes to every topic.
+
+    example:
+      rwt top
+      rwt top '/camera/*' --interval 5
+
+    --json prints:
+      one line for each update: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,
+      "bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and
+      work (processor seconds per second) are null if the server does not report them
+    """
     from rwt.cli.health import health_of
 
     look = _Watch(robot, arguments.topics)
@@ -112,8 +124,8 @@ async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
     if any(name == _CLIENTS for name, _ in await TOPIC.found(robot)):
         await robot.subscribe(_CLIENTS, lambda message: setattr(look, "clients", message.data))
     await look.follow()
-    since, times = anyio.current_time(), arguments.times or (None if output.people else 1)
-    while times is None or times > 0:
+    since = anyio.current_time()
+    for _ in rounds(arguments.times or (None if output.people else 1)):
         await anyio.sleep_until(since + arguments.interval)
         now = anyio.current_time()
         rates, since = look.rates(now - since), now
@@ -121,7 +133,6 @@ async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
         health = await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
         _print(rates, nodes, look.clients, health, output)
         await look.follow()
-        times = None if times is None else times - 1
 
 
 def _print(
@@ -149,21 +160,14 @@ def _print(
         name = output.styled(rate.name, "name") + " " * (width - len(rate.name))
         figures = f"{rate.messages:>8.1f}  {in_bytes(rate.octets):>10}"
         lines.append(f"{figures}  {name}  {output.styled(rate.type, 'type')}")
-    if output.people:
-        lines += [f"… and {len(rates) - len(shown)} more"] if len(shown) < len(rates) else []
-        output.live(lines)
-        return
-    output.text("".join(f"{line}\n" for line in [*lines, f"nodes: {' '.join(nodes)}"]))
+    if len(shown) < len(rates):
+        lines.append(f"… and {len(rates) - len(shown)} more")
+    output.report(lines, f"nodes: {' '.join(nodes)}")
 
 
 _TOP = Verb(
     "top",
-    "watch topics with their rates and sizes, nodes and clients; subscribes to every topic",
     _top,
-    "rwt top\nrwt top '/camera/*' --interval 5",
-    'one line for each update: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
-    '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and\n'
-    "work (processor seconds per second) are null if the server does not report them",
     arguments(
         argument(
             "topics",

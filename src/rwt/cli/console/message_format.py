@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import pybase64
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rwt.cli.console.yaml_text import YamlValue
     from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
+
+Items = TypeVar("Items", list[Any], bytes, str)
 
 _STEP: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[[0-9]{1,9}\])*)", re.ASCII)
 
@@ -60,12 +62,21 @@ def plain_value(field_type: FieldType, value: Any, formatting: Formatting) -> Ya
             return _time(nested.time, value)
         case field_types.Time():
             return _time(field_type, value)
+        case field_types.Array() | field_types.Octets() if not formatting.arrays:
+            return _only_length(field_type, len(value))
         case field_types.Array(element=element):
-            return _items(field_type, [*value], element, formatting)
+            items, more = _cut([*value], formatting)
+            return [*(plain_value(element, item, formatting) for item in items), *more]
         case field_types.Octets():
-            return _octets(field_type, value, formatting)
+            octets, more = _cut(bytes(value), formatting)
+            if formatting.json:
+                return "".join([pybase64.b64encode(octets).decode(), *more])
+            return [*octets, *more]
+        case field_types.String() if not formatting.strings:
+            return f"<string length: <{len(value)}>>"
         case field_types.String():
-            return _string(value, formatting)
+            text, more = _cut(value, formatting)
+            return "".join([text, *more])
         case field_types.Float():
             return None if formatting.json and not math.isfinite(value) else float(value)
         case _:
@@ -78,40 +89,17 @@ def _time(field_type: field_types.Time | None, value: Any) -> YamlValue:
     return {key: int(getattr(value, key)) for key in field_type.keys}
 
 
-def _items(
-    field_type: field_types.Array, items: list[Any], element: field_types.Scalar, formatting: Formatting
-) -> YamlValue:
-    if not formatting.arrays:
-        return _only_length(field_type.length is not None, str(element), len(items))
-    cut = formatting.longest is not None and len(items) > formatting.longest
-    shown: list[YamlValue] = [
-        plain_value(element, item, formatting) for item in (items[: formatting.longest] if cut else items)
-    ]
-    return [*shown, "..."] if cut else shown
+def _cut(items: Items, formatting: Formatting) -> tuple[Items, tuple[str, ...]]:
+    """Return as many items as are shown, and a mark if there are more."""
+    is_cut = formatting.longest is not None and len(items) > formatting.longest
+    return items[: formatting.longest], ("...",) if is_cut else ()
 
 
-def _octets(field_type: field_types.Octets, octets: Any, formatting: Formatting) -> YamlValue:
-    if not formatting.arrays:
-        return _only_length(field_type.length is not None, "uint8", len(octets))
-    cut = formatting.longest is not None and len(octets) > formatting.longest
-    shown = bytes(octets[: formatting.longest] if cut else octets)
-    if formatting.json:
-        return pybase64.b64encode(shown).decode() + ("..." if cut else "")
-    return [*shown, "..."] if cut else [*shown]
-
-
-def _only_length(fixed: bool, element: str, length: int) -> str:
-    if fixed:
+def _only_length(field_type: field_types.Array | field_types.Octets, length: int) -> str:
+    element = field_type.element if isinstance(field_type, field_types.Array) else field_types.UINT8
+    if field_type.length is not None:
         return f"<array type: {element}[{length}]>"
     return f"<sequence type: {element}, length: {length}>"
-
-
-def _string(text: str, formatting: Formatting) -> str:
-    if not formatting.strings:
-        return f"<string length: <{len(text)}>>"
-    if formatting.longest is not None and len(text) > formatting.longest:
-        return f"{text[: formatting.longest]}..."
-    return text
 
 
 # -- one field ---------------------------------------------------------------------------------------------
@@ -217,22 +205,18 @@ def constructor(message_type: MessageType, message: Any) -> str:
 
 def _constructed(field_type: FieldType, value: Any) -> str:
     match field_type:
+        case field_types.Message(type=nested) if nested.time is not None:
+            return _constructed(nested.time, value)
         case field_types.Message(type=nested):
-            keys = nested.time.keys if nested.time is not None else None
-            inner = (
-                ", ".join(f"{key}={getattr(value, key)}" for key in keys)
-                if keys is not None
-                else ", ".join(
-                    f"{slot.name}={_constructed(slot.type, getattr(value, slot.attribute))}"
-                    for slot in nested.slots
-                )
+            fields = (
+                f"{slot.name}={_constructed(slot.type, getattr(value, slot.attribute))}"
+                for slot in nested.slots
             )
-            return f"{nested.registry.full_name(nested.name).replace('/', '.')}({inner})"
+            return f"{nested.registry.full_name(nested.name).replace('/', '.')}({', '.join(fields)})"
         case field_types.Time(is_duration=is_duration, keys=keys):
             name = "Duration" if is_duration else "Time"
-            return (
-                f"builtin_interfaces.msg.{name}({', '.join(f'{key}={getattr(value, key)}' for key in keys)})"
-            )
+            parts = (f"{key}={getattr(value, key)}" for key in keys)
+            return f"builtin_interfaces.msg.{name}({', '.join(parts)})"
         case field_types.Array(element=element):
             return f"[{', '.join(_constructed(element, item) for item in value)}]"
         case field_types.Octets():

@@ -58,8 +58,13 @@ class Output:
         """Print one line, and flush."""
         self.text(f"{text}\n")
 
+    def lines(self, lines: Iterable[str]) -> None:
+        """Print lines at once, and flush."""
+        self.text("".join(f"{line}\n" for line in lines))
+
     def text(self, text: str) -> None:
         """Print lines, and flush.
+
 
         Raises:
             OutputClosed: the reader has closed the pipe.
@@ -83,6 +88,21 @@ class Output:
         """Print a value as one line of JSON with control characters escaped."""
         text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": "))
         self.line(_COMMANDS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+
+    def answer(self, value: object, text: str) -> None:
+        """Print a value as JSON, or what it says as a line."""
+        if self.json:
+            self.record(value)
+        else:
+            self.line(text)
+
+    def names(self, names: Iterable[str], style: Style) -> None:
+        """Print names, one on each line, or a list of them as JSON."""
+        if self.json:
+            self.record([*names])
+        else:
+            for name in names:
+                self.line(self.styled(name, style))
 
     def styled(self, text: str, style: Style) -> str:
         """Return `text` coloured if colours are on; on a terminal, with control characters replaced."""
@@ -112,8 +132,15 @@ class Output:
         """Print lines over those that the last call printed."""
         if self._live_lines:
             self._write(_UP_AND_CLEAR.format(self._live_lines))
-        self.text("".join(f"{line}\n" for line in lines))
+        self.lines(lines)
         self._live_lines = len(lines)
+
+    def report(self, lines: Sequence[str], *more: str) -> None:
+        """Print lines that are updated in place on a terminal; elsewhere, with further ones below them."""
+        if self.people:
+            self.live(lines)
+        else:
+            self.lines([*lines, *more])
 
 
 def standard_output(*, json: bool) -> Output:

@@ -55,7 +55,7 @@ def notice_headers(notices: Sequence[str]) -> Mapping[str, str]:
 
 def approval_body(approval: Approval) -> dict[str, object]:
     """Return a pending request for approval as clients see it."""
-    return {"id": approval.id, "roles": approval.approvers, "seconds_left": approval.seconds_left}
+    return {"id": approval.id, "roles": approval.settings.roles, "seconds_left": approval.seconds_left}
 
 
 class Kept(ABC):

@@ -13,6 +13,8 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import datetime
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final, NamedTuple
 
@@ -214,10 +216,8 @@ class AuditFile:
 
     def _put(self, queued: list[tuple[bytes, bool]], unreported: int) -> None:
         """Write lines; the last one may be about dropped lines."""
-        while queued:
-            is_traffic = queued[0][1]
-            count = next((i for i, each in enumerate(queued) if each[1] != is_traffic), len(queued))
-            lines, queued = [line for line, _ in queued[:count]], queued[count:]
+        for is_traffic, group in groupby(queued, itemgetter(1)):
+            lines = [line for line, _ in group]
             try:
                 if self._files:
                     written = self._files[is_traffic].write(lines, self._sequence + 1)
@@ -233,7 +233,7 @@ class AuditFile:
                         logger.error(
                             "the audit cannot be written: %s: %s", self._name(is_traffic), error.strerror
                         )
-                    has_report = bool(unreported) and not queued
+                    has_report = bool(unreported) and lines[-1] is queued[-1][0]
                     self.dropped += len(lines) - has_report
                     self._unreported += unreported * has_report + len(lines) - has_report
 
@@ -276,14 +276,27 @@ def files_of(path: Path) -> list[Path]:
     return [*reversed(older), path]
 
 
+def audit_files(path: Path) -> list[Path]:
+    """Return the newest file of an audit and that of its traffic, if there is one."""
+    traffic = traffic_file(path)
+    return [path, traffic] if traffic.exists() else [path]
+
+
 def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
     """Return the lines of an audit, its traffic and their older files, oldest first; skip invalid lines.
 
     Raises:
         OSError: the newest file cannot be read.
     """
-    streams = [_lines_of(each) for each in (path, traffic_file(path)) if each == path or each.exists()]
-    return heapq.merge(*streams, key=lambda line: number_in(line, "sequence"))
+    return heapq.merge(*map(_lines_of, audit_files(path)), key=lambda line: number_in(line, "sequence"))
+
+
+def values_of(line: bytes) -> Mapping[str, object] | None:
+    """Return the members of a line; None for one that a power failure has cut."""
+    try:
+        return msgspec.json.decode(line, type=dict[str, object])
+    except msgspec.MsgspecError:
+        return None
 
 
 def number_in(line: Mapping[str, object], key: str) -> int:
@@ -295,9 +308,7 @@ def number_in(line: Mapping[str, object], key: str) -> int:
 def _lines_of(path: Path) -> Iterator[Mapping[str, object]]:
     for file in files_of(path):
         with file.open("rb") as lines:
-            for line in lines:
-                with suppress(msgspec.MsgspecError):  # Truncated by a power failure.
-                    yield msgspec.json.decode(line, type=dict[str, object])
+            yield from filter(None, map(values_of, lines))
 
 
 def _tail(path: Path) -> bytes:
@@ -313,10 +324,8 @@ def _begun_at(path: Path) -> float:
     with path.open("rb") as file:
         first = file.readline(_TAIL_BYTES) if os.fstat(file.fileno()).st_size else b""
     try:
-        return datetime.fromisoformat(
-            str(msgspec.json.decode(first, type=dict[str, object])["time"])
-        ).timestamp()
-    except (msgspec.MsgspecError, KeyError, ValueError):
+        return datetime.fromisoformat(str((values_of(first) or {}).get("time"))).timestamp()
+    except ValueError:
         return time.time()
 
 
@@ -328,7 +337,8 @@ def _last_head(path: Path) -> _Head | None:
     for file in (path, numbered(path, 1)):
         lines = _tail(file).split(b"\n")[:-1] if file.exists() else []
         for line in reversed(lines):
-            with suppress(msgspec.MsgspecError, KeyError, ValueError):
-                values = msgspec.json.decode(line, type=dict[str, object])
-                return _Head(int(str(values["line"])), number_in(values, "sequence"), hash_of(lines[-1]))
+            values = values_of(line)
+            if values is not None and isinstance(values.get("line"), int):
+                head = number_in(values, "line"), number_in(values, "sequence")
+                return _Head(*head, hash_of(lines[-1]))
     return None

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
-from rwt.access.gate.audit.file import NO_LINE, files_of, hash_of, number_in, traffic_file
+from rwt.access.gate.audit.file import NO_LINE, audit_files, files_of, hash_of, number_in, values_of
 
 #: Maximum number of findings that are kept; more are counted.
 _MAX_FINDINGS: Final = 1000
@@ -63,10 +61,7 @@ def verify_audit(path: Path, wanted_hash: str = "") -> AuditReport:
         OSError: a file cannot be read.
     """
     report = AuditReport()
-    traffic = traffic_file(path)
-    streams = [
-        _Stream(each, wanted_hash, report) for each in (path, traffic) if each == path or each.exists()
-    ]
+    streams = [_Stream(each, wanted_hash, report) for each in audit_files(path)]
     for stream in streams:
         stream.check()
     _check_sequence(path, streams, report)
@@ -102,8 +97,8 @@ class _Stream:
         self._report.heads[self._path] = (self._number, self._hash)
 
     def _check_line(self, place: Finding, data: bytes) -> None:
-        values = _values_of(data)
-        if values is not None:
+        values = values_of(data)
+        if values is not None:  # Else it is cut; the next one names its hash like that of any other.
             self._check_chain(place, values)
             self._check_restart(place, values)
             self._number = number_in(values, "line")
@@ -140,13 +135,6 @@ class _Stream:
             text = "the server started again without having closed the audit: the last lines may be missing"
             self._report.notes.append(Finding(place.file, place.line, text))
         self._is_open = decision != "closed"
-
-
-def _values_of(data: bytes) -> Mapping[str, object] | None:
-    try:
-        return msgspec.json.decode(data, type=dict[str, object])
-    except msgspec.MsgspecError:
-        return None  # A power failure cuts a line; the next one names its hash like that of any other.
 
 
 def _check_sequence(path: Path, streams: list[_Stream], report: AuditReport) -> None:

@@ -12,15 +12,19 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
 from rwt import parts
-from rwt.cli.console.output import Output, Style, standard_output
+from rwt.cli.console.output import Output, Style
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
 from rwt.cli.health import health_of
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
     USUAL_TIMEOUT,
     Arguments,
+    LocalVerb,
     add_robot_options,
-    epilog,
+    add_verb,
+    argument,
+    arguments,
+    flag,
     request_headers,
     run_async,
     tls_of,
@@ -42,6 +46,7 @@ _GUARANTEE_SECONDS: Final = 0.02
 _WRONG_SECONDS: Final = 0.5
 """Clock difference that is reported: transforms and delays are wrong by as much."""
 _STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
+
 _TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
 _NARROW_ROLE: Final = (
     "no problem for apps that need no more rights; encodings were not checked, which requires the right to"
@@ -71,35 +76,29 @@ _READABLE_TOKEN: Final = Finding(
 
 def add_doctor_command(commands: Commands) -> None:
     """Add `doctor` to the command line."""
-    parser = commands.add_parser(
-        "doctor",
-        description="Connect to a rosbridge server, this one or any other, and report what is wrong and what"
-        " to do:\nversion, clock, latency, encodings, rosapi, permissions; nodes of a ROS 1 master.",
-        epilog=epilog(
-            "rwt doctor ws://robot:9090\nrwt doctor ros1://robot:11311\nrwt doctor --stop-latency",
-            '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
-            '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
-        ),
-    )
-    parser.add_argument(
-        "target", metavar="URL", nargs="?", help="URL of the robot, like --url, or ros1://HOST:PORT"
-    )
-    parser.add_argument(
-        "--stop-latency",
-        action="store_true",
-        help="instead, measure how fast a gate on this machine stops a robot, with a server in this process",
-    )
-    add_robot_options(parser)
-    parser.set_defaults(run=_run)
+    add_verb(commands, _DOCTOR)
 
 
-def _run(arguments: Arguments) -> int:
+def _run(arguments: Arguments, output: Output) -> int:
+    """Diagnose a connection.
+
+    Connect to a rosbridge server, this one or any other, and report what is wrong and what to do:
+    version, clock, latency, encodings, rosapi, permissions; nodes of a ROS 1 master.
+
+    example:
+      rwt doctor ws://robot:9090
+      rwt doctor ros1://robot:11311
+      rwt doctor --stop-latency
+
+    --json prints:
+      {"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",
+      "text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"
+    """
     if arguments.target and arguments.url:
         raise CommandError("expected one URL: --url is the same as the argument", CALLED_WRONGLY)
     if arguments.stop_latency and (arguments.target or arguments.url):
         raise CommandError("--stop-latency is about this machine: expected no URL", CALLED_WRONGLY)
     arguments.url = arguments.target or arguments.url
-    output = standard_output(json=arguments.json)
     findings: list[Finding] = []
 
     async def program() -> None:
@@ -161,7 +160,7 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
     from rwt_transports.errors import BadUrl, ConnectError, TransportError
     from rwt_transports.schemes import carries_binary
 
-    url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
+    url, limit, token = url_of(arguments), arguments.timeout or USUAL_TIMEOUT, bool(token_of(arguments))
     try:
         tls = tls_of(arguments)
         for finding in await _over_http(url, min(limit, _PATIENCE), tls):
@@ -171,8 +170,9 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
             await check.examine(CheckContext(url, headers, tls), report)
         probe = WireProbe()
         async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
-            report(_connected(url, bool(token_of(arguments)), connection.path))
-            if token_of(arguments) and is_readable_url(url):
+            text = f"connected to {url} {connection.path}".rstrip()
+            report(Finding("connection", "ok", f"{text}; the token was accepted" if token else text))
+            if token and is_readable_url(url):
                 report(_READABLE_TOKEN)
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
@@ -181,13 +181,7 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
         raise CommandError(str(error), CALLED_WRONGLY) from error
     except TransportError as error:
         cause = error.cause if isinstance(error, ConnectError) else "other"
-        advice = _how_to_connect(cause, bool(token_of(arguments)))
-        report(Finding("connection", "problem", str(error), advice))
-
-
-def _connected(url: str, token: bool, path: str) -> Finding:
-    text = f"connected to {url}" + (f" {path}" if path else "")
-    return Finding("connection", "ok", f"{text}; the token was accepted" if token else text)
+        report(Finding("connection", "problem", str(error), _how_to_connect(cause, token)))
 
 
 async def _measure_stops(report: Callable[[Finding], None]) -> None:
@@ -234,14 +228,11 @@ def is_readable_url(url: str) -> bool:
 
 
 def _how_to_connect(cause: ConnectCause, token: bool) -> str:
-    if cause == "unauthorized":
-        advice = (
-            "the token is invalid: ask the operator of the server"
-            if token
-            else "the server requires a token: --token or RWT_TOKEN"
-        )
-        return f"{advice}; or it rejects this address or origin"
-    return _CONNECT_ADVICE[cause]
+    if cause != "unauthorized":
+        return _CONNECT_ADVICE[cause]
+    missing = "the server requires a token: --token or RWT_TOKEN"
+    advice = "the token is invalid: ask the operator of the server" if token else missing
+    return f"{advice}; or it rejects this address or origin"
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
@@ -255,14 +246,9 @@ async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> l
     if not health.running:
         return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
     if health.clients_beyond_rate:
-        return [
-            Finding(
-                "server",
-                "warning",
-                f"{state}, {health.clients_beyond_rate} of them beyond their work rate",
-                "see `rwt_client_work_seconds_total` in /metrics; raise limits.work_per_second to allow more",
-            )
-        ]
+        advice = "see `rwt_client_work_seconds_total` in /metrics; raise limits.work_per_second to allow more"
+        text = f"{state}, {health.clients_beyond_rate} of them beyond their work rate"
+        return [Finding("server", "warning", text, advice)]
     return [Finding("server", "ok", state)]
 
 
@@ -310,21 +296,23 @@ class _Examination:
             return Finding("rosapi", "problem", f"refused: {_reason(answer)}", _ROSAPI_MISSING)
         self._rosapi = True
         topics = await self._probe.call("/rosapi/topics", self._patience)
-        values = {} if topics is None else topics.op.get("values")
-        names = values.get("topics") if isinstance(values, dict) else None
+        names = None if topics is None else topics.values.get("topics")
         count = len(names) if isinstance(names, list) else 0
         return Finding("rosapi", "ok", f"answers; {count} topics")
 
     async def _look_at_version(self) -> Finding:
         answer = await self._probe.call("/rosapi/get_ros_version", self._patience)
-        values = {} if answer is None else answer.op.get("values")
-        if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
+        if (
+            answer is None
+            or answer.op.get("result") is False
+            or not isinstance(answer.op.get("values"), dict)
+        ):
             self._type = "std_msgs/String"
             return Finding("ROS", "note", "the server does not report its version, like most of ROS 1")
-        version = 1 if values.get("version", 2) == 1 else 2
+        version = 1 if answer.values.get("version", 2) == 1 else 2
         if version == 1:
             self._type = "std_msgs/String"
-        return Finding("ROS", "ok", f"ROS {version} {values.get('distro', '')!s:.100}".rstrip())
+        return Finding("ROS", "ok", f"ROS {version} {answer.values.get('distro', '')!s:.100}".rstrip())
 
     async def _look_at_time(self) -> list[Finding]:
         """Measure round trips and the clock difference, from the shortest round trip (RFC 5905 section 8)."""
@@ -356,16 +344,17 @@ class _Examination:
     # -- encodings -----------------------------------------------------------------------------------------
 
     async def _look_at_encoding(self, encoding: str) -> Finding:
+        from rwt_protocol.codecs import ENCODINGS
+
         name = f"encoding {encoding}"
-        if not self._binary and _is_binary(encoding):
+        if not self._binary and encoding in ENCODINGS and ENCODINGS[encoding].binary:
             return Finding(name, "note", "not available: this transport carries text only")
         probe, topic = self._probe, _own_topic()
-        kind = self._type
         how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
         options = {} if encoding == "json" else how
         complaints = len(probe.complaints)
-        probe.send("advertise", topic=topic, type=kind, id=topic)
-        probe.send("subscribe", topic=topic, type=kind, id=topic, **options)
+        probe.send("advertise", topic=topic, type=self._type, id=topic)
+        probe.send("subscribe", topic=topic, type=self._type, id=topic, **options)
         probe.send("publish", topic=topic, msg={"data": _TEXT})
         frame = await probe.expect(lambda frame: not frame.is_op("service_response"), self._patience)
         probe.send("unsubscribe", topic=topic, id=topic)
@@ -393,21 +382,12 @@ def encodings() -> tuple[str, ...]:
     return ("json", *(each.name for each in SELECTABLE if each.name != "none"), "fragments")
 
 
-def _is_binary(encoding: str) -> bool:
-    from rwt_protocol.codecs import ENCODINGS
-
-    return encoding in ENCODINGS and ENCODINGS[encoding].binary
-
-
 def _judge(encoding: str, frame: ReceivedFrame | None, status: str) -> tuple[Verdict, str, str]:
     """Return verdict, text and advice for the frame that followed our own message."""
     if frame is None or frame.is_op("status"):
         refused = f"refused: {status}" if status else "no message received"
-        return (
-            "problem",
-            refused,
-            "publishing and subscribing may require a token or role; see the server's log",
-        )
+        advice = "publishing and subscribing may require a token or role; see the server's log"
+        return "problem", refused, advice
     came = _encoding_of(frame)
     if came == encoding:
         return "ok", f"works, {frame.size} bytes for a message of {len(_TEXT)} characters", ""
@@ -431,15 +411,11 @@ def _reason(answer: ReceivedFrame) -> str:
 
 
 def _seconds_in(answer: ReceivedFrame) -> float | None:
-    values = answer.op.get("values")
-    time = values.get("time") if isinstance(values, dict) else None
+    time = answer.values.get("time")
     if not isinstance(time, dict):
         return None
     whole, rest = time.get("sec", time.get("secs")), time.get("nanosec", time.get("nsecs"))
-    if not isinstance(whole, int) or not isinstance(rest, int):
-        return None
-
-    return whole + rest / NANOSECONDS
+    return whole + rest / NANOSECONDS if isinstance(whole, int) and isinstance(rest, int) else None
 
 
 def _latency(trips: list[float]) -> Finding:
@@ -458,3 +434,20 @@ def _clock(ahead: float, quickest: float) -> Finding:
     text = f"{ahead:+.1f} s from this computer's"
     advice = "synchronise both with NTP; expected with simulated time (/clock, use_sim_time)"
     return Finding("clock", "warning", text, advice)
+
+
+_DOCTOR: Final = LocalVerb(
+    "doctor",
+    _run,
+    arguments(
+        argument(
+            "target", metavar="URL", nargs="?", help="URL of the robot, like --url, or ros1://HOST:PORT"
+        ),
+        flag(
+            "--stop-latency",
+            help="instead, measure how fast a gate on this machine stops a robot, with a server in this"
+            " process",
+        ),
+        add_robot_options,
+    ),
+)

@@ -37,13 +37,17 @@ class ReceivedFrame:
         encoding: name of the encoding; `none` for text.
         size: length in bytes.
         op: decoded op; empty if the encoding is unknown.
-        time: time of arrival on the event loop's clock.
     """
 
     encoding: str
     size: int
     op: Mapping[str, Any]
-    time: float
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Values of a service response; empty if the op has none."""
+        values = self.op.get("values")
+        return values if isinstance(values, dict) else {}
 
     def is_op(self, name: str, **members: object) -> bool:
         """True if this is an op of that name with these members."""
@@ -76,7 +80,8 @@ class WireProbe:
         of_binary = (each for each in SELECTABLE if first and first in each.first_bytes)
         encoding = next(of_binary, ENCODINGS["none"])
         op = _decoded(data, encoding.codec and encoding.codec())
-        frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
+        frame = ReceivedFrame(encoding.name, len(data), op)
+
         if frame.is_op("status") and len(self.complaints) < _COMPLAINTS:
             self.complaints.append(str(frame.op.get("msg", ""))[:_COMPLAINT_CHARS])
         self._received.append(frame)

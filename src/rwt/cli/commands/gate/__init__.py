@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.cli.console.output import Output
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_verb, seconds
+from rwt.cli.verbs import Arguments, Verb, add_verb, argument, arguments, flag, seconds
 from rwt_participant.errors import ProviderNotFound
 
 if TYPE_CHECKING:
@@ -37,55 +36,53 @@ async def _ask_gate(robot: Robot, service: str, type: str, request: MessageLike)
     try:
         answer: Any = await robot.call(service, request, type)
     except ProviderNotFound:
-        raise CommandError(
-            f"this robot has no gate ({service} not found): set gate.rules on its server"
-        ) from None
+        raise _no_gate(service) from None
     if not answer.success:
         raise CommandError(answer.message)
     return str(answer.message)
 
 
-def _stop_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--release", action="store_true", help="release the stop, if the role of the token may do so"
-    )
-    parser.add_argument(
-        "--reason", default="", metavar="TEXT", help="reason, for the audit log and other clients"
-    )
+def _no_gate(name: str) -> CommandError:
+    return CommandError(f"this robot has no gate ({name} not found): set gate.rules on its server")
 
 
 async def _stop(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Press the emergency stop (software: not a safety function).
+
+    example:
+      rwt stop --reason 'somebody is in the way'
+      rwt stop --release
+
+    --json prints:
+      {"stopped": true, "message": "stopped; …"}
+    """
     service = "/gate/release_stop" if arguments.release else "/gate/stop"
     said = await _ask_gate(robot, service, "rwt_gate_msgs/Stop", {"reason": arguments.reason})
-    if output.json:
-        output.record({"stopped": not arguments.release, "message": said})
-    else:
-        output.line(said)
+    output.answer({"stopped": not arguments.release, "message": said}, said)
 
 
 _STOP: Final = Verb(
     "stop",
-    "press the emergency stop (software: not a safety function)",
     _stop,
-    "rwt stop --reason 'somebody is in the way'\nrwt stop --release",
-    '{"stopped": true, "message": "stopped; …"}',
-    _stop_arguments,
+    arguments(
+        flag("--release", help="release the stop, if the role of the token may do so"),
+        argument("--reason", default="", metavar="TEXT", help="reason, for the audit log and other clients"),
+    ),
 )
 
 
-def _approve_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", metavar="ID", nargs="?", help="request to answer (default: list all requests)")
-    parser.add_argument("--no", action="store_true", help="reject the request")
-    parser.add_argument(
-        "--for",
-        dest="lasts",
-        type=seconds,
-        metavar="SECONDS",
-        help="approve the same client and name for this long (default: this request only)",
-    )
-
-
 async def _approve(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """List or answer requests for approval.
+
+    example:
+      rwt approve
+      rwt approve 7
+      rwt approve 7 --for 600
+      rwt approve 7 --no
+
+    --json prints:
+      [{"id": "7", "act": "call", "name": "/blink", …}], or {"id": "7", "approved": true, "message": "…"}
+    """
     if arguments.id is None:
         if arguments.no or arguments.lasts:
             raise CommandError("--no and --for require the ID of a request", CALLED_WRONGLY)
@@ -95,15 +92,12 @@ async def _approve(robot: Robot, arguments: Arguments, output: Output) -> None:
         raise CommandError("--for cannot be combined with --no", CALLED_WRONGLY)
     request = {"id": arguments.id, "approve": not arguments.no, "seconds": arguments.lasts or 0.0}
     said = await _ask_gate(robot, "/gate/approve", "rwt_gate_msgs/Approve", request)
-    if output.json:
-        output.record({"id": arguments.id, "approved": not arguments.no, "message": said})
-    else:
-        output.line(said)
+    output.answer({"id": arguments.id, "approved": not arguments.no, "message": said}, said)
 
 
 async def _list(robot: Robot, output: Output) -> None:
     if not await robot.api.publishers(_APPROVALS):
-        raise CommandError(f"this robot has no gate ({_APPROVALS} not found): set gate.rules on its server")
+        raise _no_gate(_APPROVALS)
     waiting: Any = await robot.once(_APPROVALS, "rwt_gate_msgs/Approvals")
     if output.json:
         names = ("id", "act", "name", "rule", "client", "role", "content", "seconds", "remember_seconds")
@@ -121,9 +115,16 @@ async def _list(robot: Robot, output: Output) -> None:
 
 _APPROVE: Final = Verb(
     "approve",
-    "list or answer requests for approval",
     _approve,
-    "rwt approve\nrwt approve 7\nrwt approve 7 --for 600\nrwt approve 7 --no",
-    '[{"id": "7", "act": "call", "name": "/blink", …}], or {"id": "7", "approved": true, "message": "…"}',
-    _approve_arguments,
+    arguments(
+        argument("id", metavar="ID", nargs="?", help="request to answer (default: list all requests)"),
+        flag("--no", help="reject the request"),
+        argument(
+            "--for",
+            dest="lasts",
+            type=seconds,
+            metavar="SECONDS",
+            help="approve the same client and name for this long (default: this request only)",
+        ),
+    ),
 )

@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 import fnmatch
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.cli.console.output import Output, Style, standard_output
-from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.parser import Commands, add_commands
-from rwt.cli.verbs import epilog
+from rwt.cli.console.output import Output, Style
+from rwt.cli.errors import FAILED, cannot_read
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import JSON_OPTION, Arguments, LocalVerb, add_family, argument, arguments
 
 if TYPE_CHECKING:
     from rwt.access.gate.audit.verification import AuditReport, Finding
@@ -26,44 +26,34 @@ _UNITS: Final = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days"}
 
 def add_audit_command(commands: Commands) -> None:
     """Add `audit` to the command line."""
-    parser = commands.add_parser("audit", description="Read and verify the audit log of a robot's gate.")
-    verbs = add_commands(parser)
-    _add_show(verbs)
-    _add_verify(verbs)
+    add_family(commands, "audit", "Read and verify the audit log of a robot's gate.", VERBS)
 
 
-def _add_verify(commands: Commands) -> None:
-    parser = commands.add_parser(
-        "verify",
-        help="check that no line was changed, inserted or removed",
-        description="Check the hash chain of an audit log, with its traffic and its older files. Exit code 1:"
-        " a line was changed, inserted or removed.\nNot detected: removal of the newest lines of all files,"
-        " and of the oldest ones; a chain that was computed anew.\nFor these, keep the hash that is printed"
-        " (or logged by the server) elsewhere, and pass it with --hash.",
-        epilog=epilog(
-            "rwt audit verify audit.jsonl\nrwt audit verify audit.jsonl --hash 9f86d081…",
-            '{"ok": false, "lines": 812, "faults": [{"file": "audit.jsonl", "line": 7, "text": "…"}],\n'
-            '"notes": […], "heads": {"audit.jsonl": {"line": 790, "hash": "…"}, …}}',
-        ),
-    )
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="newest file of a log")
-    parser.add_argument(
-        "--hash", default="", metavar="HASH", help="hash of a line that the log has to contain"
-    )
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    parser.set_defaults(run=_verify)
+def _verify(arguments: Arguments, output: Output) -> int:
+    """Check that no line was changed, inserted or removed.
 
+    The hash chain of the log is checked, with its traffic and its older files.
+    Exit code 1: a line was changed, inserted or removed.
+    Not detected: removal of the newest lines of all files, and of the oldest ones; a chain that was computed
+    anew. For these, keep the hash that is printed (or logged by the server) elsewhere, and pass it with
+    --hash.
 
-def _verify(arguments: argparse.Namespace) -> int:
+    example:
+      rwt audit verify audit.jsonl
+      rwt audit verify audit.jsonl --hash 9f86d081…
+
+    --json prints:
+      {"ok": false, "lines": 812, "faults": [{"file": "audit.jsonl", "line": 7, "text": "…"}],
+      "notes": […], "heads": {"audit.jsonl": {"line": 790, "hash": "…"}, …}}
+    """
     from rwt.access.gate.audit.verification import Finding, verify_audit  # `--help` does not need it
 
-    output = standard_output(json=arguments.json)
     is_intact = True
     for path in arguments.files:
         try:
             report = verify_audit(path, arguments.hash)
         except OSError as error:
-            raise _unreadable(path, error) from error
+            raise cannot_read(path, error) from error
         if arguments.hash and not report.has_line:
             report.add_fault(Finding(path, 0, f"no line has the hash {_escaped(arguments.hash[:64])}"))
         is_intact = is_intact and not report.faults
@@ -92,53 +82,6 @@ def _print_report(report: AuditReport, output: Output) -> None:
     output.line(f"{report.lines} lines, {len(report.faults)} faults")
 
 
-def _unreadable(path: Path, error: OSError) -> CommandError:
-    return CommandError(f"{path}: cannot be read: {error.strerror}", CALLED_WRONGLY)
-
-
-def _add_show(commands: Commands) -> None:
-    parser = commands.add_parser(
-        "show",
-        help="print the lines of an audit log, including its older files",
-        description="Print the lines of an audit log (gate.audit.file), its traffic and their older files,"
-        " oldest first.",
-        epilog=epilog(
-            "rwt audit show audit.jsonl\n"
-            "rwt audit show audit.jsonl --decision refused --since 1h\n"
-            "rwt audit show audit.jsonl --name '/cmd_*' --role agent",
-            '{"sequence": 7, "line": 5, "time": "…Z", "decision": "refused", "act": "publish", …}',
-        ),
-    )
-    parser.add_argument("file", type=Path, metavar="FILE", help="newest file of the log")
-    parser.add_argument(
-        "--decision",
-        metavar="WORD",
-        help="only lines with this decision, for example allowed, refused, 'would refuse', lease or stop",
-    )
-    parser.add_argument(
-        "--act", metavar="WORD", help="only lines of this act, for example publish, call, goal or set_param"
-    )
-    parser.add_argument(
-        "--name", metavar="GLOB", help="only lines about this topic, service, action or parameter"
-    )
-    parser.add_argument("--client", metavar="NAME", help="only lines of this client, for example rosbridge:3")
-    parser.add_argument("--role", metavar="NAME", help="only lines of clients with this role")
-    parser.add_argument(
-        "--credential", metavar="NAME", help="only lines of clients with this token, by its name"
-    )
-    parser.add_argument(
-        "--rule", metavar="GLOB", help="only lines decided by this rule, for example gate.rules.drive*"
-    )
-    parser.add_argument(
-        "--since",
-        type=_since,
-        metavar="WHEN",
-        help="only lines since 90s, 10m, 2h or 3d ago, or a time such as 2026-01-31T12:00Z",
-    )
-    parser.add_argument("--json", action="store_true", help="print the lines as JSON")
-    parser.set_defaults(run=_run)
-
-
 def _since(text: str) -> datetime:
     ago = _AGO.fullmatch(text)
     try:
@@ -152,35 +95,39 @@ def _since(text: str) -> datetime:
     return moment if moment.tzinfo else moment.astimezone()
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _show(arguments: Arguments, output: Output) -> None:
+    """Print the lines of an audit log, including its older files.
+
+    The log is gate.audit.file, with its traffic; the oldest lines come first.
+
+    example:
+      rwt audit show audit.jsonl
+      rwt audit show audit.jsonl --decision refused --since 1h
+      rwt audit show audit.jsonl --name '/cmd_*' --role agent
+
+    --json prints:
+      {"sequence": 7, "line": 5, "time": "…Z", "decision": "refused", "act": "publish", …}
+    """
     from rwt.access.gate.audit.file import read_audit  # `--help` does not need it
 
-    output = standard_output(json=arguments.json)
     try:
-        for line in _selected(read_audit(arguments.file), arguments):
-            _print(line, output)
+        for line in read_audit(arguments.file):
+            if _is_selected(line, arguments):
+                _print(line, output)
     except OSError as error:
-        raise _unreadable(arguments.file, error) from error
-    return 0
+        raise cannot_read(arguments.file, error) from error
 
 
-def _selected(
-    lines: Iterator[Mapping[str, object]], arguments: argparse.Namespace
-) -> Iterator[Mapping[str, object]]:
-    exact = {
-        key: value
-        for key in ("decision", "act", "client", "role", "credential")
-        if (value := getattr(arguments, key)) is not None
-    }
-    globs = {key: value for key in ("name", "rule") if (value := getattr(arguments, key)) is not None}
-    for line in lines:
-        if any(line.get(key) != value for key, value in exact.items()):
-            continue
-        if any(not fnmatch.fnmatchcase(str(line.get(key, "")), glob) for key, glob in globs.items()):
-            continue
-        if arguments.since is not None and not _is_after(line, arguments.since):
-            continue
-        yield line
+def _is_selected(line: Mapping[str, object], arguments: Arguments) -> bool:
+    if arguments.since is not None and not _is_after(line, arguments.since):
+        return False
+    given = {key: value for key in _FILTERS if (value := getattr(arguments, key)) is not None}
+    return all(
+        fnmatch.fnmatchcase(str(line.get(key, "")), value)
+        if _FILTERS[key][0] == "GLOB"
+        else line.get(key) == value
+        for key, value in given.items()
+    )
 
 
 def _is_after(line: Mapping[str, object], since: datetime) -> bool:
@@ -216,3 +163,45 @@ def _field(value: object) -> str:
 def _escaped(text: str) -> str:
     """Return a text on one line, without commands for a terminal."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+_FILTERS: Final = {
+    "decision": ("WORD", "with this decision, for example allowed, refused, 'would refuse', lease or stop"),
+    "act": ("WORD", "of this act, for example publish, call, goal or set_param"),
+    "name": ("GLOB", "about this topic, service, action or parameter"),
+    "client": ("NAME", "of this client, for example rosbridge:3"),
+    "role": ("NAME", "of clients with this role"),
+    "credential": ("NAME", "of clients with this token, by its name"),
+    "rule": ("GLOB", "decided by this rule, for example gate.rules.drive*"),
+}
+"""Options of `rwt audit show` that select lines, by the key of a line: metavar and help."""
+
+VERBS: Final = (
+    LocalVerb(
+        "show",
+        _show,
+        arguments(
+            argument("file", type=Path, metavar="FILE", help="newest file of the log"),
+            *(
+                argument(f"--{key}", metavar=metavar, help=f"only lines {which}")
+                for key, (metavar, which) in _FILTERS.items()
+            ),
+            argument(
+                "--since",
+                type=_since,
+                metavar="WHEN",
+                help="only lines since 90s, 10m, 2h or 3d ago, or a time such as 2026-01-31T12:00Z",
+            ),
+            JSON_OPTION,
+        ),
+    ),
+    LocalVerb(
+        "verify",
+        _verify,
+        arguments(
+            argument("files", type=Path, nargs="+", metavar="FILE", help="newest file of a log"),
+            argument("--hash", default="", metavar="HASH", help="hash of a line that the log has to contain"),
+            JSON_OPTION,
+        ),
+    ),
+)

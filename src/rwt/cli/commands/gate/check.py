@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.message_argument import read_message, read_value
-from rwt.cli.console.output import Output, Style, standard_output
+from rwt.cli.console.output import Output, Style
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.parser import Commands, add_commands
-from rwt.cli.verbs import epilog
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import JSON_OPTION, Arguments, LocalVerb, add_family, argument, arguments
 
 if TYPE_CHECKING:
     from rwt.access.roles import Role
@@ -21,83 +21,15 @@ if TYPE_CHECKING:
     from rwt.cli.commands.gate.trial import Outcome
     from rwt.settings import LoadedSettings
 
-VERBS: Final = ("publish", "subscribe", "call", "goal", "set_param", "get_param", "provide")
+REQUESTS: Final = ("publish", "subscribe", "call", "goal", "set_param", "get_param", "provide")
+
 _WITH_MESSAGE: Final = ("publish", "call", "goal", "set_param")
 _STYLES: Final[dict[str, Style]] = {"allowed": "good", "changed": "warning", "denied": "bad"}
 
 
 def add_gate_command(commands: Commands) -> None:
     """Add `gate` to the command line."""
-    parser = commands.add_parser(
-        "gate", description="Explain and check the roles and gate rules of a server."
-    )
-    verbs = add_commands(parser)
-    _add_explain(verbs)
-    _add_check(verbs)
-
-
-def _add_file(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "config", type=Path, metavar="CONFIG", help="TOML file with the settings of the server"
-    )
-
-
-def _add_explain(commands: Commands) -> None:
-    parser = commands.add_parser(
-        "explain",
-        help="print who may do what, with the rules that apply",
-        description="Print what each role may do, with the gate rules that apply. Everything else is denied.",
-        epilog=epilog(
-            "rwt gate explain robot.toml\nrwt gate explain robot.toml --role operator",
-            '[{"role": "operator", "verb": "publish", "resource": "/cmd_vel", "rules": ["drive"],\n'
-            '"limits": "lease 0.5 s, linear.x -0.3 to 0.8 (clamp)", "places": ["robot.toml:5"]}, …]',
-        ),
-    )
-    _add_file(parser)
-    parser.add_argument("--role", metavar="NAME", help="only this role")
-    parser.add_argument("--json", action="store_true", help="print the table as JSON")
-    parser.set_defaults(run=_explain)
-
-
-def _add_check(commands: Commands) -> None:
-    parser = commands.add_parser(
-        "check",
-        help="decide one request as a server with this configuration would",
-        description="Decide one request as a server with this configuration would, at rest:\n"
-        "no lease is held, nothing is approved, and no stop is pressed.\n"
-        "Exit code 0: allowed, perhaps with changed values; 1: denied, or needs approval; 2: incorrect use.",
-        epilog=epilog(
-            "rwt gate check robot.toml --as phone publish /cmd_vel '{linear: {x: 2}}'"
-            " --type geometry_msgs/msg/Twist\n"
-            "rwt gate check robot.toml --role viewer call /reset --type std_srvs/srv/Trigger",
-            '{"decision": "denied", "text": "linear.x: expected -0.3 to 0.8, got 2 (…)", "role": "op",\n'
-            '"rule": "gate.rules.drive.fields", "place": "robot.toml:11", "credential": "phone",\n'
-            '"rules": {"gate.rules.drive": "robot.toml:5"}, "sent": ""}',
-        ),
-    )
-    _add_file(parser)
-    parser.add_argument(
-        "--as",
-        dest="token",
-        metavar="TOKEN",
-        help="name of a token in auth.tokens, or the token (default: a client without credentials)",
-    )
-    parser.add_argument("--role", metavar="NAME", help="a client with this role, instead of --as")
-    parser.add_argument("verb", choices=VERBS, metavar="VERB", help=f"one of {', '.join(VERBS)}")
-    parser.add_argument("name", metavar="NAME", help="topic, service, action or parameter")
-    parser.add_argument(
-        "message",
-        metavar="MESSAGE",
-        nargs="?",
-        help="message, request or goal as YAML or JSON (default: zeros)",
-    )
-    parser.add_argument(
-        "--type",
-        metavar="TYPE",
-        help="type of the topic, service or action, for example geometry_msgs/msg/Twist",
-    )
-    parser.add_argument("--json", action="store_true", help="print the decision as JSON")
-    parser.set_defaults(run=_check)
+    add_family(commands, "gate", "Explain and check the roles and gate rules of a server.", VERBS)
 
 
 def _load(path: Path) -> LoadedSettings:
@@ -113,7 +45,21 @@ def _load(path: Path) -> LoadedSettings:
 # -- check -------------------------------------------------------------------------------------------------
 
 
-def _check(arguments: argparse.Namespace) -> int:
+def _check(arguments: Arguments, output: Output) -> int:
+    """Decide one request as a server with this configuration would.
+
+    At rest: no lease is held, nothing is approved, and no stop is pressed.
+    Exit code 0: allowed, perhaps with changed values; 1: denied, or needs approval; 2: incorrect use.
+
+    example:
+      rwt gate check robot.toml --as phone publish /cmd_vel '{linear: {x: 2}}' --type geometry_msgs/msg/Twist
+      rwt gate check robot.toml --role viewer call /reset --type std_srvs/srv/Trigger
+
+    --json prints:
+      {"decision": "denied", "text": "linear.x: expected -0.3 to 0.8, got 2 (…)", "role": "op",
+      "rule": "gate.rules.drive.fields", "place": "robot.toml:11", "credential": "phone",
+      "rules": {"gate.rules.drive": "robot.toml:5"}, "sent": ""}
+    """
     from rwt.cli.commands.gate.trial import Trial  # `--help` does not need a graph
 
     if arguments.token is not None and arguments.role is not None:
@@ -128,7 +74,6 @@ def _check(arguments: argparse.Namespace) -> int:
     trial = Trial(loaded.settings)
     role = trial.role_of(arguments.token, arguments.role)
     outcome = trial.decide(role, arguments.verb, arguments.name, message, arguments.type)
-    output = standard_output(json=arguments.json)
     _print(outcome, loaded, output)
     return 0 if outcome.decision in ("allowed", "changed") else FAILED
 
@@ -137,18 +82,7 @@ def _print(outcome: Outcome, loaded: LoadedSettings, output: Output) -> None:
     place = loaded.place(tuple(outcome.rule.split("."))) if outcome.rule else ""
     places = {rule: loaded.place(tuple(rule.split("."))) for rule in outcome.rules}
     if output.json:
-        output.record(
-            {
-                "decision": outcome.decision,
-                "text": outcome.text,
-                "rule": outcome.rule,
-                "place": place,
-                "role": outcome.role,
-                "credential": outcome.credential,
-                "rules": places,
-                "sent": outcome.sent,
-            }
-        )
+        output.record({**asdict(outcome), "place": place, "rules": places})
         return
     who = f"role {outcome.role or 'none'}" + (f", token {outcome.credential}" if outcome.credential else "")
     output.line(f"{output.styled(outcome.decision, _STYLES.get(outcome.decision, 'warning'))} ({who})")
@@ -165,7 +99,19 @@ def _print(outcome: Outcome, loaded: LoadedSettings, output: Output) -> None:
 # -- explain -----------------------------------------------------------------------------------------------
 
 
-def _explain(arguments: argparse.Namespace) -> int:
+def _explain(arguments: Arguments, output: Output) -> None:
+    """Print who may do what, with the rules that apply.
+
+    Everything else is denied.
+
+    example:
+      rwt gate explain robot.toml
+      rwt gate explain robot.toml --role operator
+
+    --json prints:
+      [{"role": "operator", "verb": "publish", "resource": "/cmd_vel", "rules": ["drive"],
+      "limits": "lease 0.5 s, linear.x -0.3 to 0.8 (clamp)", "places": ["robot.toml:5"]}, …]
+    """
     from rwt.access.roles import roles
 
     loaded = _load(arguments.config)
@@ -176,10 +122,9 @@ def _explain(arguments: argparse.Namespace) -> int:
         )
     wanted = [known[arguments.role]] if arguments.role else list(known.values())
     rows = [row for role in wanted for row in _rows(loaded, role)]
-    output = standard_output(json=arguments.json)
     if output.json:
         output.record(rows)
-        return 0
+        return
     table = [("ROLE", "VERB", "RESOURCE", "RULES", "LIMITS")]
     for row in rows:
         rules = [f"{rule} ({place})" for rule, place in zip(row["rules"], row["places"], strict=True)]
@@ -189,7 +134,6 @@ def _explain(arguments: argparse.Namespace) -> int:
     output.columns(table, ("name", None, "type", None, None))
     for line in _credentials(loaded):
         output.line(output.escape_terminal(line))
-    return 0
 
 
 def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str] | str]]:
@@ -279,3 +223,44 @@ def _credentials(loaded: LoadedSettings) -> Iterator[str]:
     yield f"without credentials: {f'role {role}' if role else 'refused'}"
     if loaded.settings.gate.mode == "observe":
         yield "the gate only observes (gate.mode): nothing is denied by a rule"
+
+
+_CONFIG: Final = argument(
+    "config", type=Path, metavar="CONFIG", help="TOML file with the settings of the server"
+)
+
+VERBS: Final = (
+    LocalVerb(
+        "explain",
+        _explain,
+        arguments(_CONFIG, argument("--role", metavar="NAME", help="only this role"), JSON_OPTION),
+    ),
+    LocalVerb(
+        "check",
+        _check,
+        arguments(
+            _CONFIG,
+            argument(
+                "--as",
+                dest="token",
+                metavar="TOKEN",
+                help="name of a token in auth.tokens, or the token (default: a client without credentials)",
+            ),
+            argument("--role", metavar="NAME", help="a client with this role, instead of --as"),
+            argument("verb", choices=REQUESTS, metavar="VERB", help=f"one of {', '.join(REQUESTS)}"),
+            argument("name", metavar="NAME", help="topic, service, action or parameter"),
+            argument(
+                "message",
+                metavar="MESSAGE",
+                nargs="?",
+                help="message, request or goal as YAML or JSON (default: zeros)",
+            ),
+            argument(
+                "--type",
+                metavar="TYPE",
+                help="type of the topic, service or action, for example geometry_msgs/msg/Twist",
+            ),
+            JSON_OPTION,
+        ),
+    ),
+)

@@ -17,8 +17,10 @@ from rwt.access.settings import SettingsError
 from rwt.cli.commands.config import add_settings_options, settings_of
 from rwt.cli.console.logs import add_log_options, log_to_stderr, name_worker
 from rwt.cli.console.output import reported
-from rwt.cli.errors import CommandError
-from rwt.declarations import NodePart, RecorderPart
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import argument, arguments, flag
+from rwt.declarations import NodePart, RecorderPart, RecordingRequest
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.schemes import url_forms
 
@@ -48,83 +50,68 @@ examples:
 """
 
 
-def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `serve` to the command line."""
-    parser = commands.add_parser(
-        "serve",
-        description=__doc__,
-        epilog=_EXAMPLES,
-    )
-    _add_listener_options(parser)
-    _add_robot_options(parser)
-    recorder = _recorder()
-    if recorder is not None:
-        recorder.add_options(parser)
-    parser.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
-        " requires Linux and the extra zenoh",
-    )
-    parser.add_argument(
-        "--gate",
-        choices=("enforce", "observe"),
-        help="enforce the rules under `gate`, or only log what they would reject",
-    )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="check the settings and files that they name, without serving",
-    )
-    _add_graph_options(parser)
-    _add_options_of_parts(parser)
-    add_settings_options(parser)
-    add_log_options(parser)
-    parser.set_defaults(run=_run)
-
-
-def _add_listener_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+_OPTIONS: Final = arguments(
+    argument(
         "url",
         nargs="*",
         metavar="URL",
         help=f"where to listen: {url_forms()} (default ws://127.0.0.1:9090; port 0 picks one)",
-    )
-    parser.add_argument(
+    ),
+    argument(
         "--tls",
         choices=("auto",),
         help="create and keep a certificate for the addresses of this machine; the default URL is then"
         " wss://127.0.0.1:9090 (requires the extra tls)",
-    )
-
-
-def _add_robot_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    ),
+    argument(
         "--script",
         type=Path,
         metavar="FILE",
         help="add a robot scripted in a .toml or .py file, for tests of apps",
-    )
-    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution (default jazzy)")
-    parser.add_argument(
+    ),
+    argument("--distro", choices=sorted(DISTROS), help="ROS distribution (default jazzy)"),
+    argument(
         "--interfaces",
         action="append",
         type=Path,
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
-    )
-
-
-def _add_graph_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    ),
+    argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
+        " requires Linux and the extra zenoh",
+    ),
+    argument(
+        "--gate",
+        choices=("enforce", "observe"),
+        help="enforce the rules under `gate`, or only log what they would reject",
+    ),
+    flag("--check", help="check the settings and files that they name, without serving"),
+    argument(
         "--graph",
         action="append",
         metavar="{memory,zenoh,ros2,ros1://HOST:PORT}",
         help="keep the graph in this process (default), connect it to others over Zenoh, join the"
         " installed ROS 2, or join a ROS 1 master (`ros1`: that of ROS_MASTER_URI); further ones are bridged"
         " with the first, which clients use",
-    )
+    ),
+)
+
+
+def add_serve_command(commands: Commands) -> None:
+    """Add `serve` to the command line."""
+    parser = commands.add_parser("serve", description=__doc__, epilog=_EXAMPLES)
+    _OPTIONS(parser)
+    recorder = _recorder()
+    if recorder is not None:
+        recorder.add_options(parser)
+    _add_options_of_parts(parser)
+    add_settings_options(parser)
+    add_log_options(parser)
+    parser.set_defaults(run=_run)
 
 
 _OPTION: Final = "setting:"
@@ -185,14 +172,15 @@ def _run(arguments: argparse.Namespace) -> int:
     with command_errors():
         settings = _settings(arguments).settings
         recorder = _recorder()
-        recording = None if recorder is None else recorder.request(arguments)
+        asked = None if recorder is None else recorder.request(arguments)
+        recording = asked or RecordingRequest(None, None, False)
         server = Server(
             settings=settings,
             reload=read_again,
             script=arguments.script,
-            record=recording.file if recording else None,
-            record_options=recording.options if recording else None,
-            introspection=recording.introspection if recording else False,
+            record=recording.file,
+            record_options=recording.options,
+            introspection=recording.introspection,
         )
         if arguments.check:
             _check(settings)
@@ -225,7 +213,7 @@ def command_errors() -> Iterator[None]:
     except (TransportError, RobotError, ServerError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
-        raise CommandError(str(error), exit_code=2) from error
+        raise CommandError(str(error), CALLED_WRONGLY) from error
 
 
 def _in_worker(number: int, serve: Callable[[], None]) -> int:

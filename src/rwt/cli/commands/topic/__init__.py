@@ -68,7 +68,7 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 VERBS = (
     TOPIC.list_verb(_show_verbose_list, ' with -v also the\nnumbers of "publishers" and "subscribers";'),
     TOPIC.info_verb(
-        "print a topic's type, publishers and subscribers",
+        "Print a topic's type, publishers and subscribers.",
         _ask_info,
         _show_info,
         '{"name": "/odom", "type": "nav_msgs/msg/Odometry", "publishers": ["/demo_robot"],\n'

@@ -15,7 +15,7 @@ from rwt.cli.console.message_format import Formatting, csv_line, field_path, pla
 from rwt.cli.console.output import Output
 from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
+from rwt.cli.verbs import Arguments, Verb, add_times, count_or_none, hertz, rounds
 from rwt_participant.errors import TimedOut
 
 if TYPE_CHECKING:
@@ -54,11 +54,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
     """Add the options for printing messages, and return the group of the mutually exclusive formats."""
-    how_many = parser.add_mutually_exclusive_group()
-    how_many.add_argument(
-        "--once", action="store_const", const=1, dest="times", help="stop after one message"
-    )
-    how_many.add_argument("-n", "--times", type=count, metavar="N", help="stop after N messages")
+    add_times(parser, "stop after one message", "stop after N messages")
     parser.add_argument(
         "--field", metavar="PATH", help="only print this field, for example pose.pose.position.x"
     )
@@ -92,6 +88,15 @@ def expression(text: str) -> CodeType:
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Print the messages of a topic.
+
+    example:
+      rwt topic echo /odom --field pose.pose.position --once
+
+    --json prints:
+      one line for each message: the message as rosbridge sends it (octets as base64, NaN as null), or the
+      value of --field; with --raw its octets in base64
+    """
     name = absolute_name(arguments.topic)
     kind = arguments.type or await TOPIC.known(robot, name)
     if arguments.raw:
@@ -118,18 +123,19 @@ async def echo_messages(
         options["throttle"] = 1 / arguments.max_rate
     message_type = await robot.types.message(kind)
     show = _printer(message_type, arguments, output)
-    printed = 0
     async with robot.topic(name, kind, **options) as messages:
-        while printed != arguments.times:
-            is_other = False
+        for _ in rounds(arguments.times):
+            happened = "came"
             with anyio.move_on_after(arguments.timeout) as patience:
                 while not passes(message := await messages.get()):
-                    is_other = True
+                    happened = "matched --filter"
             if patience.cancelled_caught:
-                which = " matched --filter" if is_other else " came"
-                raise TimedOut(f"no message{which} on {name} within {arguments.timeout:g} s")
+                raise _silence(happened, name, arguments)
             show(message)
-            printed += 1
+
+
+def _silence(happened: str, name: str, arguments: Arguments) -> TimedOut:
+    return TimedOut(f"no message {happened} on {name} within {arguments.timeout:g} s")
 
 
 def _passes(code: CodeType | None) -> Callable[[Any], bool]:
@@ -158,16 +164,14 @@ async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, ou
         come.set()
 
     subscription = await robot.subscribe_raw(name, hear, kind)
-    printed = 0
-    while printed != arguments.times:
+    for _ in rounds(arguments.times):
         if not arrived:
             come = anyio.Event()
             with anyio.move_on_after(arguments.timeout) as patience:
                 await come.wait()
             if patience.cancelled_caught:
-                raise TimedOut(f"no message came on {name} within {arguments.timeout:g} s")
+                raise _silence("came", name, arguments)
         data = arrived.popleft()
-        printed += 1
         if output.json:
             output.record(pybase64.b64encode(data).decode())
         else:
@@ -179,7 +183,14 @@ def _printer(message_type: MessageType, arguments: Arguments, output: Output) ->
     from rwt.cli.console.plot import Plot
     from rwt.cli.console.yaml_text import block, flow
 
-    formatting = _formatting(arguments, output)
+    is_plot = getattr(arguments, "plot", False)
+    is_whole = arguments.full_length or arguments.csv or output.json or is_plot
+    formatting = Formatting(
+        arrays=not arguments.no_arr,
+        strings=not arguments.no_str,
+        longest=None if is_whole else arguments.truncate_length,
+        json=output.json,
+    )
     path = field_path(message_type, arguments.field) if arguments.field else None
 
     def value_of(message: Any) -> YamlValue:
@@ -187,16 +198,12 @@ def _printer(message_type: MessageType, arguments: Arguments, output: Output) ->
             return plain(message_type, message, formatting)
         return plain_value(path.field_type, path.of(message), formatting)
 
-    plot = Plot() if getattr(arguments, "plot", False) and not output.json else None
+    plot = Plot() if is_plot and not output.json else None
 
     def show(message: Any) -> None:
         value = value_of(message)
         if plot is not None:
-            lines = [output.escape_terminal(line) for line in plot.lines(value)]
-            if output.people:
-                output.live(lines)
-            else:
-                output.text("".join(f"{line}\n" for line in (*lines, "---")))
+            output.report([output.escape_terminal(line) for line in plot.lines(value)], "---")
         elif output.json:
             output.record(value)
         elif arguments.csv:
@@ -209,27 +216,7 @@ def _printer(message_type: MessageType, arguments: Arguments, output: Output) ->
     return show
 
 
-def _formatting(arguments: Arguments, output: Output) -> Formatting:
-    whole = arguments.full_length or arguments.csv or output.json or getattr(arguments, "plot", False)
-    return Formatting(
-        arrays=not arguments.no_arr,
-        strings=not arguments.no_str,
-        longest=None if whole else arguments.truncate_length,
-        json=output.json,
-    )
-
-
-ECHO = Verb(
-    "echo",
-    "print the messages of a topic",
-    _echo,
-    "rwt topic echo /odom --field pose.pose.position --once",
-    "one line for each message: the message as rosbridge sends it (octets as base64, NaN as null), or the\n"
-    "value of --field; with --raw its octets in base64",
-    _arguments,
-    definitions=True,
-    until_interrupted=True,
-)
+ECHO = Verb("echo", _echo, _arguments, definitions=True, until_interrupted=True)
 
 
 _POLICIES = {

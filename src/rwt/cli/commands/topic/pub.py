@@ -15,7 +15,7 @@ from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC, absolute_name, ask_rosapi
 from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
-from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
+from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, rounds, seconds_or_none
 from rwt_participant.errors import CallTimeout, RobotError
 from rwt_participant.messages import to_payload
 
@@ -63,6 +63,15 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Publish on a topic.
+
+    example:
+      rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.2}}'
+      rwt topic pub -r 10 /cmd_vel geometry_msgs/msg/Twist '{angular: {z: 1.0}}'     until Ctrl-C
+
+    --json prints:
+      one line for each message: {"topic": "/cmd_vel", "number": 1, "message": {…}}
+    """
     from rwt_client import MessageRejected
 
     name = absolute_name(arguments.topic)
@@ -123,14 +132,11 @@ def _publish(
 
 async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
     due = anyio.current_time()
-    number = 0
-    while True:
-        number += 1
+    for number in rounds(times):
         yield number
-        if number == times:
-            return
-        due = max(due + 1 / rate, anyio.current_time())
-        await anyio.sleep_until(due)
+        if number != times:
+            due = max(due + 1 / rate, anyio.current_time())
+            await anyio.sleep_until(due)
 
 
 async def _wait_for_subscribers(robot: Robot, publisher: RemotePublisher, arguments: Arguments) -> None:
@@ -151,14 +157,4 @@ async def _wait_for_subscribers(robot: Robot, publisher: RemotePublisher, argume
     )
 
 
-PUB = Verb(
-    "pub",
-    "publish on a topic",
-    _pub,
-    "rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.2}}'\n"
-    "rwt topic pub -r 10 /cmd_vel geometry_msgs/msg/Twist '{angular: {z: 1.0}}'     until Ctrl-C",
-    'one line for each message: {"topic": "/cmd_vel", "number": 1, "message": {…}}',
-    _arguments,
-    definitions=True,
-    until_interrupted=True,
-)
+PUB = Verb("pub", _pub, _arguments, definitions=True, until_interrupted=True)

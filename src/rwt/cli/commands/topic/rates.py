@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import anyio
 
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC, absolute_name
 from rwt.cli.errors import CommandError
-from rwt.cli.verbs import Arguments, Verb, count, seconds
+from rwt.cli.verbs import Arguments, Verb, count, rounds, seconds
 from rwt_interfaces import field_types
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import ProviderNotFound, ServiceFailed
@@ -39,8 +37,7 @@ Measure = Callable[[Samples, float], Report | None]
 """Function that reports samples at a time in seconds; None if there are no figures."""
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
+class Spread(NamedTuple):
     """Summary of some numbers; the standard deviation is that of the population."""
 
     mean: float
@@ -52,11 +49,12 @@ class Spread:
 
 def spread(values: list[float]) -> Spread | None:
     """Return the summary of some numbers; None if there are none."""
+    import statistics  # slow import that only these verbs need
+
     if not values:
         return None
-    mean = math.fsum(values) / len(values)
-    deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values))
-    return Spread(mean, min(values), max(values), deviation, len(values))
+    mean = statistics.fmean(values)
+    return Spread(mean, min(values), max(values), statistics.pstdev(values, mean), len(values))
 
 
 def in_bytes(number: float) -> str:
@@ -84,7 +82,32 @@ def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
     )
 
 
+async def _hz(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Measure the rate of topics.
+
+    example:
+      rwt topic hz /odom
+      rwt topic hz /odom /scan -n 3
+
+    --json prints:
+      one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,
+      "max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is
+      nothing to print
+    """
+    await _measure(robot, arguments, output, _frequency, lambda subscription, message: 0.0)
+
+
 async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Measure the bandwidth of topics.
+
+    example:
+      rwt topic bw /scan
+
+    --json prints:
+      one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0,
+      "mean_bytes": …, "min_bytes": …, "max_bytes": …, "window": 10}; sizes are
+      those of the messages on the connection
+    """
     before: dict[str, int] = {}
 
     def size(subscription: RemoteSubscription, message: Any) -> float:
@@ -96,6 +119,15 @@ async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _delay(robot: Robot, arguments: Arguments, output: Output) -> None:
+    """Measure the delay of messages since their header stamps.
+
+    example:
+      rwt topic delay /odom
+
+    --json prints:
+      one line for each topic and report: {"topic": "/odom", "delay": 0.002, "min_s": …, "max_s": …,
+      "std_dev_s": …, "window": 20}; against the robot's clock, in seconds
+    """
     clock = _RobotClock(robot)
     await clock.set()
 
@@ -122,13 +154,11 @@ async def _measure(
 ) -> None:
     names = [absolute_name(name) for name in dict.fromkeys(arguments.topic)]
     measured = {name: await _listen(robot, name, arguments.window, value) for name in names}
-    reported = 0
     due = anyio.current_time()
-    while arguments.times is None or reported < arguments.times:
+    for _ in rounds(arguments.times):
         due = max(due + arguments.interval, anyio.current_time())
         await anyio.sleep_until(due)
         _report(measured, anyio.current_time(), measure, output)
-        reported += 1
         if between is not None:
             await between()
 
@@ -155,10 +185,8 @@ def _report(measured: dict[str, Samples], now: float, measure: Measure, output: 
         if len(measured) > 1:
             shown.append(f"topic: {output.styled(name, 'name')}")
         shown += text.split("\n")
-    if output.people:
-        output.live(shown)
-    elif not output.json:
-        output.text("".join(f"{line}\n" for line in shown))
+    if not output.json:
+        output.report(shown)
 
 
 # -- the figures ------------------------------------------------------------------------------------------
@@ -245,39 +273,7 @@ async def _check_header(robot: Robot, name: str) -> None:
 
 
 VERBS = (
-    Verb(
-        "hz",
-        "measure the rate of topics",
-        partial(_measure, measure=_frequency, value=lambda subscription, message: 0.0),
-        "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
-        'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
-        '"max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is\n'
-        "nothing to print",
-        partial(_arguments, window=_MANY),
-        definitions=True,
-        until_interrupted=True,
-    ),
-    Verb(
-        "bw",
-        "measure the bandwidth of topics",
-        _bw,
-        "rwt topic bw /scan",
-        'one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0,\n'
-        '"mean_bytes": …, "min_bytes": …, "max_bytes": …, "window": 10}; sizes are\n'
-        "those of the messages on the connection",
-        partial(_arguments, window=_FEW),
-        definitions=True,
-        until_interrupted=True,
-    ),
-    Verb(
-        "delay",
-        "measure the delay of messages since their header stamps",
-        _delay,
-        "rwt topic delay /odom",
-        'one line for each topic and report: {"topic": "/odom", "delay": 0.002, "min_s": …, "max_s": …,\n'
-        '"std_dev_s": …, "window": 20}; against the robot\'s clock, in seconds',
-        partial(_arguments, window=_MANY),
-        definitions=True,
-        until_interrupted=True,
-    ),
+    Verb("hz", _hz, partial(_arguments, window=_MANY), definitions=True, until_interrupted=True),
+    Verb("bw", _bw, partial(_arguments, window=_FEW), definitions=True, until_interrupted=True),
+    Verb("delay", _delay, partial(_arguments, window=_MANY), definitions=True, until_interrupted=True),
 )

@@ -151,11 +151,12 @@ def _settings(options: Options) -> Settings:
     given = []
     marked = {"demo": options.demo, "interfaces": options.interfaces, "distro": options.distro}
     try:
-        for key, value in options.settings.items():
+        for dotted, value in options.settings.items():
+            key = tuple(dotted.split("."))
             if isinstance(value, str):
                 given.append(from_text(key, value, "pytest"))
             else:
-                given.append(Given(tuple(key.split(".")), value, "pytest"))
+                given.append(Given(key, value, "pytest"))
         given += [Given((key,), value, "pytest") for key, value in marked.items() if value]
         return load_settings(command_line=tuple(given)).settings
     except SettingsError as error:
