@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +51,23 @@ class Bench:
 
     def device(self, **changes: Any) -> Any:
         # Unless a test is about old messages, none is too old for a busy machine.
-        changes = {"max_age": 30.0, **changes}
-        cameras = changes.pop("cameras", {})
-        config = RobotConfig.get_choice_class("rosbridge")
-        return make_robot_from_config(
-            config(url=self.url, calibration_dir=self._folder, cameras=cameras, **JOINTS, **changes)
-        )
+        return robot_at(self.url, self._folder, **{"max_age": 30.0, **changes})
+
+    @contextmanager
+    def connected(self, **changes: Any) -> Iterator[Any]:
+        device = self.device(**changes)
+        device.connect()
+        yield device
+        device.disconnect()
+
+    def camera(self, topic: str, **changes: Any) -> Any:
+        """Return the configuration of a camera."""
+        return CameraConfig.get_choice_class("rosbridge")(topic=topic, url=self.url, **changes)
+
+
+def robot_at(url: str, folder: Path, **changes: Any) -> Any:
+    config = RobotConfig.get_choice_class("rosbridge")
+    return make_robot_from_config(config(url=url, calibration_dir=folder, **JOINTS, **changes))
 
 
 @pytest.fixture
@@ -64,6 +76,20 @@ def bench(arm: Any, tmp_path: Path) -> Iterator[Bench]:
         bench = Bench(robot, arm, tmp_path)
         yield bench
         bench.node.close()
+
+
+def _rest(device: Any) -> dict[str, Any]:
+    """Return the action that holds the device where it is."""
+    observed = device.get_observation()
+    return {name: observed[name] for name in device.action_features}
+
+
+def _until(condition: Callable[[], bool], step: Callable[[], object]) -> None:
+    """Repeat a step until a condition holds, or for too long."""
+    end = time.monotonic() + 20
+    while not condition() and time.monotonic() < end:
+        step()
+        time.sleep(0.02)
 
 
 def _error(device: Any, action: dict[str, Any] | None = None) -> Exception:
@@ -87,23 +113,14 @@ def _stream(device: Any, action: dict[str, Any], period: float = 0.03) -> None:
         time.sleep(period)
 
 
+COMMON = "action_features is_connected connect is_calibrated calibrate configure disconnect"
+
+
 @pytest.mark.parametrize(
     ("base", "methods"),
     [
-        (
-            Robot,
-            (
-                "observation_features action_features is_connected connect is_calibrated calibrate configure"
-                " get_observation send_action disconnect"
-            ),
-        ),
-        (
-            Teleoperator,
-            (
-                "action_features feedback_features is_connected connect is_calibrated calibrate configure"
-                " get_action send_feedback disconnect"
-            ),
-        ),
+        (Robot, f"{COMMON} observation_features get_observation send_action"),
+        (Teleoperator, f"{COMMON} feedback_features get_action send_feedback"),
         (Camera, "is_connected find_cameras connect read async_read disconnect"),
     ],
 )
@@ -138,9 +155,7 @@ def test_lerobots_factories_find_the_devices(bench: Bench, tmp_path: Path) -> No
 
 
 def test_observations_and_actions(bench: Bench) -> None:
-    camera = CameraConfig.get_choice_class("rosbridge")(
-        topic="/front/image_raw/compressed", url=bench.url, width=32, height=24, fps=30
-    )
+    camera = bench.camera("/front/image_raw/compressed", width=32, height=24, fps=30)
     device = bench.device(cameras={"front": camera})
     assert device.observation_features == {
         **dict.fromkeys(("pan.pos", "lift.pos", "gripper.pos"), float),
@@ -153,10 +168,8 @@ def test_observations_and_actions(bench: Bench) -> None:
     assert observed["front"].dtype == "uint8"
     assert observed["pan.pos"] == pytest.approx(10.0)
     wanted = {"pan.pos": 20.0, "lift.pos": 5.0, "gripper.pos": 40.0}
-    end = time.monotonic() + 20
-    while abs(device.get_observation()["pan.pos"] - 20.0) > 0.1 and time.monotonic() < end:
-        assert device.send_action(wanted) == wanted
-        time.sleep(0.02)
+    assert device.send_action(wanted) == wanted
+    _until(lambda: abs(device.get_observation()["pan.pos"] - 20.0) < 0.1, lambda: device.send_action(wanted))
     assert bench.arm.positions["pan.pos"] == pytest.approx(20.0, abs=0.1)
     device.disconnect()
     assert not device.is_connected
@@ -183,110 +196,78 @@ def _stopped(bench: Bench) -> None:
     ],
 )
 def test_rejections_by_gate_and_robot_raise(bench: Bench, make: Callable[[Bench], Any], text: str) -> None:
-    device = bench.device()
-    device.connect()
-    with pytest.raises(CommandRejected, match=text):
+    with bench.connected() as device, pytest.raises(CommandRejected, match=text):
         raise _error(device, make(bench))
-    device.disconnect()
 
 
-def test_a_lease_that_another_client_holds_raises(bench: Bench) -> None:
-    first, second = bench.device(), bench.device()
-    first.connect()
-    second.connect()
-    rest = {name: first.get_observation()[name] for name in first.action_features}
-    first.send_action(rest)
-    end = time.monotonic() + 20
-    with pytest.raises(CommandRejected, match="is held by"):
-        while time.monotonic() < end:
-            first.send_action(rest)
-            second.get_observation()
-            second.send_action(rest)
+@pytest.mark.parametrize("is_silent", [False, True], ids=["is commanding", "fell silent"])
+def test_one_of_two_clients_holds_the_lease(bench: Bench, is_silent: bool) -> None:
+    with bench.connected() as first, bench.connected() as second:
+        rest = _rest(first)
+        first.send_action(rest)
+        if is_silent:
+            time.sleep(0.8)  # The lease ends after 0.5 s of silence, and the other client takes it.
+        holder, other = (second, first) if is_silent else (first, second)
+        holder.send_action(rest)
+        time.sleep(0.2)  # So that it arrives before the first of the other, also on a busy machine.
+
+        def both() -> None:
+            holder.send_action(rest)
             time.sleep(0.02)
-    first.disconnect()
-    second.disconnect()
+            other.get_observation()
+            other.send_action(rest)
+
+        with pytest.raises(CommandRejected, match="is held by"):
+            _until(lambda: False, both)
+        holder.get_observation()
 
 
 def test_an_unplugged_bus_raises_its_cause(bench: Bench) -> None:
-    device = bench.device()
-    device.connect()
-    device.send_action({name: device.get_observation()[name] for name in device.action_features})
-    bench.arm.error = ConnectionError("no status packet")
-    with pytest.raises(CommandRejected, match="the robot does not answer: ConnectionError: no status packet"):
-        raise _error(device)
-    device.disconnect()
-
-
-def test_a_holder_that_fell_silent_raises_after_another_took_the_lease(bench: Bench) -> None:
-    first, second = bench.device(), bench.device()
-    first.connect()
-    second.connect()
-    rest = {name: first.get_observation()[name] for name in first.action_features}
-    first.send_action(rest)
-    time.sleep(0.8)  # The lease ends after 0.5 s of silence.
-    end = time.monotonic() + 20
-    with pytest.raises(CommandRejected, match="is held by"):
-        while time.monotonic() < end:
-            second.send_action(rest)
-            time.sleep(0.02)
-            first.get_observation()
-            first.send_action(rest)
-    second.get_observation()
-    first.disconnect()
-    second.disconnect()
+    with bench.connected() as device:
+        device.send_action(_rest(device))
+        bench.arm.error = ConnectionError("no status packet")
+        text = "the robot does not answer: ConnectionError: no status packet"
+        with pytest.raises(CommandRejected, match=text):
+            raise _error(device)
 
 
 def test_commands_that_waited_in_a_stalled_connection_raise(bench: Bench) -> None:
-    device = bench.device()
-    device.connect()
-    rest = {name: device.get_observation()[name] for name in device.action_features}
-    _stream(device, rest)
-    time.sleep(0.8)  # The connection stalls, and delivers all at once afterwards.
-    end = time.monotonic() + 20
-    with pytest.raises(CommandRejected, match=r"waited in a stalled connection for more than 0\.5 s"):
-        while time.monotonic() < end:
-            device.send_action(rest)
-    device.disconnect()
+    with bench.connected() as device:
+        rest = _rest(device)
+        _stream(device, rest)
+        time.sleep(0.8)  # The connection stalls, and delivers all at once afterwards.
+        end = time.monotonic() + 20
+        with pytest.raises(CommandRejected, match=r"waited in a stalled connection for more than 0\.5 s"):
+            while time.monotonic() < end:
+                device.send_action(rest)
 
 
 def test_a_pause_between_episodes_is_no_stall(bench: Bench) -> None:
     # Slow, so that a busy machine does not deliver three commands within a quarter of their time.
-    device = bench.device(fps=10, max_age=30.0)
-    device.connect()
-    rest = {name: device.get_observation()[name] for name in device.action_features}
-    for _ in range(3):
-        _stream(device, rest, period=0.1)
-        time.sleep(0.8)  # Longer than the lease lasts, as when an episode is saved.
-    device.get_observation()
-    device.disconnect()
+    with bench.connected(fps=10) as device:
+        rest = _rest(device)
+        for _ in range(3):
+            _stream(device, rest, period=0.1)
+            time.sleep(0.8)  # Longer than the lease lasts, as when an episode is saved.
+        device.get_observation()
 
 
 def test_a_state_that_does_not_follow_raises(bench: Bench) -> None:
     bench.arm.is_stuck = True
-    device = bench.device(follow_seconds=0.3)
-    device.connect()
-    with pytest.raises(DoesNotFollow, match=r"pan is at 0.175 rad, was commanded to 0.698 rad"):
+    text = r"pan is at 0.175 rad, was commanded to 0.698 rad"
+    with bench.connected(follow_seconds=0.3) as device, pytest.raises(DoesNotFollow, match=text):
         raise _error(device, {"pan.pos": 40.0, "lift.pos": 0.0, "gripper.pos": 50.0})
-    device.disconnect()
 
 
 def test_states_that_stop_raise(bench: Bench) -> None:
-    device = bench.device(max_age=0.3)
-    device.connect()
-    bench.node.close()
-    with pytest.raises(StaleData, match=r"the last message on /joint_states is 0.3"):
-        raise _error(device)
-    device.disconnect()
+    with bench.connected(max_age=0.3) as device:
+        bench.node.close()
+        with pytest.raises(StaleData, match=r"the last message on /joint_states is 0.3"):
+            raise _error(device)
 
 
 def test_a_camera_that_stalls_raises(bench: Bench) -> None:
-    camera = make_cameras_from_configs(
-        {
-            "front": CameraConfig.get_choice_class("rosbridge")(
-                topic="/front/image_raw/compressed", url=bench.url
-            )
-        }
-    )["front"]
+    camera = make_cameras_from_configs({"front": bench.camera("/front/image_raw/compressed")})["front"]
     camera.connect()
     assert camera.read().shape == camera.async_read(2000).shape == (24, 32, 3)
     bench.node.close()
@@ -299,16 +280,12 @@ def test_a_camera_that_stalls_raises(bench: Bench) -> None:
 
 
 def test_a_camera_that_stalls_ends_the_loop_of_its_robot(bench: Bench) -> None:
-    camera = CameraConfig.get_choice_class("rosbridge")(
-        topic="/wrist/compressed", url=bench.url, width=32, height=24, fps=30, max_age=0.3
-    )
-    device = bench.device(cameras={"wrist": camera})
+    camera = bench.camera("/wrist/compressed", width=32, height=24, fps=30, max_age=0.3)
     lens = bench.robot.advertise("/wrist/compressed", "sensor_msgs/CompressedImage", qos=LATCHED)
     lens.publish(compressed_image(np.zeros((24, 32, 3), np.uint8), frame_id="wrist"))
-    device.connect()
-    with pytest.raises(TimeoutError, match=r"the last message on /wrist/compressed is 0.3\d s old"):
+    text = r"the last message on /wrist/compressed is 0.3\d s old"
+    with bench.connected(cameras={"wrist": camera}) as device, pytest.raises(TimeoutError, match=text):
         raise _error(device)
-    device.disconnect()
 
 
 def test_a_teleoperator_repeats_the_last_command(bench: Bench, tmp_path: Path) -> None:
@@ -318,23 +295,18 @@ def test_a_teleoperator_repeats_the_last_command(bench: Bench, tmp_path: Path) -
     teleoperator = make_teleoperator_from_config(config)
     teleoperator.connect()
     assert teleoperator.get_action()["pan.pos"] == pytest.approx(10.0)
-    end = time.monotonic() + 20
-    while teleoperator.get_action()["pan.pos"] != pytest.approx(45.0) and time.monotonic() < end:
+    # The arm has not moved when it is to hold.
+    for points, degrees in (([{"positions": [math.pi / 4]}], 45.0), ([], 10.0)):
+        trajectory = {"joint_names": ["pan"], "points": points}
         # Again and again: the first ones may precede the subscription.
-        bench.robot.publish(
-            "/teleop/joint_trajectory",
-            {"joint_names": ["pan"], "points": [{"positions": [math.pi / 4]}]},
-            "trajectory_msgs/JointTrajectory",
+        _until(
+            lambda degrees=degrees: teleoperator.get_action()["pan.pos"] == pytest.approx(degrees),
+            lambda trajectory=trajectory: bench.robot.publish(
+                "/teleop/joint_trajectory", trajectory, "trajectory_msgs/JointTrajectory"
+            ),
         )
-        time.sleep(0.05)
-    action = teleoperator.get_action()
-    assert action["pan.pos"] == pytest.approx(45.0)
-    assert action.keys() == teleoperator.action_features.keys()
-    end = time.monotonic() + 20
-    while teleoperator.get_action()["pan.pos"] != pytest.approx(10.0) and time.monotonic() < end:
-        bench.robot.publish("/teleop/joint_trajectory", {}, "trajectory_msgs/JointTrajectory")
-        time.sleep(0.05)
-    assert teleoperator.get_action()["pan.pos"] == pytest.approx(10.0)  # The arm has not moved yet.
+        assert teleoperator.get_action()["pan.pos"] == pytest.approx(degrees)
+    assert teleoperator.get_action().keys() == teleoperator.action_features.keys()
     teleoperator.disconnect()
 
 
@@ -357,10 +329,7 @@ def test_a_killed_server_raises_at_once(tmp_path: Path) -> None:
         assert server.stdout is not None
         url = server.stdout.readline().strip()
         # No state is too old: the end of the connection raises. `python -m bench.lerobot` measures its time.
-        config = RobotConfig.get_choice_class("rosbridge")(
-            url=url, calibration_dir=tmp_path, max_age=1000.0, **JOINTS
-        )
-        device: Any = make_robot_from_config(config)
+        device = robot_at(url, tmp_path, max_age=1000.0)
         device.connect()
         device.get_observation()
         os.kill(server.pid, signal.SIGKILL)
@@ -378,13 +347,10 @@ def test_late_frames_are_counted() -> None:
 
 
 def test_late_frames_are_reported_at_the_end(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
-    device = bench.device(fps=1000)
-    device.connect()
-    for _ in range(10):
-        device.get_observation()
-        time.sleep(0.01)
-    with caplog.at_level("WARNING", "rwt_lerobot"):
-        device.disconnect()
+    with caplog.at_level("WARNING", "rwt_lerobot"), bench.connected(fps=1000) as device:
+        for _ in range(10):
+            device.get_observation()
+            time.sleep(0.01)
     assert "of 10 frames were late" in caplog.text
     assert "recorded time is shorter than real time" in caplog.text
 
@@ -399,6 +365,5 @@ def test_progress_towards_the_command_is_no_error() -> None:
 
 
 def test_a_server_that_is_not_there(tmp_path: Path) -> None:
-    config = RobotConfig.get_choice_class("rosbridge")(url="ws://127.0.0.1:1", calibration_dir=tmp_path)
     with pytest.raises(DeviceError, match=r"cannot connect to ws://127.0.0.1:1"):
-        make_robot_from_config(config).connect()
+        robot_at("ws://127.0.0.1:1", tmp_path).connect()

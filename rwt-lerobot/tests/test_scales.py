@@ -7,7 +7,7 @@ import math
 import pytest
 
 from rwt_lerobot.joints.limits import DescriptionError, urdf_limits
-from rwt_lerobot.joints.scales import Scale, Unit, calibrated_range
+from rwt_lerobot.joints.scales import Scale, Unit
 from rwt_lerobot.node import UnknownUnit, motor_joints
 
 HALF = math.pi / 2
@@ -37,28 +37,13 @@ def test_units(unit: Unit, value: float, radians: float) -> None:
     assert scale.from_radians(radians) == pytest.approx(value)
 
 
-@pytest.mark.parametrize(
-    ("unit", "expected"),
-    [
-        ("degrees", (-SPAN / 2, SPAN / 2)),
-        ("range_m100_100", (-SPAN / 2, SPAN / 2)),
-        ("range_0_100", (0, SPAN)),
-    ],
-)
-def test_a_range_from_the_calibration(arm: object, unit: Unit, expected: tuple[float, float]) -> None:
-    calibration = type("Calibration", (), {"range_min": 1024, "range_max": 3072})
-    assert calibrated_range(calibration, 4096, unit) == pytest.approx(expected)
-
-
 def test_joints_of_a_calibrated_arm(arm: object) -> None:
     pan, lift, gripper = motor_joints(arm)
-    assert (pan.scale.unit, lift.scale.unit, gripper.scale.unit) == (
-        "degrees",
-        "range_m100_100",
-        "range_0_100",
-    )
+    assert [each.scale.unit for each in (pan, lift, gripper)] == ["degrees", "range_m100_100", "range_0_100"]
+    for joint in (pan, lift):
+        assert (joint.limit.lower, joint.limit.upper) == pytest.approx((-SPAN / 2, SPAN / 2))
     assert lift.scale.to_radians(100) == pytest.approx(SPAN / 2)
-    assert gripper.limit.lower == 0
+    assert (gripper.limit.lower, gripper.limit.upper) == pytest.approx((0, SPAN))
     assert gripper.scale.to_radians(50) == pytest.approx(SPAN / 2)
 
 

@@ -223,16 +223,22 @@ def arguments_of(node: Node, *before: Any, capsys: pytest.CaptureFixture[str]) -
     return [each.partition("] ")[2] for each in lines if each.startswith("[show")]
 
 
-def test_a_node_is_started_with_what_it_and_its_groups_say(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+@pytest.fixture
+def show(tmp_path: Path) -> str:
+    """Program that prints its arguments."""
     script = tmp_path / "show"
     script.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each"; done\n')
     script.chmod(0o755)
+    return str(script)
+
+
+def test_a_node_is_started_with_what_it_and_its_groups_say(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, show: str
+) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text("/**:\n  ros__parameters:\n    a: 1\n")
     node = Node(
-        executable=str(script),
+        executable=show,
         exec_name="show",
         name="talker",
         namespace="arm",
@@ -264,13 +270,10 @@ def test_a_node_is_started_with_what_it_and_its_groups_say(
 
 
 def test_a_namespace_is_left_alone_where_nobody_gives_one(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str], show: str
 ) -> None:
-    script = tmp_path / "show"
-    script.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each"; done\n')
-    script.chmod(0o755)
-    assert arguments_of(Node(executable=str(script)), capsys=capsys) == ["--ros-args"]
-    absolute = Node(executable=str(script), namespace="/bob")
+    assert arguments_of(Node(executable=show), capsys=capsys) == ["--ros-args"]
+    absolute = Node(executable=show, namespace="/bob")
     assert arguments_of(absolute, PushRosNamespace("anna"), capsys=capsys)[-1] == "__ns:=/bob"
 
 

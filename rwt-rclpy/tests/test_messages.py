@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_rclpy.endpoints.serialization import deserialize_message, message_of, payload_of, serialize_message
-from rwt_rclpy.messages.classes import MessageClasses, module_of
+from rwt_rclpy.messages.classes import MessageClasses
 from rwt_rclpy.messages.loaded import classes, message_class
-from rwt_rclpy.messages.slot_types import Array, BasicType, BoundedSequence, UnboundedSequence
 
 ALL = """
 bool flag
@@ -55,46 +54,6 @@ def everything(made: MessageClasses, **fields: Any) -> Any:
     return made.message("my_msgs/Everything")(**fields)
 
 
-def test_defaults_are_those_of_rosidl(made: MessageClasses) -> None:
-    message = everything(made)
-    assert (message.flag, message.octet, message.letter, message.text) == (False, b"\0", 0, "")
-    assert message.data == array.array("B") and message.numbers == array.array("i")
-    assert message.id.dtype == np.uint8 and message.vector.tolist() == [0.0, 0.0, 0.0]
-    assert (message.octets, message.flags, message.words, message.points) == ([], [False, False], [], [])
-    assert (message.counted, message.named) == (7, ["a", "b"])
-
-
-def test_no_two_messages_share_what_can_change(made: MessageClasses) -> None:
-    one, other = everything(made), everything(made)
-    one.named.append("c")
-    one.vector[0] = 1.0
-    one.data.append(1)
-    assert one != other and other == everything(made)
-
-
-def test_types_of_fields(made: MessageClasses) -> None:
-    cls = made.message("my_msgs/Everything")
-    types = cls.get_fields_and_field_types()
-    assert [types[name] for name in ("flag", "octet", "letter", "single", "short_text")] == [
-        "boolean", "octet", "uint8", "float", "string<3>",
-    ]  # fmt: skip
-    assert [types[name] for name in ("data", "id", "few", "points")] == [
-        "sequence<uint8>", "uint8[4]", "sequence<int32, 3>", "sequence<geometry_msgs/Point>",
-    ]  # fmt: skip
-    slots = dict(zip(types, cls.SLOT_TYPES, strict=True))
-    assert slots["data"] == UnboundedSequence(BasicType("uint8"))
-    assert slots["id"] == Array(BasicType("uint8"), 4)
-    assert slots["few"] == BoundedSequence(BasicType("int32"), 3)
-
-
-def test_constants_cannot_be_set(made: MessageClasses) -> None:
-    cls: Any = made.message("my_msgs/Everything")
-    assert (cls.LIMIT, cls().LIMIT, cls.WORD) == (5, 5, "hello")
-    with pytest.raises(AttributeError):
-        cls.LIMIT = 6
-    assert cls.COUNTED__DEFAULT == 7
-
-
 @pytest.mark.parametrize(
     ("field", "value"),
     [
@@ -130,13 +89,6 @@ def test_checks_are_made_up_for_when_a_message_is_sent(made: MessageClasses) -> 
     message = everything(made, text=5, check_fields=False)
     with pytest.raises(AssertionError, match="text"):
         payload_of(message)
-
-
-def test_repr_is_as_ros_prints_it() -> None:
-    point = message_class("geometry_msgs/Point")(x=1.5)
-    assert repr(point) == "geometry_msgs.msg.Point(x=1.5, y=0.0, z=0.0)"
-    multi = message_class("std_msgs/UInt8MultiArray")(data=[1, 2])
-    assert repr(multi).endswith("data=[1, 2])")
 
 
 def test_through_the_graph_and_back(made: MessageClasses) -> None:
@@ -207,18 +159,6 @@ def test_modules_of_messages() -> None:
         importlib.import_module("std_msgs.msg.nothing_such")
     with pytest.raises(AttributeError, match="did you mean"):
         _ = package.Strin
-
-
-@pytest.mark.parametrize(
-    ("name", "module"),
-    [
-        ("AddTwoInts", "_add_two_ints"),
-        ("UInt8MultiArray", "_u_int8_multi_array"),
-        ("TFMessage", "_tf_message"),
-    ],
-)
-def test_names_of_modules(name: str, module: str) -> None:
-    assert module_of(name) == module
 
 
 def test_services_are_not_made() -> None:

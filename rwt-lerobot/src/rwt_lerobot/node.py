@@ -15,8 +15,9 @@ import anyio.to_thread
 from rwt_client import ConnectionEvent, NotConnected, Robot
 from rwt_lerobot.calibration import CalibrationError
 from rwt_lerobot.joints.controller import TrajectoryController
+from rwt_lerobot.joints.features import POSITION
 from rwt_lerobot.joints.limits import JointLimit
-from rwt_lerobot.joints.scales import UNITS, Scale, calibrated_range
+from rwt_lerobot.joints.scales import UNITS, Scale, calibrated_range, unit_named
 from rwt_lerobot.reports import logger, warn
 from rwt_participant.api import RobotApi
 from rwt_participant.images import compressed_image
@@ -24,7 +25,6 @@ from rwt_participant.messages import Message, MessageLike
 from rwt_participant.qos import LATCHED
 from rwt_participant.timers import Watchdog
 
-_POSITION: Final = ".pos"
 #: Features of a mobile base, as LeKiwi names them: metres and degrees per second.
 _BASE: Final = ("x.vel", "y.vel", "theta.vel")
 _BASE_TIMEOUT_SECONDS: Final = 0.5
@@ -98,12 +98,12 @@ def motor_joints(
     motors = getattr(bus, "motors", {})
     found: list[MotorJoint] = []
     for feature in robot.action_features:
-        if not feature.endswith(_POSITION):
+        if not feature.endswith(POSITION):
             continue
-        name = feature.removesuffix(_POSITION)
+        name = feature.removesuffix(POSITION)
         motor = motors.get(name)
         mode = stated.get(name) or getattr(getattr(motor, "norm_mode", None), "value", "")
-        unit = next((each for each in UNITS if each == mode), None)
+        unit = unit_named(mode)
         if unit is None:
             raise UnknownUnit(f"the unit of motor {name!r} is {mode!r}: state one of {', '.join(UNITS)}")
         limit = known.get(name)
@@ -118,11 +118,10 @@ def motor_joints(
                     f"the range of motor {name!r} is not known: calibrate the robot, or give a URDF"
                 )
             limit = JointLimit(name)
-        limit = replace(
-            limit,
-            speed=limit.speed if speed is None else speed,
-            step=limit.step if step is None else step,
-        )
+        if speed is not None:
+            limit = replace(limit, speed=speed)
+        if step is not None:
+            limit = replace(limit, step=step)
         found.append(MotorJoint(name, limit, Scale(unit, limit.lower, limit.upper)))
     return tuple(found)
 
@@ -213,9 +212,8 @@ class LeRobotNode:
             if isinstance(shape, tuple)
         }
         self._base: dict[str, float] = dict.fromkeys(_BASE, 0.0)
-        self._has_base = set(_BASE) <= robot.action_features.keys()
         self._watchdog: Watchdog | None = None
-        if self._has_base:
+        if set(_BASE) <= robot.action_features.keys():
             self._watchdog = Watchdog(api, _BASE_TIMEOUT_SECONDS, self._stop_base)
             api.subscribe(f"{self._prefix}/cmd_vel", self._drive, "geometry_msgs/Twist")
             self._velocity = api.advertise(f"{self._prefix}/velocity", "geometry_msgs/TwistStamped")
@@ -290,14 +288,13 @@ class LeRobotNode:
 
     def _action(self, seconds: float) -> dict[str, float] | None:
         setpoint = self.controller.step(seconds)
-        is_driven = self._watchdog is not None
-        if setpoint is None or not (self.controller.is_commanded or is_driven):
+        if setpoint is None or not (self.controller.is_commanded or self._watchdog is not None):
             return None
         action = {
-            f"{joint.motor}{_POSITION}": joint.scale.from_radians(angle)
+            f"{joint.motor}{POSITION}": joint.scale.from_radians(angle)
             for joint, angle in zip(self._joints, setpoint, strict=True)
         }
-        return {**action, **self._base} if is_driven else action
+        return action if self._watchdog is None else {**action, **self._base}
 
     def _exchange(self, action: dict[str, float] | None) -> tuple[dict[str, Any], dict[str, MessageLike]]:
         """Command and read the robot, and compress its images; runs in a thread."""
@@ -312,7 +309,7 @@ class LeRobotNode:
 
     def _publish(self, observation: dict[str, Any], images: Mapping[str, MessageLike]) -> None:
         positions = tuple(
-            joint.scale.to_radians(float(observation[f"{joint.motor}{_POSITION}"])) for joint in self._joints
+            joint.scale.to_radians(float(observation[f"{joint.motor}{POSITION}"])) for joint in self._joints
         )
         self.controller.measure(positions)
         names = [joint.limit.name for joint in self._joints]
@@ -324,7 +321,7 @@ class LeRobotNode:
             frame = {"frame_id": f"{name}_optical_frame"}
             size = {"height": height, "width": width}
             info.publish({**self._calibrations.get(name, size), "header": frame})
-        if self._has_base:
+        if self._watchdog is not None:
             x, y, theta = (float(observation[name]) for name in _BASE)
             twist = {"linear": {"x": x, "y": y}, "angular": {"z": math.radians(theta)}}
             self._velocity.publish({"header": {"frame_id": "base_link"}, "twist": twist})

@@ -77,7 +77,7 @@ def use_graph(graph: Graph | None) -> None:
     """
     from rwt_rclpy.middleware.link import DOMAINS, Link
 
-    DOMAINS.use(None if graph is None else Link(graph))
+    DOMAINS.given = None if graph is None else Link(graph)
 
 
 def join(where: str | None = None) -> AbstractContextManager[None]:

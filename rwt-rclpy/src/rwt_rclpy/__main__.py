@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import rwt_rclpy
 from rwt_participant.errors import RobotError
+from rwt_rclpy.commands.options import add_program_options
 from rwt_rclpy.running import interface_folders, run_module, run_program
 
 _EXAMPLE = """\
@@ -24,19 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "--interfaces",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder of .msg, .srv and .action files",
-    )
-    parser.add_argument(
-        "--graph",
-        metavar="WHERE",
-        help="the graph to join: memory (default), ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
-        " zenoh:ENDPOINT; default: the variable RWT_RCLPY_GRAPH",
-    )
+    add_program_options(parser)
     parser.add_argument("-m", dest="module", metavar="NAME", help="run a module instead of a file")
     parser.add_argument(
         "program",

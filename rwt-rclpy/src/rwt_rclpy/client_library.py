@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.execution.context import Context, get_default_context
@@ -14,7 +15,7 @@ from rwt_rclpy.execution.signals import (
 )
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.parameters.parameter import Parameter
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
@@ -47,7 +48,7 @@ def init(
         signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
     context.init(args, domain_id=domain_id)
     install_signal_handlers(signal_handler_options)
-    return InitContextManager(context) if RELEASE.init_returns_context_manager else None
+    return InitContextManager(context) if FROM_KILTED else None
 
 
 class InitContextManager:
@@ -87,10 +88,7 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
 def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
     """Shut down a context, unless that was done already."""
     default = context is None or context is get_default_context()
-    if default:
-        get_default_context(shutting_down=True).try_shutdown()
-    elif context is not None:
-        context.try_shutdown()
+    (get_default_context(shutting_down=True) if default else context or get_default_context()).try_shutdown()
     if uninstall_handlers or (uninstall_handlers is None and default):
         uninstall_signal_handlers()
 
@@ -120,15 +118,22 @@ def create_node(node_name: str, **options: Any) -> Node:
     return Node(node_name, **options)
 
 
-def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:
-    """Run one callback, waiting for one."""
+@contextmanager
+def _executor_with(node: Node, executor: Executor | None) -> Iterator[Executor]:
+    """Return an executor that has the node during the block."""
     chosen = get_global_executor() if executor is None else executor
     added = chosen.add_node(node)
     try:
-        chosen.spin_once(timeout_sec=timeout_sec)
+        yield chosen
     finally:
         if added:
             chosen.remove_node(node)
+
+
+def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:
+    """Run one callback, waiting for one."""
+    with _executor_with(node, executor) as chosen:
+        chosen.spin_once(timeout_sec=timeout_sec)
 
 
 def spin(node: Node, executor: Executor | None = None) -> None:
@@ -150,13 +155,8 @@ def spin_until_future_complete(
     node: Node, future: Future, executor: Executor | None = None, timeout_sec: float | None = None
 ) -> None:
     """Run callbacks until a future is done, at most for some seconds."""
-    chosen = get_global_executor() if executor is None else executor
-    added = chosen.add_node(node)
-    try:
+    with _executor_with(node, executor) as chosen:
         chosen.spin_until_future_complete(future, timeout_sec)
-    finally:
-        if added:
-            chosen.remove_node(node)
 
 
 def get_rmw_implementation_identifier() -> str:

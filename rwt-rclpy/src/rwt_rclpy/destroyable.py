@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Self
 
 from rwt_rclpy.exceptions import InvalidHandle
+from rwt_rclpy.release import FROM_KILTED
 
 
 class Destroyable:
@@ -35,8 +36,7 @@ class Destroyable:
 
     def __enter__(self) -> Self:
         with self._lock:
-            if self._wanted_gone:
-                raise InvalidHandle(f"cannot use this {self._what}: it was destroyed")
+            self.check()
             self._users += 1
         return self
 
@@ -63,3 +63,30 @@ class Destroyable:
             call, self._on_destroy = self._on_destroy, None
         if call is not None:
             call()
+
+
+class Owner:
+    """Object that is destroyed with its handle."""
+
+    _handle: Destroyable
+
+    @property
+    def handle(self) -> Destroyable:
+        """Handle that destroys the object."""
+        return self._handle
+
+    def destroy(self) -> None:
+        """Destroy it once it is unused."""
+        self._handle.destroy_when_not_in_use()
+
+
+class Closable(Owner):
+    """Object that a ``with`` statement destroys, from ROS 2 Kilted on."""
+
+    if FROM_KILTED:
+
+        def __enter__(self) -> Self:
+            return self
+
+        def __exit__(self, *exc: object) -> None:
+            self.destroy()

@@ -79,32 +79,34 @@ class NameValidationException(Exception):
         self.invalid_index = invalid_index
 
 
-class _NameException(NameValidationException):
+class NameException(NameValidationException):
+    """ROS does not allow a name of one kind."""
+
     kind = "name"
 
     def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
         super().__init__(self.kind, name, error_msg, invalid_index)
 
 
-class InvalidNamespaceException(_NameException):
+class InvalidNamespaceException(NameException):
     """ROS does not allow the namespace."""
 
     kind = "namespace"
 
 
-class InvalidNodeNameException(_NameException):
+class InvalidNodeNameException(NameException):
     """ROS does not allow the name for a node."""
 
     kind = "node name"
 
 
-class InvalidTopicNameException(_NameException):
+class InvalidTopicNameException(NameException):
     """ROS does not allow the name for a topic."""
 
     kind = "topic name"
 
 
-class InvalidServiceNameException(_NameException):
+class InvalidServiceNameException(NameException):
     """ROS does not allow the name for a service."""
 
     kind = "service name"

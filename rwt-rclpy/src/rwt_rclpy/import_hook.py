@@ -46,7 +46,7 @@ class InterfaceModule(ModuleType):
         if name.startswith("_"):
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         try:
-            found = _interface(self._package, self._kind, name)
+            found = classes().by_type_name(f"{self._package}/{self._kind}/{name}")
         except UnknownType as error:
             if name in self.__all__:
                 # It exists, but needs a missing module. Python does not show the cause of an AttributeError.
@@ -73,22 +73,6 @@ _PARTS = {
         "GetResult_Response",
     ),
 }
-
-
-def _interface(package: str, kind: str, name: str) -> type:
-    known = classes()
-    full = f"{package}/{name}"
-    match kind:
-        case "msg":
-            return known.message(full)
-        case "srv":
-            return (
-                known.message(full)
-                if name.endswith(("_Request", "_Response", "_Event"))
-                else known.service(full)
-            )
-        case _:
-            return known.by_type_name(f"{package}/action/{name}")
 
 
 def _names(package: str, kind: str) -> list[str]:
@@ -150,7 +134,7 @@ class _Interfaces(Loader):
         for name in _names(package, rest[0]):
             if module_of(name) == rest[1]:
                 for part in (name, *(f"{name}_{part}" for part in _PARTS[rest[0]])):
-                    setattr(module, part, _interface(package, rest[0], part))
+                    setattr(module, part, classes().by_type_name(f"{package}/{rest[0]}/{part}"))
         return module
 
     def exec_module(self, module: ModuleType) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 _HERE: Final = "rwt_rclpy"
 
@@ -36,7 +36,7 @@ _RCLPY: Final = {
     "lifecycle.node": "nodes.lifecycle",
     "lifecycle.managed_entity": "nodes.lifecycle",
     "lifecycle.publisher": "nodes.lifecycle",
-    "logging": "logs.logging_module",
+    "logging": "logs.logger",
     "logging_service": "parameters.services",
     "node": "nodes.node",
     "parameter": "parameters.parameter",
@@ -72,7 +72,7 @@ _RCLPY: Final = {
     "waitable": "execution.waitable",
 }
 
-if not RELEASE.has_kilted_names:
+if not FROM_KILTED:
     del _RCLPY["subscription_content_filter_options"]
 
 _LAUNCH: Final = {
@@ -101,44 +101,39 @@ _LAUNCH: Final = {
     "utilities": ".entities",
 }
 
+#: Packages of one module each, with their modules in ROS.
+_COMPANIONS: Final[dict[str, tuple[str, ...]]] = {
+    "ament_index_python": ("packages", "resources"),
+    "cv_bridge": (),
+    "message_filters": (),
+    "ros2node": ("api",),
+    "rosidl_adapter": ("parser",),
+    "rosidl_runtime_py": ("convert", "get_interfaces", "import_message", "set_message", "utilities"),
+    "rpyutils": (),
+    "sensor_msgs_py": ("point_cloud2",),
+    "tf2_geometry_msgs": ("tf2_geometry_msgs",),
+    "tf2_ros": (
+        "buffer", "buffer_client", "buffer_interface",
+        "static_transform_broadcaster", "transform_broadcaster", "transform_listener",
+    ),
+}  # fmt: skip
+
 #: Modules of this package by ROS name.
 MODULES: Final = {
     **{f"rclpy.{name}" if name else "rclpy": f"{_HERE}.{place}" for name, place in _RCLPY.items()},
     "rosidl_parser": f"{_HERE}.messages.slot_types",
-    "rosidl_adapter": f"{_HERE}.companions.rosidl_adapter",
-    "rosidl_adapter.parser": f"{_HERE}.companions.rosidl_adapter",
-    "ros2node": f"{_HERE}.companions.ros2node",
-    "ros2node.api": f"{_HERE}.companions.ros2node",
+    "rosidl_parser.definition": f"{_HERE}.messages.slot_types",
     **{
         each: f"{_HERE}.companions.ros2_queries"
         for kind in ("topic", "service", "param")
         for each in (f"ros2{kind}", f"ros2{kind}.api")
     },
-    "rosidl_runtime_py": f"{_HERE}.companions.rosidl_runtime_py",
-    "rosidl_runtime_py.convert": f"{_HERE}.companions.rosidl_runtime_py",
-    "rosidl_runtime_py.set_message": f"{_HERE}.companions.rosidl_runtime_py",
-    "rosidl_runtime_py.import_message": f"{_HERE}.companions.rosidl_runtime_py",
-    "rosidl_runtime_py.get_interfaces": f"{_HERE}.companions.rosidl_runtime_py",
-    "rosidl_runtime_py.utilities": f"{_HERE}.companions.rosidl_runtime_py",
-    "rpyutils": f"{_HERE}.companions.rpyutils",
-    "ament_index_python": f"{_HERE}.companions.ament_index_python",
-    "ament_index_python.packages": f"{_HERE}.companions.ament_index_python",
-    "ament_index_python.resources": f"{_HERE}.companions.ament_index_python",
     "tf2_py": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros.buffer": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros.buffer_client": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros.buffer_interface": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros.transform_broadcaster": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros.static_transform_broadcaster": f"{_HERE}.companions.tf2_ros",
-    "tf2_ros.transform_listener": f"{_HERE}.companions.tf2_ros",
-    "tf2_geometry_msgs": f"{_HERE}.companions.tf2_geometry_msgs",
-    "tf2_geometry_msgs.tf2_geometry_msgs": f"{_HERE}.companions.tf2_geometry_msgs",
-    "message_filters": f"{_HERE}.companions.message_filters",
-    "sensor_msgs_py": f"{_HERE}.companions.sensor_msgs_py",
-    "sensor_msgs_py.point_cloud2": f"{_HERE}.companions.sensor_msgs_py",
-    "cv_bridge": f"{_HERE}.companions.cv_bridge",
-    "rosidl_parser.definition": f"{_HERE}.messages.slot_types",
+    **{
+        f"{package}.{name}" if name else package: f"{_HERE}.companions.{package}"
+        for package, names in _COMPANIONS.items()
+        for name in ("", *names)
+    },
     **{f"launch.{name}" if name else "launch": f"{_HERE}.launch{place}" for name, place in _LAUNCH.items()},
     "launch_ros": f"{_HERE}.launch.ros",
     "launch_ros.actions": f"{_HERE}.launch.ros_actions",

@@ -22,13 +22,6 @@ from rwt import MemoryGraph, Server
 PATIENCE = 60.0
 
 
-@pytest.fixture(autouse=True, scope="module")
-def installed() -> Iterator[None]:
-    assert rwt_rclpy.install() == "rwt_rclpy"
-    yield
-    rwt_rclpy.uninstall()
-
-
 @contextmanager
 def in_memory() -> Iterator[None]:
     with rwt_rclpy.join("memory"):
@@ -95,12 +88,6 @@ def rclpy(request: pytest.FixtureRequest) -> Iterator[Any]:
         yield rclpy
         rclpy.try_shutdown()
         DOMAINS.reset()
-
-
-@pytest.fixture
-def executor(rclpy: Any) -> Iterator[Any]:
-    with rclpy.executors.SingleThreadedExecutor() as executor:
-        yield executor
 
 
 def node(rclpy: Any, executor: Any, name: str, **options: Any) -> Any:

@@ -22,7 +22,7 @@ from rwt_interfaces.registry import Registry
 from rwt_interfaces.times import NANOSECONDS
 from rwt_lerobot.datasets.alignment import Span, Spans, frame_times, longest_gap_ns, overlaps
 from rwt_lerobot.joints.controller import TOPIC_TYPE
-from rwt_lerobot.plugin.joints import POSITION, FeatureMap
+from rwt_lerobot.joints.features import POSITION, FeatureMap
 from rwt_participant.images import compressed_image, image_to_numpy
 
 STATE: Final = "observation.state"

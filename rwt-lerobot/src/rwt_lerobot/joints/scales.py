@@ -51,6 +51,11 @@ class Scale:
         return low + (radians - self.lower) / (self.upper - self.lower) * (high - low)
 
 
+def unit_named(name: object) -> Unit | None:
+    """Return the unit of a name; None if there is none."""
+    return next((each for each in UNITS if each == name), None)
+
+
 def calibrated_range(calibration: Any, resolution: int, unit: Unit) -> tuple[float, float]:
     """Return the range of a motor in radians, from LeRobot's calibration.
 

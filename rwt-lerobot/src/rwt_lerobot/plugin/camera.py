@@ -9,13 +9,13 @@ from lerobot.cameras import Camera
 from numpy.typing import NDArray
 
 from rwt_lerobot.plugin.config import RosbridgeCameraConfig
-from rwt_lerobot.plugin.connection import Connection, DeviceError, Latest, StaleData
+from rwt_lerobot.plugin.connection import Device, DeviceError, Latest, StaleData
 from rwt_participant.images import image_to_numpy
 
 _WARM_UP_SECONDS = 5.0
 
 
-class RosbridgeCamera(Camera):
+class RosbridgeCamera(Device, Camera):
     """Camera on a rosbridge server; images are RGB.
 
     Attributes:
@@ -23,20 +23,15 @@ class RosbridgeCamera(Camera):
     """
 
     config_class = RosbridgeCameraConfig
+    noun = "camera"
 
     def __init__(self, config: RosbridgeCameraConfig) -> None:
         super().__init__(config)
         self.config = config
         self.max_age_ms = config.max_age * 1000
-        self._connection: Connection | None = None
         self._images = Latest(config.topic)
         self._read_count = 0
         self._decoded: tuple[int, NDArray[Any]] | None = None
-
-    @property
-    def is_connected(self) -> bool:
-        """True between :meth:`connect` and :meth:`disconnect`."""
-        return self._connection is not None
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
@@ -49,9 +44,7 @@ class RosbridgeCamera(Camera):
         Raises:
             DeviceError: the server cannot be reached, or no image arrives.
         """
-        if self._connection is not None:
-            raise DeviceError("the camera is connected already")
-        connection = Connection(self.config.url, self.config.token)
+        connection = self._connect(self.config)
         self._images = connection.latest(self.config.topic, self.config.kind)
         self._read_count = 0
         if warmup and not self._images.wait(0, _WARM_UP_SECONDS):
@@ -85,17 +78,8 @@ class RosbridgeCamera(Camera):
         except StaleData as error:
             raise TimeoutError(str(error)) from error
 
-    def disconnect(self) -> None:
-        """Close the connection."""
-        connection, self._connection = self._connection, None
-        if connection is None:
-            raise DeviceError("the camera is not connected")
-        connection.close()
-
     def _check(self) -> None:
-        if self._connection is None:
-            raise DeviceError("the camera is not connected")
-        self._connection.check()
+        self._connected().check()
 
     def _next(self, count: int, seconds: float) -> NDArray[Any]:
         end = time.monotonic() + seconds

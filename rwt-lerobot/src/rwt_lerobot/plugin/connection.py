@@ -5,13 +5,18 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from rwt_client import ConnectionEvent
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_lerobot.reports import LOG_TYPE, ROSOUT, WARN
 
+if TYPE_CHECKING:
+    from rwt_lerobot.plugin.config import ServerConfig
+
 CONNECT_SECONDS: Final = 10.0
+FIRST_SECONDS: Final = 5.0
+"""Time for the first joint states to arrive."""
 
 
 class DeviceError(ConnectionError):
@@ -116,6 +121,17 @@ class Connection:
         self.robot.subscribe(topic, latest.put, type)
         return latest
 
+    def first_states(self, topic: str) -> Latest:
+        """Subscribe to joint states, and wait for the first.
+
+        Raises:
+            DeviceError: none arrive, or the connection is lost.
+        """
+        states = self.latest(topic, "sensor_msgs/JointState")
+        if not within(FIRST_SECONDS, lambda: not states.is_empty, self.check):
+            raise DeviceError(f"no joint states on {topic} of {self._url}")
+        return states
+
     def check(self) -> None:
         """Raise the error that ended the connection, or rejected a command.
 
@@ -149,6 +165,51 @@ class Connection:
 
     def _on_stopped(self, stop: Any) -> None:
         self._stopped = f"the emergency stop is pressed by {stop.by}: {stop.reason}" if stop.stopped else ""
+
+
+class Device:
+    """Common part of devices: the connection.
+
+    Attributes:
+        noun: the device in texts.
+    """
+
+    noun: ClassVar[str]
+
+    _connection: Connection | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        """True between :meth:`connect` and :meth:`disconnect`, also after an error."""
+        return self._connection is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """True: what is behind the server is calibrated there."""
+        return True
+
+    def calibrate(self) -> None:
+        """No-op: what is behind the server is calibrated there."""
+
+    def configure(self) -> None:
+        """No-op: what is behind the server is configured there."""
+
+    def disconnect(self) -> None:
+        """Close the connection."""
+        connection = self._connected()
+        self._connection = None
+        connection.close()
+
+    def _connect(self, config: ServerConfig, commands: str = "") -> Connection:
+        """Return a new connection, which the device keeps once it is complete."""
+        if self._connection is not None:
+            raise DeviceError(f"the {self.noun} is connected already")
+        return Connection(config.url, config.token, commands)
+
+    def _connected(self) -> Connection:
+        if self._connection is None:
+            raise DeviceError(f"the {self.noun} is not connected")
+        return self._connection
 
 
 def within(seconds: float, ready: Callable[[], bool], check: Callable[[], None]) -> bool:

@@ -12,14 +12,11 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots import Robot
 
 from rwt_lerobot.joints.controller import TOPIC_TYPE
+from rwt_lerobot.joints.features import FeatureMap
 from rwt_lerobot.plugin.config import RosbridgeRobotConfig
-from rwt_lerobot.plugin.connection import Connection, DeviceError, DoesNotFollow, Latest, within
-from rwt_lerobot.plugin.joints import FeatureMap
+from rwt_lerobot.plugin.connection import Connection, Device, DeviceError, DoesNotFollow, Latest
 from rwt_lerobot.reports import logger
 from rwt_participant.blocking import BlockingPublisher
-
-FIRST_SECONDS: Final = 5.0
-"""Time for the first joint states to arrive."""
 
 #: Periods after which a frame is late, and seconds after which the loop has paused between episodes.
 _LATE_PERIODS: Final = 1.5
@@ -108,7 +105,7 @@ class Following:
                 )
 
 
-class RosbridgeRobot(Robot):
+class RosbridgeRobot(Device, Robot):
     """Robot on a rosbridge server.
 
     Every method that LeRobot's loops call raises :exc:`DeviceError` with the cause if a command was rejected,
@@ -117,6 +114,7 @@ class RosbridgeRobot(Robot):
 
     config_class = RosbridgeRobotConfig
     name = "rosbridge"
+    noun = "robot"
 
     def __init__(self, config: RosbridgeRobotConfig) -> None:
         super().__init__(config)
@@ -124,7 +122,6 @@ class RosbridgeRobot(Robot):
         self.cameras = make_cameras_from_configs(config.cameras)
         self.frames = FrameCount(config.fps)
         self._map = FeatureMap(config.joints, config.units, config.ranges)
-        self._connection: Connection | None = None
         self._states: Latest | None = None
         self._publisher: BlockingPublisher | None = None
         self._wanted: Mapping[str, float] = {}
@@ -142,37 +139,17 @@ class RosbridgeRobot(Robot):
         """Features of the joints."""
         return dict(self._map.features)
 
-    @property
-    def is_connected(self) -> bool:
-        """True between :meth:`connect` and :meth:`disconnect`, also after an error."""
-        return self._connection is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """True: the robot behind the server is calibrated there."""
-        return True
-
-    def calibrate(self) -> None:
-        """No-op: the robot behind the server is calibrated there."""
-
-    def configure(self) -> None:
-        """No-op: the robot behind the server is configured there."""
-
     def connect(self, calibrate: bool = True) -> None:
         """Connect to the server, and wait for the first joint states.
 
         Raises:
             DeviceError: the server cannot be reached, or no joint states arrive.
         """
-        if self._connection is not None:
-            raise DeviceError("the robot is connected already")
         config = self.config
-        connection = Connection(config.url, config.token, config.commands)
+        connection = self._connect(config, config.commands)
         try:
-            states = connection.latest(config.states, "sensor_msgs/JointState")
             publisher = connection.robot.advertise(config.commands, TOPIC_TYPE)
-            if not within(FIRST_SECONDS, lambda: not states.is_empty, connection.check):
-                raise DeviceError(f"no joint states on {config.states} of {config.url}")
+            states = connection.first_states(config.states)
             for camera in self.cameras.values():
                 camera.connect()
         except BaseException:
@@ -221,9 +198,7 @@ class RosbridgeRobot(Robot):
 
     def disconnect(self) -> None:
         """Close the connection, and report late frames. The robot holds its last position."""
-        connection, self._connection = self._connection, None
-        if connection is None:
-            raise DeviceError("the robot is not connected")
+        super().disconnect()
         if self.frames.late:
             logger.warning("%s: recorded time is shorter than real time", self.frames)
         else:
@@ -231,12 +206,11 @@ class RosbridgeRobot(Robot):
         for camera in self.cameras.values():
             if camera.is_connected:
                 camera.disconnect()
-        connection.close()
 
     def _parts(self) -> tuple[Connection, Latest, BlockingPublisher]:
-        if self._connection is None or self._states is None or self._publisher is None:
-            raise DeviceError("the robot is not connected")
-        return self._connection, self._states, self._publisher
+        connection = self._connected()
+        assert self._states is not None and self._publisher is not None  # Set with the connection.
+        return connection, self._states, self._publisher
 
     def _read(self, message: Any) -> dict[str, float]:
         try:

@@ -9,13 +9,12 @@ from typing import Any
 from lerobot.teleoperators import Teleoperator
 
 from rwt_lerobot.joints.controller import GOAL_TOLERANCE, TOPIC_TYPE
+from rwt_lerobot.joints.features import FeatureMap
 from rwt_lerobot.plugin.config import RosbridgeTeleoperatorConfig
-from rwt_lerobot.plugin.connection import Connection, DeviceError, Latest, within
-from rwt_lerobot.plugin.joints import FeatureMap
-from rwt_lerobot.plugin.robot import FIRST_SECONDS
+from rwt_lerobot.plugin.connection import Device, DeviceError, Latest
 
 
-class RosbridgeTeleoperator(Teleoperator):
+class RosbridgeTeleoperator(Device, Teleoperator):
     """Teleoperator whose commands arrive as trajectories: from sliders in a browser, a phone or a program.
 
     A command may name some joints; the others keep their last command, and before it their position at the
@@ -25,12 +24,12 @@ class RosbridgeTeleoperator(Teleoperator):
 
     config_class = RosbridgeTeleoperatorConfig
     name = "rosbridge"
+    noun = "teleoperator"
 
     def __init__(self, config: RosbridgeTeleoperatorConfig) -> None:
         super().__init__(config)
         self.config = config
         self._map = FeatureMap(config.joints, config.units, config.ranges)
-        self._connection: Connection | None = None
         self._states = Latest(config.states)
         self._wanted: dict[str, float] = {}
 
@@ -44,36 +43,16 @@ class RosbridgeTeleoperator(Teleoperator):
         """Empty: there is no feedback."""
         return {}
 
-    @property
-    def is_connected(self) -> bool:
-        """True between :meth:`connect` and :meth:`disconnect`, also after an error."""
-        return self._connection is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """True: nothing is to be calibrated."""
-        return True
-
-    def calibrate(self) -> None:
-        """No-op: nothing is to be calibrated."""
-
-    def configure(self) -> None:
-        """No-op: nothing is to be configured."""
-
     def connect(self, calibrate: bool = True) -> None:
         """Connect to the server, and begin with the positions of the joints.
 
         Raises:
             DeviceError: the server cannot be reached, or no joint states arrive.
         """
-        if self._connection is not None:
-            raise DeviceError("the teleoperator is connected already")
         config = self.config
-        connection = Connection(config.url, config.token)
+        connection = self._connect(config)
         try:
-            self._states = states = connection.latest(config.states, "sensor_msgs/JointState")
-            if not within(FIRST_SECONDS, lambda: not states.is_empty, connection.check):
-                raise DeviceError(f"no joint states on {config.states} of {config.url}")
+            self._states = states = connection.first_states(config.states)
             message = states.get(config.max_age)
             self._map.read(message.name, message.position)
             self._wanted = dict.fromkeys(config.joints, math.nan)
@@ -89,21 +68,12 @@ class RosbridgeTeleoperator(Teleoperator):
 
     def get_action(self) -> dict[str, Any]:
         """Return the last command."""
-        if self._connection is None:
-            raise DeviceError("the teleoperator is not connected")
-        self._connection.check()
+        self._connected().check()
         wanted = self._wanted
         return dict(self._map.read(list(wanted), list(wanted.values())))
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """No-op: there is no feedback."""
-
-    def disconnect(self) -> None:
-        """Close the connection."""
-        connection, self._connection = self._connection, None
-        if connection is None:
-            raise DeviceError("the teleoperator is not connected")
-        connection.close()
 
     def _take(self, message: Any) -> None:
         # Runs in the thread of the connection: the dictionary is replaced, never changed.

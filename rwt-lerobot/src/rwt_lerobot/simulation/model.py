@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from rwt_lerobot.joints.limits import USUAL_SPEED, JointLimit
-from rwt_tf2 import euler_from_quaternion
+from rwt_tf2 import Transform
+from rwt_tf2.quaternion import to_rpy
 
 ARM: Final = Path(__file__).with_name("arm.xml")
 """The six-joint arm."""
@@ -76,21 +76,15 @@ class Model:
         self.joints = tuple(self._joints())
         driven = {joint.actuator for joint in self.joints}
         self.cameras = {
-            model.camera(index).name: math.radians(float(model.cam_fovy[index]))
-            for index in range(model.ncam)
-            if model.camera(index).name
+            name: math.radians(float(model.cam_fovy[index]))
+            for index, name in _named(model.camera, model.ncam)
         }
         self.sensors = {
-            model.sensor(index).name: slice(
-                int(model.sensor_adr[index]), int(model.sensor_adr[index] + model.sensor_dim[index])
-            )
-            for index in range(model.nsensor)
-            if model.sensor(index).name
+            name: slice(int(model.sensor_adr[index]), int(model.sensor_adr[index] + model.sensor_dim[index]))
+            for index, name in _named(model.sensor, model.nsensor)
         }
         self.other_actuators = {
-            model.actuator(index).name: index
-            for index in range(model.nu)
-            if index not in driven and model.actuator(index).name
+            name: index for index, name in _named(model.actuator, model.nu) if index not in driven
         }
 
     def _joints(self) -> Iterator[ModelJoint]:
@@ -103,9 +97,8 @@ class Model:
             # A position actuator: its force falls with the position by as much as it rises with the command.
             and model.actuator_biasprm[index][1] == -model.actuator_gainprm[index][0] != 0
         }
-        for index in range(model.njnt):
-            name = model.joint(index).name
-            if int(model.jnt_type[index]) not in kinds or not name:
+        for index, name in _named(model.joint, model.njnt):
+            if int(model.jnt_type[index]) not in kinds:
                 continue
             lower, upper = model.jnt_range[index] if model.jnt_limited[index] else (-math.pi, math.pi)
             speed = float(model.jnt_user[index][0]) if model.nuser_jnt else 0.0
@@ -181,14 +174,22 @@ class Model:
             )  # fmt: skip
 
 
-def quaternion(wxyz: Any) -> dict[str, float]:
-    """Return a `geometry_msgs/Quaternion`; MuJoCo's begin with w."""
-    w, x, y, z = (float(part) for part in wxyz)
-    return {"x": x, "y": y, "z": z, "w": w}
+def _named(find: Callable[[int], Any], count: int) -> Iterator[tuple[int, str]]:
+    """Yield the index and name of each part of a model that has a name."""
+    for index in range(count):
+        if name := find(index).name:
+            yield index, name
+
+
+def pose(position: Any, wxyz: Any) -> Transform:
+    """Return a transform; MuJoCo's quaternions begin with w."""
+    w, x, y, z = map(float, wxyz)
+    px, py, pz = map(float, position)
+    return Transform((px, py, pz), (x, y, z, w))
 
 
 def _add_origin(element: ET.Element, position: Any, wxyz: Any) -> None:
-    rpy = euler_from_quaternion(SimpleNamespace(**quaternion(wxyz)))
+    rpy = to_rpy(pose(position, wxyz).rotation)
     ET.SubElement(
         element,
         "origin",

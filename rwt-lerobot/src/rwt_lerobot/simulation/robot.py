@@ -12,9 +12,10 @@ from rwt_graph import Graph, Node
 from rwt_lerobot.joints.controller import TrajectoryController
 from rwt_lerobot.reports import warn
 from rwt_lerobot.simulation.cameras import CameraThread, Lens, camera_info, optical_frame
-from rwt_lerobot.simulation.model import ARM, HOME, Model, quaternion
+from rwt_lerobot.simulation.model import ARM, HOME, Model, pose
 from rwt_participant.messages import Message, MessageLike
 from rwt_participant.qos import LATCHED
+from rwt_tf2 import StampedTransform, Transform, write_transform
 
 CONTROL_SECONDS: Final = 0.02
 """Interval of control and of joint states, simulated seconds."""
@@ -24,7 +25,7 @@ _BUSY_SECONDS: Final = 0.014
 #: Share of TF messages among the steps.
 _TF_EVERY: Final = 2
 #: Half turn about x: MuJoCo's cameras look along -z with y up, optical frames along z with y down.
-_OPTICAL: Final = (0.0, 1.0, 0.0, 0.0)
+_OPTICAL: Final = Transform(rotation=(1.0, 0.0, 0.0, 0.0))
 
 
 class MujocoRobot:
@@ -185,7 +186,7 @@ class MujocoRobot:
             if publisher.subscriber_count:
                 publisher.publish({"data": self.data.sensordata[self.model.sensors[name]].tolist()})
         if self._steps % _TF_EVERY == 0 and self._tf.subscriber_count:
-            self._tf.publish({"transforms": list(self._transforms(stamp))})
+            self._tf.publish({"transforms": list(self._transforms())})
         self._shoot(stamp)
 
     def _shoot(self, stamp: dict[str, int]) -> None:
@@ -202,34 +203,18 @@ class MujocoRobot:
                 self._cameras = CameraThread(self.model, self._lens, self._images)
             self._cameras.shoot(self.data.qpos.copy(), watched, self.time_ns)
 
-    def _transforms(self, stamp: dict[str, int]) -> Iterator[MessageLike]:
-        model = self.model.compiled
+    def _transforms(self) -> Iterator[MessageLike]:
+        model, data, stamp_ns = self.model.compiled, self.data, self.time_ns
+        poses = [pose(data.xpos[body], data.xquat[body]) for body in range(model.nbody)]
         for body in range(1, model.nbody):
             parent = int(model.body_parentid[body])
-            position, turn = self._relative(parent, body)
-            yield _transform(stamp, self.model.body_name(parent), self.model.body_name(body), position, turn)
+            names = self.model.body_name(parent), self.model.body_name(body)
+            yield write_transform(StampedTransform(*names, stamp_ns, poses[parent].inverse() @ poses[body]))
         for name in self.model.cameras:
             camera = model.camera(name)
             parent_name = self.model.body_name(int(model.cam_bodyid[camera.id]))
-            turn = self._product(camera.quat, _OPTICAL)
-            yield _transform(stamp, parent_name, optical_frame(name), camera.pos, turn)
-
-    def _relative(self, parent: int, body: int) -> tuple[list[float], list[float]]:
-        import numpy as np
-
-        data, mujoco = self.data, self.model.mujoco
-        inverse, position = np.zeros(4), np.zeros(3)
-        mujoco.mju_negQuat(inverse, data.xquat[parent])
-        mujoco.mju_rotVecQuat(position, data.xpos[body] - data.xpos[parent], inverse)
-        return position.tolist(), self._product(inverse, data.xquat[body])
-
-    def _product(self, one: object, other: object) -> list[float]:
-        import numpy as np
-
-        result = np.zeros(4)
-        self.model.mujoco.mju_mulQuat(result, np.asarray(one, float), np.asarray(other, float))
-        product: list[float] = result.tolist()
-        return product
+            mounted = pose(camera.pos, camera.quat) @ _OPTICAL
+            yield write_transform(StampedTransform(parent_name, optical_frame(name), stamp_ns, mounted))
 
     def _actuate(self, index: int, message: Message) -> None:
         lower, upper = self.model.compiled.actuator_ctrlrange[index]
@@ -253,12 +238,3 @@ class MujocoRobot:
     def _reset(self, request: object) -> MessageLike:
         self.reset()
         return {"success": True}
-
-
-def _transform(stamp: dict[str, int], parent: str, child: str, position: object, wxyz: object) -> MessageLike:
-    x, y, z = (float(part) for part in position)  # type: ignore[attr-defined]  # a list or an array
-    return {
-        "header": {"stamp": stamp, "frame_id": parent},
-        "child_frame_id": child,
-        "transform": {"translation": {"x": x, "y": y, "z": z}, "rotation": quaternion(wxyz)},
-    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import uuid
 import weakref
-from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from rwt_graph.api import ClientGoal, GoalEvents
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus
-from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.actions.entity import ActionEntity, uuid_message
 from rwt_rclpy.endpoints.client import Client, wait_until
 from rwt_rclpy.endpoints.qos import (
     QoSProfile,
@@ -23,11 +22,9 @@ from rwt_rclpy.endpoints.qos import (
 )
 from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.subscription import Subscription
-from rwt_rclpy.endpoints.type_support import action_type as type_behind
 from rwt_rclpy.endpoints.type_support import message_type
-from rwt_rclpy.exceptions import NameValidationException, RCLError
+from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.execution.blocking import Wait
-from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.executors import ExternalShutdownException
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.execution.waitable import NumberOfEntities
@@ -98,7 +95,7 @@ class _GraphGoal:
         self.waiting: list[Future] = []
 
 
-class ActionClient(Entity):
+class ActionClient(ActionEntity):
     """Client of one action.
 
     Args:
@@ -107,6 +104,8 @@ class ActionClient(Entity):
         action_name: name of the action.
         callback_group: group of its callbacks.
     """
+
+    _what = "action client"
 
     def __init__(
         self,
@@ -121,18 +120,10 @@ class ActionClient(Entity):
         feedback_sub_qos_profile: QoSProfile = qos_profile_default,
         status_sub_qos_profile: QoSProfile = qos_profile_action_status_default,
     ) -> None:
-        super().__init__(callback_group or node.default_callback_group)
-        type_behind(action_type)
-        self._node = node
-        self._action_type = action_type
-        self._action_name = action_name
-        self._link = node.context._rwt_link
-        self._name = resolved_action_name(node, action_name)
-        self._handle = Destroyable("action client", self._close)
+        super().__init__(node, action_type, action_name, callback_group)
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], object]] = {}
         self._graph_goals: dict[bytes, _GraphGoal] = {}
-        self._waiting: deque[Callable[[], object]] = deque()
         impl = action_type.Impl
         self._send, self._cancel, self._result = (
             self._client(kind, short, profile)
@@ -146,21 +137,11 @@ class ActionClient(Entity):
             self._subscription(impl.FeedbackMessage, "feedback", self._on_feedback, feedback_sub_qos_profile),
             self._subscription(impl.GoalStatusMessage, "status", self._on_status, status_sub_qos_profile),
         )
-        self.callback_group.add_entity(self)
-        node.add_waitable(self)
+        self._join()
 
     def _client(self, kind: Any, short: str, profile: QoSProfile) -> Client:
-        node = self._node
-        client = Client(
-            node.context,
-            self._link,
-            node,
-            kind,
-            f"{self._name}/_action/{short}",
-            f"{self._name}/_action/{short}",
-            profile,
-            self.callback_group,
-        )
+        name = f"{self._name}/_action/{short}"
+        client = Client(self._node, kind, name, name, profile, self.callback_group)
         client._rwt_wake = self._wake
         return client
 
@@ -177,9 +158,6 @@ class ActionClient(Entity):
             self._link.run(lambda: participant.subscribe(name, subscription._rwt_on_sample, interface, qos))
         )
         return subscription
-
-    def _wake(self) -> None:
-        self._rwt_wake()
 
     def _wait(self, future: Future) -> Any:
         wait = Wait(self._node.context)
@@ -228,7 +206,7 @@ class ActionClient(Entity):
             raise TypeError(f"Expected {self._action_type.Goal}, got {type(goal)}")
         if not self._handle:
             raise RCLError("Error sending goal request: the action client was destroyed")
-        goal_id = goal_uuid or message_class("unique_identifier_msgs/UUID")(uuid=list(uuid.uuid4().bytes))
+        goal_id = goal_uuid or uuid_message(uuid.uuid4().bytes)
         key = bytes(goal_id.uuid)
         if feedback_callback is not None:
             self._feedback_callbacks[key] = feedback_callback
@@ -302,10 +280,13 @@ class ActionClient(Entity):
 
     def _on_status(self, message: Any) -> None:
         for status in message.status_list:
-            weak = self._goal_handles.get(bytes(status.goal_info.goal_id.uuid))
-            handle = None if weak is None else weak()
-            if handle is not None:
-                handle._status = status.status
+            self._set_status(status.goal_info.goal_id, status.status)
+
+    def _set_status(self, goal_id: Any, status: int) -> None:
+        weak = self._goal_handles.get(bytes(goal_id.uuid))
+        handle = None if weak is None else weak()
+        if handle is not None:
+            handle._status = status
 
     # Servers of the graph's own actions
 
@@ -332,10 +313,6 @@ class ActionClient(Entity):
         events = GoalEvents(ended, feedback, accepted)
         participant = self._node._rwt_participant
         record.goal = self._link.run(lambda: participant.send_goal(self._name, payload, events, key.hex()))
-
-    def _later(self, call: Callable[[], object]) -> None:
-        self._waiting.append(call)
-        self._rwt_wake()
 
     def _graph_feedback(self, goal_id: Any, payload: Payload) -> Any:
         callback = self._feedback_callbacks.get(bytes(goal_id.uuid))
@@ -366,10 +343,7 @@ class ActionClient(Entity):
             record.response = self._action_type.Impl.GetResultService.Response(
                 status=int(status), result=message_of(outcome, self._action_type.Result)
             )
-        weak = self._goal_handles.get(bytes(goal_id.uuid))
-        handle = None if weak is None else weak()
-        if handle is not None:
-            handle._status = int(status)
+        self._set_status(goal_id, int(status))
         for future in record.waiting:
             self._settle(future, record.response)
 
@@ -389,50 +363,18 @@ class ActionClient(Entity):
 
     def wait_for_server(self, timeout_sec: float | None = None) -> bool:
         """Wait until a server offers the action. Returns False after the timeout."""
-        return wait_until(self._node.context, self._link, self.server_is_ready, timeout_sec)
+        return wait_until(self._node.context, self.server_is_ready, timeout_sec)
 
     # Interface of executors
 
-    def _rwt_has_work(self) -> bool:
-        """True if a response, feedback or a state is pending."""
-        if not self._handle:
-            return False
-        return bool(self._waiting) or any(each._rwt_has_work() for each in self._parts())
-
-    def _parts(self) -> tuple[Entity, ...]:
+    def _parts(self) -> tuple[Client | Subscription, ...]:
         # Feedback before results, after which it is not delivered any more.
         return (self._send, self._cancel, *self._subscriptions, self._result)
-
-    def _rwt_take(self) -> Callable[[], object] | None:
-        """Return the oldest one."""
-        if self._waiting:
-            return self._waiting.popleft()
-        for part in self._parts():
-            if part._rwt_has_work():
-                call = part._rwt_take()
-                if call is not None:
-                    return call
-        return None
 
     def get_num_entities(self) -> NumberOfEntities:
         """Return the numbers of two subscriptions and three clients."""
         return NumberOfEntities(num_subscriptions=2, num_clients=3)
 
-    def destroy(self) -> None:
-        """Destroy the client. Raises ValueError if it was destroyed."""
-        self._node.remove_waitable(self)
-        self._handle.destroy_when_not_in_use()
-
     def _close(self) -> None:
-        for part in self._subscriptions:
+        for part in self._parts():
             part.destroy()
-        for client in (self._send, self._cancel, self._result):
-            client.destroy()
-
-
-def resolved_action_name(node: Node, name: str) -> str:
-    """Return the absolute name of an action. Raises ValueError if ROS does not allow it."""
-    try:
-        return node._rwt_resolved(name, "name")
-    except NameValidationException as error:
-        raise ValueError(f"Action name is invalid: {error}") from error

@@ -9,17 +9,15 @@ from __future__ import annotations
 import functools
 import threading
 import traceback
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.errors import InvalidTransition
 from rwt_participant.goals import GoalStatus
-from rwt_rclpy.actions.client import resolved_action_name
+from rwt_rclpy.actions.entity import ActionEntity, uuid_message
 from rwt_rclpy.clocks.clock import Clock
 from rwt_rclpy.clocks.time import ClockType
-from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.qos import (
     QoSProfile,
     qos_profile_action_status_default,
@@ -28,10 +26,8 @@ from rwt_rclpy.endpoints.qos import (
 )
 from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.service import RequestHeader, Service
-from rwt_rclpy.endpoints.type_support import action_type as type_behind
 from rwt_rclpy.endpoints.type_support import service_type
 from rwt_rclpy.exceptions import RCLError
-from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.executors import await_or_execute
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.execution.waitable import NumberOfEntities
@@ -40,7 +36,6 @@ from rwt_rclpy.messages.loaded import message_class
 if TYPE_CHECKING:
     from rwt_graph import Release
     from rwt_graph.api import ServerGoal
-    from rwt_interfaces.structs import ActionType
     from rwt_rclpy.nodes.node import Node
 
 
@@ -206,7 +201,7 @@ def default_cancel_callback(cancel_request: Any) -> CancelResponse:
     return CancelResponse.REJECT
 
 
-class ActionServer(Entity):
+class ActionServer(ActionEntity):
     """Server of one action of a node.
 
     Args:
@@ -220,6 +215,8 @@ class ActionServer(Entity):
         cancel_callback: takes a :class:`ServerGoalHandle`, returns whether it will be canceled.
         result_timeout: seconds for which results are kept; negative: as long as the server exists.
     """
+
+    _what = "action server"
 
     def __init__(
         self,
@@ -239,23 +236,17 @@ class ActionServer(Entity):
         status_pub_qos_profile: QoSProfile = qos_profile_action_status_default,
         result_timeout: float = 900,
     ) -> None:
-        super().__init__(callback_group or node.default_callback_group)
+        super().__init__(node, action_type, action_name, callback_group)
         self.register_handle_accepted_callback(handle_accepted_callback)
         self.register_goal_callback(goal_callback)
         self.register_cancel_callback(cancel_callback)
         self.register_execute_callback(execute_callback)
-        self._node = node
-        self._action_type = action_type
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
         self._result_futures: dict[bytes, Future] = {}
         self._result_timeout = result_timeout
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._handle = Destroyable("action server", self._close)
-        self._waiting: deque[Callable[[], Any]] = deque()
-        self._link = node.context._rwt_link
         self._logger = node.get_logger().get_child("action_server")
-        name = self._name = resolved_action_name(node, action_name)
-        impl, make = action_type.Impl, node.create_publisher
+        name, impl, make = self._name, action_type.Impl, node.create_publisher
         self._feedback = make(impl.FeedbackMessage, f"{name}/_action/feedback", feedback_pub_qos_profile)
         self._status = make(impl.GoalStatusMessage, f"{name}/_action/status", status_pub_qos_profile)
         self._services = tuple(
@@ -266,15 +257,14 @@ class ActionServer(Entity):
                 (impl.SendGoalService, "send_goal", self._on_send_goal, goal_service_qos_profile),
             )
         )
-        self._registration = self._link.run(functools.partial(self._advertise, type_behind(action_type)))
-        self.callback_group.add_entity(self)
-        node.add_waitable(self)
+        self._registration = self._link.run(self._advertise)
+        self._join()
 
-    def _advertise(self, interface: ActionType) -> Any:
+    def _advertise(self) -> Any:
         """Offer the action and its services in one turn of the graph, so that no goal comes between them."""
         participant = self._node._rwt_participant
         # The graph's action comes first: its own services are displaced by those here.
-        registration = participant.advertise_action(self._name, interface, self._on_graph_goal)
+        registration = participant.advertise_action(self._name, self._interface, self._on_graph_goal)
         for service in self._services:
             kind = service_type(service.srv_type)
             service._rwt_opened(participant.advertise_service(service.srv_name, kind, service._rwt_on_call))
@@ -283,12 +273,9 @@ class ActionServer(Entity):
     def _service(
         self, kind: Any, name: str, callback: Callable[..., Any], profile: QoSProfile
     ) -> RequestQueue:
-        service = RequestQueue(self._link, self._node, kind, name, callback, self.callback_group, profile)
+        service = RequestQueue(self._node, kind, name, name, callback, self.callback_group, profile)
         service._rwt_wake = self._wake
         return service
-
-    def _wake(self) -> None:
-        self._rwt_wake()
 
     @property
     def action_type(self) -> Any:
@@ -330,7 +317,7 @@ class ActionServer(Entity):
         if answer is not GoalResponse.ACCEPT:
             return None
         info = message_class("action_msgs/GoalInfo")(
-            goal_id=_uuid(goal_id), stamp=self._node.get_clock().now().to_msg()
+            goal_id=uuid_message(goal_id), stamp=self._node.get_clock().now().to_msg()
         )
         handle = ServerGoalHandle(self, info, goal, graph_goal)
         self._goal_handles[goal_id] = handle
@@ -356,10 +343,6 @@ class ActionServer(Entity):
         goal_id = bytes.fromhex(goal.id)
         goal.on_cancel = lambda: self._later(lambda: self._cancel_of_graph(goal_id))
         self._later(lambda: self._consider(goal, goal_id, message_of(payload, self._action_type.Goal)))
-
-    def _later(self, call: Callable[[], Any]) -> None:
-        self._waiting.append(call)
-        self._rwt_wake()
 
     async def _consider(self, goal: ServerGoal, goal_id: bytes, message: Any) -> None:
         handle = await self._take_goal(goal_id, message, goal)
@@ -512,13 +495,11 @@ class ActionServer(Entity):
 
     def _rwt_has_work(self) -> bool:
         """True if a request is pending, or a result has expired."""
-        if not self._handle:
-            return False
-        return bool(self._waiting) or any(each._rwt_has_work() for each in self._services) or self._expired()
+        due = self._rwt_due_in_ns() if self._handle else None
+        return super()._rwt_has_work() or (due is not None and due <= 0)
 
-    def _expired(self) -> bool:
-        due = self._rwt_due_in_ns()
-        return due is not None and due <= 0
+    def _parts(self) -> Iterator[RequestQueue]:
+        return reversed(self._services)
 
     def _rwt_due_in_ns(self) -> int | None:
         """Return the nanoseconds until a result expires."""
@@ -530,16 +511,11 @@ class ActionServer(Entity):
         return min(ends) - self._clock.handle.now_ns() if ends else None
 
     def _rwt_take(self) -> Callable[[], object] | None:
-        """Return the oldest request."""
-        if self._waiting:
-            return self._waiting.popleft()
-        for service in reversed(self._services):
-            if service._rwt_has_work():
-                call = service._rwt_take()
-                if call is not None:
-                    return call
-        self._forget_expired()
-        return None
+        """Return the oldest request; without one, forget results that have expired."""
+        call = super()._rwt_take()
+        if call is None:
+            self._forget_expired()
+        return call
 
     def _forget_expired(self) -> None:
         now = self._clock.handle.now_ns()
@@ -553,28 +529,16 @@ class ActionServer(Entity):
         """Return the numbers of three services, and a timer for results."""
         return NumberOfEntities(num_timers=1, num_services=3)
 
-    def destroy(self) -> None:
-        """Withdraw the action; active goals end as aborted for clients of the graph.
-
-        Raises:
-            ValueError: it was destroyed.
-        """
-        self._node.remove_waitable(self)
+    def _close(self) -> None:
+        """Withdraw the action; active goals end as aborted for clients of the graph."""
         for handle in self._goal_handles.values():
             self._charge_no_more(handle)
             handle.destroy()
         self._node.destroy_publisher(self._feedback)
         self._node.destroy_publisher(self._status)
-        self._handle.destroy_when_not_in_use()
-
-    def _close(self) -> None:
         for service in self._services:
             service.destroy()
         self._link.post(self._registration.close)
-
-
-def _uuid(goal_id: bytes) -> Any:
-    return message_class("unique_identifier_msgs/UUID")(uuid=list(goal_id))
 
 
 def _stamp(handle: ServerGoalHandle) -> tuple[int, int]:

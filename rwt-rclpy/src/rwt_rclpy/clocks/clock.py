@@ -5,13 +5,14 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from rwt_rclpy.clocks import timekeeper
-from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.clocks.duration import S_TO_NS, Duration
 from rwt_rclpy.clocks.time import ClockType, Time
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import NotInitializedException
+from rwt_rclpy.execution.blocking import Wait
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.context import Context
@@ -26,6 +27,10 @@ class ClockChange(IntEnum):
     SYSTEM_TIME_NO_CHANGE = 4
 
     __str__ = Enum.__str__
+
+
+#: Changes to another source of time.
+SOURCE_CHANGES: Final = (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
 
 
 class JumpThreshold:
@@ -107,7 +112,7 @@ class JumpHandle:
 
     def exceeded(self, change: ClockChange, delta_ns: int) -> bool:
         """True if a jump exceeds the threshold."""
-        if change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
+        if change in SOURCE_CHANGES:
             return self.threshold.on_clock_change
         forward, backward = self.threshold.min_forward, self.threshold.min_backward
         if forward is not None and delta_ns >= forward.nanoseconds:
@@ -236,64 +241,26 @@ class Clock:
             raise NotInitializedException("a clock cannot sleep")
         if until.clock_type != self._clock_type:
             raise ValueError("until's clock type does not match this clock's type")
-        sleeper = _Sleeper(self, until, context)
-        return sleeper.sleep()
+        wait, source_changed = Wait(context), False
+
+        def jumped(jump: TimeJump) -> None:
+            nonlocal source_changed
+            source_changed = source_changed or jump.clock_change in SOURCE_CHANGES
+            wait.wake()
+
+        def left() -> int:
+            return 0 if source_changed else max(0, until.nanoseconds - self._handle.now_ns())
+
+        threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
+        with self.create_jump_callback(threshold, post_callback=jumped):
+            while context.ok() and left():
+                elapses = self._handle.override_ns is None
+                wait.until(lambda: not left(), left() / S_TO_NS if elapses else None)
+        return context.ok() and not source_changed
 
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
         """Sleep for a duration of this clock's time; see :meth:`sleep_until`."""
         return self.sleep_until(self.now() + rel_time, context)
-
-
-class _Sleeper(timekeeper.Waker):
-    """Sleeping thread."""
-
-    def __init__(self, clock: Clock, until: Time, context: Context) -> None:
-        self._clock = clock
-        self._until_ns = until.nanoseconds
-        self._context = context
-        self._keeper = timekeeper.current()
-        self._condition = self._keeper.condition()
-        self._source_changed = False
-        self._woken = False
-
-    def wake(self) -> None:
-        """Wake the waiting thread."""
-        with self._condition:
-            self._woken = True
-            self._condition.notify_all()
-
-    _rwt_clock_changed = wake
-
-    def _jumped(self, jump: TimeJump) -> None:
-        if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
-            self._source_changed = True
-        self.wake()
-
-    def sleep(self) -> bool:
-        handle = self._clock.handle
-        self._context._rwt_wake_on_end(self)
-        threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
-        with self._clock.create_jump_callback(threshold, post_callback=self._jumped):
-            handle.watchers.add(self)
-            try:
-                while not self._source_changed and self._context.ok():
-                    left = self._until_ns - handle.now_ns()
-                    if left <= 0:
-                        break
-                    self._wait(None if handle.override_ns is not None else left)
-            finally:
-                handle.watchers.discard(self)
-        if self._source_changed or not self._context.ok():
-            return False
-        return handle.now_ns() >= self._until_ns
-
-    def _wait(self, left_ns: int | None) -> None:
-        keeper = self._keeper
-        deadline = None if left_ns is None else keeper.steady_ns() + left_ns
-        with self._condition:
-            while not self._woken and (deadline is None or keeper.steady_ns() < deadline):
-                keeper.wait(self._condition, deadline)
-            self._woken = False
 
 
 class ROSClock(Clock):

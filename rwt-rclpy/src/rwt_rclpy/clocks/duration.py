@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from functools import total_ordering
 from typing import Any, Final
 
 from rwt_rclpy.messages.loaded import message_class
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 S_TO_NS: Final = 1_000_000_000
 INT64_MAX: Final = 2**63 - 1
 INT64_MIN: Final = -(2**63)
 
 
+@total_ordering
 class Duration:
     """Duration, positive or negative, in nanoseconds of 64 bits.
 
@@ -38,9 +40,7 @@ class Duration:
         return "Infinite" if self == Infinite else f"{self._ns} nanoseconds"
 
     def __eq__(self, other: object) -> bool:
-        if isinstance(other, Duration):
-            return self._ns == other._ns
-        return NotImplemented
+        return self._ns == other._ns if isinstance(other, Duration) else NotImplemented
 
     def __copy__(self) -> Duration:
         return Duration(nanoseconds=self._ns)
@@ -51,34 +51,27 @@ class Duration:
     def __lt__(self, other: object) -> bool:
         return self._ns < other._ns if isinstance(other, Duration) else NotImplemented
 
-    def __le__(self, other: object) -> bool:
-        return self._ns <= other._ns if isinstance(other, Duration) else NotImplemented
+    if FROM_KILTED:
 
-    def __gt__(self, other: object) -> bool:
-        return self._ns > other._ns if isinstance(other, Duration) else NotImplemented
+        def __add__(self, other: object) -> Duration:
+            if not isinstance(other, Duration):
+                return NotImplemented
+            return Duration(nanoseconds=self._ns + other._ns)
 
-    def __ge__(self, other: object) -> bool:
-        return self._ns >= other._ns if isinstance(other, Duration) else NotImplemented
+        def __sub__(self, other: object) -> Duration:
+            if not isinstance(other, Duration):
+                return NotImplemented
+            return Duration(nanoseconds=self._ns - other._ns)
 
-    def __add__(self, other: object) -> Duration:
-        if not isinstance(other, Duration) or not RELEASE.durations_calculate:
-            return NotImplemented
-        return Duration(nanoseconds=self._ns + other._ns)
-
-    def __sub__(self, other: object) -> Duration:
-        if not isinstance(other, Duration) or not RELEASE.durations_calculate:
-            return NotImplemented
-        return Duration(nanoseconds=self._ns - other._ns)
-
-    def __mul__(self, other: object) -> Duration:
-        """Return a multiple; times infinity is :data:`Infinite`. Raises ValueError for NaN."""
-        if not isinstance(other, (int, float)) or not RELEASE.durations_calculate:
-            return NotImplemented
-        if math.isnan(other):
-            raise ValueError("a duration cannot be multiplied by NaN")
-        if math.isinf(other):
-            return Infinite if (other > 0) == (self._ns >= 0) else Duration(nanoseconds=INT64_MIN)
-        return Duration(nanoseconds=int(self._ns * other))
+        def __mul__(self, other: object) -> Duration:
+            """Return a multiple; times infinity is :data:`Infinite`. Raises ValueError for NaN."""
+            if not isinstance(other, (int, float)):
+                return NotImplemented
+            if math.isnan(other):
+                raise ValueError("a duration cannot be multiplied by NaN")
+            if math.isinf(other):
+                return Infinite if (other > 0) == (self._ns >= 0) else Duration(nanoseconds=INT64_MIN)
+            return Duration(nanoseconds=int(self._ns * other))
 
     def to_msg(self) -> Any:
         """Return the duration as `builtin_interfaces.msg.Duration`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum, IntEnum
+from functools import total_ordering
 from typing import Any, Final, overload
 
 from rwt_rclpy.clocks.duration import INT64_MAX, S_TO_NS, Duration
@@ -22,6 +23,7 @@ class ClockType(IntEnum):
     __str__ = Enum.__str__
 
 
+@total_ordering
 class Time:
     """Point in time of a clock type. Times of different types cannot be compared.
 
@@ -76,8 +78,7 @@ class Time:
             raise OverflowError("Addition leads to overflow in C storage.")
         return Time(nanoseconds=total, clock_type=self._clock_type)
 
-    def __radd__(self, other: object) -> Time:
-        return self.__add__(other)
+    __radd__ = __add__
 
     @overload
     def __sub__(self, other: Time) -> Duration: ...
@@ -107,32 +108,11 @@ class Time:
         self._check(other)
         return self._ns == other._ns
 
-    def __ne__(self, other: object) -> bool:
-        return not self == other
-
     def __lt__(self, other: object) -> bool:
         if not isinstance(other, Time):
             return NotImplemented
         self._check(other)
         return self._ns < other._ns
-
-    def __le__(self, other: object) -> bool:
-        if not isinstance(other, Time):
-            return NotImplemented
-        self._check(other)
-        return self._ns <= other._ns
-
-    def __gt__(self, other: object) -> bool:
-        if not isinstance(other, Time):
-            return NotImplemented
-        self._check(other)
-        return self._ns > other._ns
-
-    def __ge__(self, other: object) -> bool:
-        if not isinstance(other, Time):
-            return NotImplemented
-        self._check(other)
-        return self._ns >= other._ns
 
     def to_msg(self) -> Any:
         """Return the time as `builtin_interfaces.msg.Time`."""

@@ -9,6 +9,7 @@ from rwt_rclpy.clocks.clock import ROSClock
 from rwt_rclpy.clocks.time import ClockType, Time
 from rwt_rclpy.endpoints.qos import QoSProfile, ReliabilityPolicy
 from rwt_rclpy.messages.loaded import message_class
+from rwt_rclpy.parameters.node_parameters import result
 from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
 
 if TYPE_CHECKING:
@@ -42,8 +43,7 @@ class TimeSource:
             return
         self._ros_time_is_active = enabled
         for clock in self._associated_clocks:
-            self._set(clock, self._last_time_set)
-            clock._set_ros_time_is_active(enabled)
+            self._follow(clock)
         if enabled:
             self._subscribe()
         else:
@@ -94,31 +94,27 @@ class TimeSource:
         """Attach a clock. Raises ValueError if it is not of ROS time."""
         if not isinstance(clock, ROSClock):
             raise ValueError("Only clocks with type ROS_TIME can be attached.")
-        self._set(clock, self._last_time_set)
-        clock._set_ros_time_is_active(self._ros_time_is_active)
+        self._follow(clock)
         self._associated_clocks.add(clock)
 
     def clock_callback(self, msg: Any) -> None:
         """Handle a message of `/clock`."""
         self._last_time_set = Time.from_msg(msg.clock)
         for clock in self._associated_clocks:
-            self._set(clock, self._last_time_set)
+            clock.set_ros_time_override(self._last_time_set)
 
-    @staticmethod
-    def _set(clock: ROSClock, time: Time) -> None:
-        clock.set_ros_time_override(time)
+    def _follow(self, clock: ROSClock) -> None:
+        clock.set_ros_time_override(self._last_time_set)
+        clock._set_ros_time_is_active(self._ros_time_is_active)
 
     def _on_parameter_event(self, parameters: list[Parameter]) -> Any:
-        result = message_class("rcl_interfaces/SetParametersResult")
         for parameter in parameters:
             if parameter.name != USE_SIM_TIME_NAME:
                 continue
             if parameter.type_ is not ParameterKind.BOOL:
-                return result(
-                    successful=False, reason=f"{USE_SIM_TIME_NAME} parameter set to something besides a bool"
-                )
+                return result(f"{USE_SIM_TIME_NAME} parameter set to something besides a bool")
             self.ros_time_is_active = parameter.value
-        return result(successful=True)
+        return result()
 
     def _get_node(self) -> Node | None:
         return None if self._node_weak_ref is None else self._node_weak_ref()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
@@ -52,6 +52,22 @@ class Timekeeper(ABC):
 
         It may return early; callers check their condition again.
         """
+
+    def deadline(self, timeout_sec: float | None) -> int | None:
+        """Return the steady time after a timeout; None if it is None or negative."""
+        if timeout_sec is None or timeout_sec < 0:
+            return None
+        return self.steady_ns() + int(timeout_sec * 1e9)
+
+    def wait_for(
+        self, condition: threading.Condition, ready: Callable[[], bool], deadline_ns: int | None
+    ) -> bool:
+        """Wait, with the condition held, until `ready` returns True. Returns False at the deadline."""
+        while not ready():
+            if deadline_ns is not None and self.steady_ns() >= deadline_ns:
+                return False
+            self.wait(condition, deadline_ns)
+        return True
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -172,14 +188,9 @@ class VirtualTime(Timekeeper):
         if self._thread.counted:
             yield
             return
-        with self._condition:
-            self._busy += 1
-        self._thread.counted = True
-        try:
+        self.handed_over()
+        with self.working():
             yield
-        finally:
-            self._thread.counted = False
-            self._let_go()
 
     def handed_over(self) -> None:
         """Count work that a thread of a pool will do."""
@@ -194,13 +205,10 @@ class VirtualTime(Timekeeper):
             yield
         finally:
             self._thread.counted = False
-            self._let_go()
-
-    def _let_go(self) -> None:
-        with self._condition:
-            self._busy -= 1
-            if not self._busy:
-                self._condition.notify_all()
+            with self._condition:
+                self._busy -= 1
+                if not self._busy:
+                    self._condition.notify_all()
 
 
 _current: Timekeeper = RealTime()

@@ -5,15 +5,16 @@ from __future__ import annotations
 import inspect
 import threading
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from rwt_rclpy.clocks.clock import Clock, ClockChange, JumpThreshold, TimeJump
+from rwt_rclpy.clocks.clock import SOURCE_CHANGES, Clock, JumpThreshold, TimeJump
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.clocks.time import ClockType, Time
-from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.destroyable import Closable, Destroyable
 from rwt_rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from rwt_rclpy.execution.blocking import Wait
 from rwt_rclpy.execution.entity import Entity
-from rwt_rclpy.release import RELEASE, from_kilted
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.callback_groups import CallbackGroup
@@ -40,7 +41,7 @@ class _TimerInfo:
 
 
 _TimerInfo.__name__ = _TimerInfo.__qualname__ = "TimerInfo"
-if RELEASE.has_kilted_names:
+if FROM_KILTED:
     TimerInfo = _TimerInfo
 
 
@@ -89,8 +90,7 @@ class TimerHandle(Destroyable):
         self.canceled = False
 
 
-@from_kilted("__enter__", "__exit__")
-class Timer(Entity):
+class Timer(Entity, Closable):
     """Timer that calls a function periodically.
 
     Args:
@@ -101,6 +101,8 @@ class Timer(Entity):
         context: context whose end ends the timer.
         autostart: True to run from the start, else from the first :meth:`reset`.
     """
+
+    _handle: TimerHandle
 
     def __init__(
         self,
@@ -133,7 +135,7 @@ class Timer(Entity):
 
     def _jumped(self, jump: TimeJump) -> None:
         # The source of time changed, or time went back by more than a period: restart the period.
-        other_source = jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
+        other_source = jump.clock_change in SOURCE_CHANGES
         if not self._handle.canceled and (other_source or self._handle.is_beyond_a_period()):
             self._handle.reset()
 
@@ -175,17 +177,11 @@ class Timer(Entity):
 
     def destroy(self) -> None:
         """Destroy the timer."""
-        self._handle.destroy_when_not_in_use()
+        super().destroy()
         if self._jump is not None:
             self._jump.unregister()
             self._jump = None
         self._clock.handle.watchers.discard(self)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.destroy()
 
     def is_ready(self) -> bool:
         """True if the timer is due."""
@@ -244,7 +240,7 @@ class Timer(Entity):
 def _takes_info(callback: Callable[..., object]) -> bool:
     """True if a callback has a parameter for a `TimerInfo`: one that is annotated so, or without a
     default."""
-    if not RELEASE.has_kilted_names:
+    if not FROM_KILTED:
         return False
     try:
         parameters = inspect.signature(callback).parameters.values()
@@ -266,9 +262,6 @@ class Rate:
     """
 
     def __init__(self, timer: Timer, *, context: Context) -> None:
-        # Imported here to avoid a cycle: contexts need clocks.
-        from rwt_rclpy.execution.blocking import Wait
-
         self._timer = timer
         self._context = context
         self._wait = Wait(context)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import Arguments
+from rwt_rclpy.commands.options import add_program_options
 
 if TYPE_CHECKING:
     from rwt_graph import MemoryGraph
@@ -18,25 +19,13 @@ if TYPE_CHECKING:
 
 def add_graph_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of both commands."""
-    parser.add_argument(
-        "--interfaces",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder with .msg, .srv and .action files; may be given several times",
-    )
+    add_program_options(parser)
     parser.add_argument(
         "--serve",
         action="append",
         default=[],
         metavar="URL",
         help="serve the nodes' graph to rosbridge clients at ws://HOST:PORT; may be given several times",
-    )
-    parser.add_argument(
-        "--graph",
-        metavar="WHERE",
-        help="the graph that the nodes join: memory (one of their own), ws://HOST:PORT or unix:///PATH of a"
-        " server, zenoh, or zenoh:ENDPOINT; default: RWT_RCLPY_GRAPH, or memory",
     )
     parser.add_argument("--root", type=Path, metavar="DIR", help="where packages are looked for (default .)")
 

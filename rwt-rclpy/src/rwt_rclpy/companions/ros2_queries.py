@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import rwt_rclpy.client_library as rclpy
 from rwt_rclpy.companions.rosidl_runtime_py import get_message, get_service
 from rwt_rclpy.endpoints.client import Client
-from rwt_rclpy.messages.loaded import classes
 from rwt_rclpy.names.validation import topic_or_service_is_hidden
 from rwt_rclpy.parameters.parameter import get_parameter_value as get_parameter_value
+from rwt_rclpy.parameters.services import service_class
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.graph_queries import NamesAndTypes
@@ -46,11 +47,18 @@ def get_service_names(*, node: Node, include_hidden_services: bool = False) -> l
     return [name for name, _ in found]
 
 
-def _class(found: NamesAndTypes, name: str, load: Any) -> Any:
-    types = dict(found).get(name, [])
-    if len(types) > 1:
-        raise RuntimeError(f"{name} has several types, {', '.join(types)}: expected one")
-    return load(types[0]) if types else None
+def _wait_for_class(
+    node: Node, known: Callable[[], NamesAndTypes], name: str, load: Callable[[str], Any], blocking: bool
+) -> Any:
+    while True:
+        types = dict(known()).get(name, [])
+        if len(types) > 1:
+            raise RuntimeError(f"{name} has several types, {', '.join(types)}: expected one")
+        if types:
+            return load(types[0])
+        if not blocking or not node.context.ok():
+            return None
+        rclpy.spin_once(node, timeout_sec=0.1)
 
 
 def get_msg_class(
@@ -68,12 +76,8 @@ def get_msg_class(
         RuntimeError: the topic has several types.
     """
     name = node.resolve_topic_name(topic, only_expand=True)
-    while True:
-        known = get_topic_names_and_types(node=node, include_hidden_topics=include_hidden_topics)
-        found = _class(known, name, get_message)
-        if found is not None or not blocking or not node.context.ok():
-            return found
-        rclpy.spin_once(node, timeout_sec=0.1)
+    known = partial(get_topic_names_and_types, node=node, include_hidden_topics=include_hidden_topics)
+    return _wait_for_class(node, known, name, get_message, blocking)
 
 
 def get_service_class(
@@ -81,23 +85,18 @@ def get_service_class(
 ) -> Any | None:
     """Return the class of a service; None if there is no such service. See :func:`get_msg_class`."""
     name = node.resolve_service_name(service, only_expand=True)
-    while True:
-        known = get_service_names_and_types(node=node, include_hidden_services=include_hidden_services)
-        found = _class(known, name, get_service)
-        if found is not None or not blocking or not node.context.ok():
-            return found
-        rclpy.spin_once(node, timeout_sec=0.1)
+    known = partial(get_service_names_and_types, node=node, include_hidden_services=include_hidden_services)
+    return _wait_for_class(node, known, name, get_service, blocking)
 
 
-def _call(node: Node, node_name: str, service: str, kind: str, **fields: Any) -> Any:
+def _call(node: Node, node_name: str, service: str, **fields: Any) -> Any:
     """Call a parameter service of a node, spinning the calling node.
 
     Raises:
         RuntimeError: no node offers it within :data:`SERVICES_SECONDS`.
     """
-    full = node_name if node_name.startswith("/") else f"/{node_name}"
-    name = f"{full}/{service}"
-    client: Client = node.create_client(classes().service(f"rcl_interfaces/{kind}"), name)
+    name = f"/{node_name.removeprefix('/')}/{service}"
+    client: Client = node.create_client(service_class(service), name)
     try:
         if not client.wait_for_service(timeout_sec=SERVICES_SECONDS):
             raise RuntimeError(f"{name} is not offered: wait for service timed out")
@@ -110,12 +109,12 @@ def _call(node: Node, node_name: str, service: str, kind: str, **fields: Any) ->
 
 def call_get_parameters(*, node: Node, node_name: str, parameter_names: Sequence[str]) -> Any:
     """Return a node's response with values of parameters. Raises RuntimeError without the service."""
-    return _call(node, node_name, "get_parameters", "GetParameters", names=list(parameter_names))
+    return _call(node, node_name, "get_parameters", names=list(parameter_names))
 
 
 def call_set_parameters(*, node: Node, node_name: str, parameters: Sequence[Any]) -> Any:
     """Return a node's response about setting parameters. Raises RuntimeError without the service."""
-    return _call(node, node_name, "set_parameters", "SetParameters", parameters=list(parameters))
+    return _call(node, node_name, "set_parameters", parameters=list(parameters))
 
 
 def call_list_parameters(
@@ -123,13 +122,11 @@ def call_list_parameters(
 ) -> Any:
     """Return a node's response with names of parameters. Raises RuntimeError without the service."""
     wanted = list(prefixes or ([prefix] if prefix else ()))
-    return _call(node, node_name, "list_parameters", "ListParameters", prefixes=wanted)
+    return _call(node, node_name, "list_parameters", prefixes=wanted)
 
 
 def call_describe_parameters(
     *, node: Node, node_name: str, parameter_names: Sequence[str] | None = None
 ) -> Any:
     """Return a node's response with descriptors of parameters. Raises RuntimeError without the service."""
-    return _call(
-        node, node_name, "describe_parameters", "DescribeParameters", names=list(parameter_names or ())
-    )
+    return _call(node, node_name, "describe_parameters", names=list(parameter_names or ()))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rwt_rclpy.actions import graph
 from rwt_rclpy.names.validation import topic_or_service_is_hidden
+from rwt_rclpy.nodes.node import Node
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.graph_queries import NamesAndTypes
-    from rwt_rclpy.nodes.node import Node
 
 HIDDEN_NODE_PREFIX = "_"
 
@@ -52,62 +53,26 @@ def get_node_names(*, node: Any, include_hidden_nodes: bool = False) -> list[Nod
     ]
 
 
-def _infos(found: NamesAndTypes, *, hidden: bool) -> list[TopicInfo]:
-    return [TopicInfo(*each) for each in found if hidden or not topic_or_service_is_hidden(each[0])]
+def _query(ask: Callable[[Node, str, str], NamesAndTypes], what: str) -> Callable[..., list[TopicInfo]]:
+    """Return a function that queries a node about another one."""
+
+    def infos(*, node: Node, remote_node_name: str, include_hidden: bool = False) -> list[TopicInfo]:
+        remote = parse_node_name(remote_node_name)
+        found = ask(node, remote.name, remote.namespace)
+        return [
+            TopicInfo(*each) for each in found if include_hidden or not topic_or_service_is_hidden(each[0])
+        ]
+
+    infos.__doc__ = f"Return the {what}."
+    return infos
 
 
-def get_publisher_info(*, node: Node, remote_node_name: str, include_hidden: bool = False) -> list[TopicInfo]:
-    """Return the topics that a node publishes."""
-    remote = parse_node_name(remote_node_name)
-    found = node.get_publisher_names_and_types_by_node(remote.name, remote.namespace)
-    return _infos(found, hidden=include_hidden)
-
-
-def get_subscriber_info(
-    *, node: Node, remote_node_name: str, include_hidden: bool = False
-) -> list[TopicInfo]:
-    """Return the topics that a node subscribes to."""
-    remote = parse_node_name(remote_node_name)
-    found = node.get_subscriber_names_and_types_by_node(remote.name, remote.namespace)
-    return _infos(found, hidden=include_hidden)
-
-
-def get_service_server_info(
-    *, node: Node, remote_node_name: str, include_hidden: bool = False
-) -> list[TopicInfo]:
-    """Return the services that a node offers."""
-    remote = parse_node_name(remote_node_name)
-    return _infos(
-        node.get_service_names_and_types_by_node(remote.name, remote.namespace), hidden=include_hidden
-    )
-
-
+get_publisher_info = _query(Node.get_publisher_names_and_types_by_node, "topics that a node publishes")
+get_subscriber_info = _query(Node.get_subscriber_names_and_types_by_node, "topics that a node subscribes to")
+get_service_server_info = _query(Node.get_service_names_and_types_by_node, "services that a node offers")
 get_service_info = get_service_server_info
-
-
-def get_service_client_info(
-    *, node: Node, remote_node_name: str, include_hidden: bool = False
-) -> list[TopicInfo]:
-    """Return the services that a node calls."""
-    remote = parse_node_name(remote_node_name)
-    return _infos(
-        node.get_client_names_and_types_by_node(remote.name, remote.namespace), hidden=include_hidden
-    )
-
-
-def get_action_server_info(
-    *, node: Node, remote_node_name: str, include_hidden: bool = False
-) -> list[TopicInfo]:
-    """Return the actions that a node offers."""
-    remote = parse_node_name(remote_node_name)
-    found = graph.get_action_server_names_and_types_by_node(node, remote.name, remote.namespace)
-    return _infos(found, hidden=include_hidden)
-
-
-def get_action_client_info(
-    *, node: Node, remote_node_name: str, include_hidden: bool = False
-) -> list[TopicInfo]:
-    """Return the actions that a node has clients of."""
-    remote = parse_node_name(remote_node_name)
-    found = graph.get_action_client_names_and_types_by_node(node, remote.name, remote.namespace)
-    return _infos(found, hidden=include_hidden)
+get_service_client_info = _query(Node.get_client_names_and_types_by_node, "services that a node calls")
+get_action_server_info = _query(graph.get_action_server_names_and_types_by_node, "actions that a node offers")
+get_action_client_info = _query(
+    graph.get_action_client_names_and_types_by_node, "actions that a node has clients of"
+)

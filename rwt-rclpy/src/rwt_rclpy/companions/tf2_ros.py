@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from rwt_rclpy.clocks import timekeeper
@@ -191,21 +193,22 @@ class Buffer(BufferInterface):
         return_debug_tuple: bool = False,
     ) -> Any:
         """True if a transform becomes available within the timeout."""
-        self._wait(lambda: bool(self._verdict(target_frame, source_frame, time)), timeout)
-        verdict = self._verdict(target_frame, source_frame, time)
+        check = partial(self._frames.can_transform, target_frame, source_frame, _ns(time))
+        verdict = self._wait(check, timeout)
         return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
 
-    def _verdict(self, target: str, source: str, time: Any) -> Any:
-        with self._lock:
-            return self._frames.can_transform(target, source, _ns(time))
+    def _wait(self, check: Callable[[], Any], timeout: Duration | None) -> Any:
+        """Wait until a check of the frames is true; return its last verdict."""
 
-    def _wait(self, ready: Callable[[], bool], timeout: Duration | None) -> None:
-        if timeout is None or timeout.nanoseconds <= 0 or ready():
-            return
-        deadline = self._keeper.steady_ns() + timeout.nanoseconds
-        with self._condition:
-            while not ready() and self._keeper.steady_ns() < deadline:
-                self._keeper.wait(self._condition, deadline)
+        def verdict() -> Any:
+            with self._lock:
+                return check()
+
+        if timeout is not None and timeout.nanoseconds > 0 and not verdict():
+            with self._condition:
+                deadline = self._keeper.steady_ns() + timeout.nanoseconds
+                self._keeper.wait_for(self._condition, verdict, deadline)
+        return verdict()
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None
@@ -221,9 +224,10 @@ class Buffer(BufferInterface):
             ConnectivityException: the frames are not connected.
             ExtrapolationException: the history does not contain the time.
         """
-        self._wait(lambda: bool(self._verdict(target_frame, source_frame, time)), timeout)
+        arguments = (target_frame, source_frame, _ns(time))
+        self._wait(partial(self._frames.can_transform, *arguments), timeout)
         with self._lock, _as_tf2():
-            return _message(self._frames.lookup_transform(target_frame, source_frame, _ns(time)))
+            return _message(self._frames.lookup_transform(*arguments))
 
     def lookup_transform_full(
         self,
@@ -240,7 +244,7 @@ class Buffer(BufferInterface):
             LookupException: as :meth:`lookup_transform`.
         """
         arguments = (target_frame, _ns(target_time), source_frame, _ns(source_time), fixed_frame)
-        self._wait(lambda: bool(self._frames.can_transform_full(*arguments)), timeout)
+        self._wait(partial(self._frames.can_transform_full, *arguments), timeout)
         with self._lock, _as_tf2():
             return _message(self._frames.lookup_transform_full(*arguments))
 
@@ -256,9 +260,7 @@ class Buffer(BufferInterface):
     ) -> Any:
         """True if :meth:`lookup_transform_full` has a result."""
         arguments = (target_frame, _ns(target_time), source_frame, _ns(source_time), fixed_frame)
-        self._wait(lambda: bool(self._frames.can_transform_full(*arguments)), timeout)
-        with self._lock:
-            verdict = self._frames.can_transform_full(*arguments)
+        verdict = self._wait(partial(self._frames.can_transform_full, *arguments), timeout)
         return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
 
     def _when(self, ready: Callable[[], bool]) -> Future:
@@ -415,22 +417,18 @@ class BufferClient(BufferInterface):
         return result.transform
 
 
-class _as_tf2:
-    """Raises tf2's exceptions for the buffer's."""
-
-    def __enter__(self) -> None:
-        """No-op: there is nothing to prepare."""
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, NoChain):
-            raise ConnectivityException(str(error)) from None
-        if isinstance(error, OutOfReach):
-            side = "future" if error.future else "past"  # Programs search the text for tf2's phrase.
-            raise ExtrapolationException(
-                f"Lookup would require extrapolation into the {side}: {error}"
-            ) from None
-        if isinstance(error, LookupFailed):
-            raise LookupException(str(error)) from None
+@contextmanager
+def _as_tf2() -> Iterator[None]:
+    """Raise tf2's exceptions for the buffer's."""
+    try:
+        yield
+    except NoChain as error:
+        raise ConnectivityException(str(error)) from None
+    except OutOfReach as error:
+        side = "future" if error.future else "past"  # Programs search the text for tf2's phrase.
+        raise ExtrapolationException(f"Lookup would require extrapolation into the {side}: {error}") from None
+    except LookupFailed as error:
+        raise LookupException(str(error)) from None
 
 
 def _message(stamped: StampedTransform) -> Any:
@@ -514,8 +512,7 @@ class TransformBroadcaster:
 
     def sendTransform(self, transform: Any) -> None:  # tf2_ros's name
         """Publish one or several `geometry_msgs/TransformStamped`."""
-        transforms = list(transform) if isinstance(transform, (list, tuple)) else [transform]
-        self.pub_tf.publish(message_class("tf2_msgs/TFMessage")(transforms=transforms))
+        self.pub_tf.publish(self.pub_tf.msg_type(transforms=_listed(transform)))
 
 
 class StaticTransformBroadcaster:
@@ -527,6 +524,9 @@ class StaticTransformBroadcaster:
 
     def sendTransform(self, transform: Any) -> None:  # tf2_ros's name
         """Publish one or several `geometry_msgs/TransformStamped`, with all earlier ones."""
-        for each in transform if isinstance(transform, (list, tuple)) else [transform]:
-            self._sent[each.child_frame_id] = each
-        self.pub_tf.publish(message_class("tf2_msgs/TFMessage")(transforms=list(self._sent.values())))
+        self._sent.update({each.child_frame_id: each for each in _listed(transform)})
+        self.pub_tf.publish(self.pub_tf.msg_type(transforms=list(self._sent.values())))
+
+
+def _listed(transform: Any) -> list[Any]:
+    return list(transform) if isinstance(transform, (list, tuple)) else [transform]

@@ -6,28 +6,25 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
+from rwt_rclpy.endpoints.introspection import ServiceEndpoint
 from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
 from rwt_rclpy.execution.blocking import Wait
-from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.executors import ExternalShutdownException
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.logs.logger import get_logger
-from rwt_rclpy.release import RELEASE, from_kilted
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
-    from rwt_rclpy.clocks.clock import Clock
     from rwt_rclpy.execution.context import Context
-    from rwt_rclpy.middleware.link import Link
     from rwt_rclpy.nodes.node import Node
 
 #: `service_msgs/ServiceEventInfo`.
@@ -36,21 +33,11 @@ REQUEST_SENT, RESPONSE_RECEIVED = 0, 3
 LOOK_AGAIN_NS = 10_000_000
 
 
-@from_kilted("__enter__", "__exit__")
-class Client(Entity):
-    """Client of a service, created by :meth:`Node.create_client`.
-
-    Attributes:
-        logger_name: name of the logger of its node.
-        srv_type: class of the service.
-        srv_name: the name that was asked for.
-        qos_profile: quality of service.
-    """
+class Client(ServiceEndpoint):
+    """Client of a service, created by :meth:`Node.create_client`."""
 
     def __init__(
         self,
-        context: Context,
-        link: Link,
         node: Node,
         srv_type: Any,
         srv_name: str,
@@ -58,37 +45,18 @@ class Client(Entity):
         qos_profile: QoSProfile,
         callback_group: Any,
     ) -> None:
-        super().__init__(callback_group)
-        self.context = context
-        self._link = link
-        self._node = node
+        super().__init__(node, srv_type, srv_name, full_name, qos_profile, callback_group)
+        self.context = node.context
         self._handle = Destroyable("client", self._close)
         self._replies: deque[tuple[int, Payload | CallFailed]] = deque()
         self._pending_requests: dict[int, Future] = {}
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
-        self._steps: StepPublisher | None = None
-        self.srv_type = srv_type
-        self.srv_name = srv_name
-        self._name = full_name
-        self.qos_profile = qos_profile
-        self.logger_name = ""
-        link.clients.add(self)
+        self._link.clients.add(self)
 
     def _close(self) -> None:
         self._link.clients.discard(self)
         self._pending_requests.clear()
-
-    @property
-    def handle(self) -> Destroyable:
-        """Handle that destroys the client."""
-        return self._handle
-
-    @property
-    def service_name(self) -> str:
-        """Absolute name of the service."""
-        self._handle.check()
-        return self._name
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Call the service and wait for the response, while an executor spins in another thread.
@@ -110,7 +78,7 @@ class Client(Entity):
         self.remove_pending_request(future)
         if not self.context.ok():
             raise ExternalShutdownException
-        if RELEASE.calls_raise_timeout:
+        if FROM_KILTED:
             raise TimeoutError
         return None
 
@@ -163,22 +131,7 @@ class Client(Entity):
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until a node offers the service. Returns False after the timeout."""
-        return wait_until(self.context, self._link, self.service_is_ready, timeout_sec)
-
-    def configure_introspection(
-        self,
-        clock: Clock,
-        service_event_qos_profile: QoSProfile,
-        introspection_state: ServiceIntrospectionState,
-    ) -> None:
-        """Start or stop publishing service events."""
-        self._steps = self._node._rwt_step_publisher(
-            self, self._name, clock, service_event_qos_profile, introspection_state, self._steps
-        )
-
-    def destroy(self) -> None:
-        """Destroy the client; see :meth:`Node.destroy_client`."""
-        self._handle.destroy_when_not_in_use()
+        return wait_until(self.context, self.service_is_ready, timeout_sec)
 
     # Interface of executors
 
@@ -209,18 +162,12 @@ class Client(Entity):
 
         return settle
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, *exc: object) -> None:
-        self.destroy()
-
-
-def wait_until(context: Context, link: Link, ready: Callable[[], bool], timeout_sec: float | None) -> bool:
+def wait_until(context: Context, ready: Callable[[], bool], timeout_sec: float | None) -> bool:
     """Poll until an entity exists. Returns False after the timeout."""
-    keeper = link.timekeeper
+    keeper = context._rwt_link.timekeeper
     condition = keeper.condition()
-    deadline = None if timeout_sec is None or timeout_sec < 0 else keeper.steady_ns() + int(timeout_sec * 1e9)
+    deadline = keeper.deadline(timeout_sec)
     while context.ok():
         if ready():
             return True

@@ -7,43 +7,39 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.destroyable import Destroyable, Owner
 from rwt_rclpy.execution.entity import Entity
 
 
 @dataclass
-class QoSMessageLostInfo:
-    """Number of messages that a subscription dropped."""
-
+class _Total:
     total_count: int = 0
     total_count_change: int = 0
 
 
 @dataclass
-class QoSMatchedInfo:
+class QoSMessageLostInfo(_Total):
+    """Number of messages that a subscription dropped."""
+
+
+@dataclass
+class QoSMatchedInfo(_Total):
     """Number of matched endpoints."""
 
-    total_count: int = 0
-    total_count_change: int = 0
     current_count: int = 0
     current_count_change: int = 0
 
 
 @dataclass
-class QoSIncompatibleInfo:
+class QoSIncompatibleInfo(_Total):
     """Number of endpoints with incompatible quality of service."""
 
-    total_count: int = 0
-    total_count_change: int = 0
     last_policy_kind: int = 0
 
 
 @dataclass
-class QoSDeadlineInfo:
+class QoSDeadlineInfo(_Total):
     """Number of missed deadlines."""
-
-    total_count: int = 0
-    total_count_change: int = 0
 
 
 @dataclass
@@ -59,7 +55,7 @@ class QoSLivelinessChangedInfo:
 OnEvent = Callable[[Any], object]
 
 
-class EventHandler(Entity):
+class EventHandler(Entity, Owner):
     """Handler of one kind of event."""
 
     def __init__(
@@ -70,9 +66,6 @@ class EventHandler(Entity):
         self.event_type = event_type
         self._handle = Destroyable("event")
         self._pending: Any = None
-
-    def active(self) -> None:
-        """Handle a published or received message, or an assertion of liveliness."""
 
     def happened(self, info: Any) -> None:
         """Schedule the callback; a newer event replaces a pending one."""
@@ -87,10 +80,6 @@ class EventHandler(Entity):
         """Return the callback with the event."""
         info, self._pending = self._pending, None
         return None if info is None else lambda: self.callback(info)
-
-    def destroy(self) -> None:
-        """Destroy the handler."""
-        self._handle.destroy_when_not_in_use()
 
 
 class LostHandler(EventHandler):

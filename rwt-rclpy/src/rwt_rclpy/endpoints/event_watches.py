@@ -1,4 +1,4 @@
-"""Watches of an endpoint for deadlines, liveliness and matching.
+"""Endpoints of topics, and watches of them for deadlines, liveliness and matching.
 
 Deadlines and leases are due at a time, for which executors wait like for a timer. Changes of the endpoints
 of a topic are polled :data:`LOOKS_PER_SECOND` times per second, only while a program has a callback for them.
@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_rclpy.clocks.duration import S_TO_NS, Duration, Infinite
+from rwt_rclpy.destroyable import Closable
 from rwt_rclpy.endpoints.event_handler import (
     EventHandler,
     LostHandler,
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from rwt_rclpy.clocks.timekeeper import Timekeeper
     from rwt_rclpy.endpoints.qos import QoSProfile
     from rwt_rclpy.logs.logger import RcutilsLogger
+    from rwt_rclpy.messages.classes import Message
+    from rwt_rclpy.middleware.link import Link
     from rwt_rclpy.nodes.graph_queries import GraphQueries
 
 #: Rate at which the endpoints of a topic are counted, in Hz.
@@ -81,9 +84,12 @@ class Watched:
 class DeadlineHandler(EventHandler):
     """Watch for missed deadlines between messages."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
-        self._period_ns = watched.profile.deadline.nanoseconds
+    _policy = "deadline"
+
+    def __init__(self, *, parent_impl: Watched, **handler: Any) -> None:
+        super().__init__(parent_impl=parent_impl, **handler)
+        watched = parent_impl
+        self._period_ns = getattr(watched.profile, self._policy).nanoseconds
         self._keeper = watched.timekeeper
         self._next_ns: int | None = None
         self._missed = 0
@@ -118,9 +124,7 @@ class DeadlineHandler(EventHandler):
 class LeaseHandler(DeadlineHandler):
     """Watch for a publisher that did not assert its liveliness in time."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(group, callback, kind, watched)
-        self._period_ns = watched.profile.liveliness_lease_duration.nanoseconds
+    _policy = "liveliness_lease_duration"
 
     def _rwt_take(self) -> Callable[[], object] | None:
         """Return the callback, once for each loss."""
@@ -135,17 +139,15 @@ class LeaseHandler(DeadlineHandler):
 class MatchedHandler(EventHandler):
     """Watch for the number of endpoints at the other end of the topic."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+    def __init__(self, *, parent_impl: Watched, **handler: Any) -> None:
+        super().__init__(parent_impl=parent_impl, **handler)
+        watched = parent_impl
         self._others = watched.matched
         self._keeper = watched.timekeeper
         self._look_ns = self._keeper.steady_ns()
         self._told = 0
         self._now = 0
         self._total = 0
-
-    def active(self) -> None:
-        """No-op: messages do not change the number of endpoints."""
 
     def _rwt_has_work(self) -> bool:
         """True if the number of matched endpoints has changed since the last event."""
@@ -176,8 +178,9 @@ class MatchedHandler(EventHandler):
 class IncompatibleHandler(EventHandler):
     """Reports endpoints with incompatible quality of service."""
 
-    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
-        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+    def __init__(self, *, parent_impl: Watched, **handler: Any) -> None:
+        super().__init__(parent_impl=parent_impl, **handler)
+        watched = parent_impl
         self._watched = watched
         self._version = -1
         self._now = 0
@@ -221,21 +224,55 @@ def _is_a_span(duration: Duration) -> bool:
 def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> EventHandler:
     """Return the handler of a kind of event; it never calls if the profile does not request the event."""
     profile = watched.profile
-    made: type[DeadlineHandler | MatchedHandler | IncompatibleHandler] | None = None
+    made: type[EventHandler] = EventHandler
     # By name: events of publishers and of subscriptions share numbers, and so are equal.
     match kind.name:
         case "RCL_PUBLISHER_OFFERED_DEADLINE_MISSED" | "RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED":
-            made = DeadlineHandler if _is_a_span(profile.deadline) else None
+            made = DeadlineHandler if _is_a_span(profile.deadline) else EventHandler
         case "RCL_PUBLISHER_LIVELINESS_LOST":
             by_hand = profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
-            made = LeaseHandler if by_hand and _is_a_span(profile.liveliness_lease_duration) else None
+            is_leased = by_hand and _is_a_span(profile.liveliness_lease_duration)
+            made = LeaseHandler if is_leased else EventHandler
         case "RCL_SUBSCRIPTION_LIVELINESS_CHANGED":
-            made = LivelinessHandler if _is_a_span(profile.liveliness_lease_duration) else None
+            made = LivelinessHandler if _is_a_span(profile.liveliness_lease_duration) else EventHandler
         case "RCL_PUBLISHER_MATCHED" | "RCL_SUBSCRIPTION_MATCHED":
             made = MatchedHandler
         case "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS" | "RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS":
             made = IncompatibleHandler
-    if made is None:
-        kept = LostHandler if kind.name == "RCL_SUBSCRIPTION_MESSAGE_LOST" else EventHandler
-        return kept(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
-    return made(group, callback, kind, watched)
+        case "RCL_SUBSCRIPTION_MESSAGE_LOST":
+            made = LostHandler
+    return made(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+
+
+class TopicEndpoint(Closable):
+    """Publisher or subscription.
+
+    Attributes:
+        logger_name: name of the logger of its node.
+        msg_type: class of the messages.
+        topic: requested name.
+        qos_profile: quality of service.
+        event_handlers: handlers of events.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        msg_type: type[Message],
+        topic: str,
+        qos_profile: QoSProfile,
+        event_handlers: list[EventHandler],
+    ) -> None:
+        self._link = link
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos_profile
+        self.logger_name = ""
+        self.event_handlers = event_handlers
+        self._watching = [each for each in event_handlers if isinstance(each, DeadlineHandler)]
+
+    def destroy(self) -> None:
+        """Leave the topic; see :meth:`Node.destroy_publisher` and :meth:`Node.destroy_subscription`."""
+        for handler in self.event_handlers:
+            handler.destroy()
+        super().destroy()

@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.endpoints.publisher import Publisher
-from rwt_rclpy.endpoints.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    QoSPolicyEnum,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rwt_rclpy.endpoints.qos import DURATIONS, ENUMS, QoSPolicyEnum, QoSPolicyKind, QoSProfile
 from rwt_rclpy.endpoints.subscription import Subscription
 from rwt_rclpy.exceptions import ParameterAlreadyDeclaredException
 from rwt_rclpy.messages.loaded import message_class
@@ -25,12 +17,6 @@ if TYPE_CHECKING:
 
 QosCallbackResult = message_class("rcl_interfaces/SetParametersResult")
 QosCallbackType = Callable[[QoSProfile], Any]
-_ENUMS: dict[QoSPolicyKind, type[QoSPolicyEnum]] = {
-    QoSPolicyKind.HISTORY: HistoryPolicy,
-    QoSPolicyKind.RELIABILITY: ReliabilityPolicy,
-    QoSPolicyKind.DURABILITY: DurabilityPolicy,
-    QoSPolicyKind.LIVELINESS: LivelinessPolicy,
-}
 
 
 class InvalidQosOverridesError(Exception):
@@ -97,7 +83,7 @@ def _declare_qos_parameters(
             parameter = node.declare_parameter(name, _get_qos_policy_parameter(qos, kind), descriptor)
         except ParameterAlreadyDeclaredException:
             parameter = node.get_parameter(name)
-        setattr(qos, policy, _policy(kind, parameter.value))
+        setattr(qos, policy, _value(policy, parameter.value))
     if options.callback is not None:
         result = options.callback(qos)
         if not result.successful:
@@ -113,14 +99,10 @@ def _get_qos_policy_parameter(qos: QoSProfile, kind: QoSPolicyKind) -> Any:
     return policy.nanoseconds if isinstance(policy, Duration) else policy
 
 
-def _policy(kind: QoSPolicyKind, value: Any) -> Any:
-    enum = _ENUMS.get(kind)
-    if enum is not None:
+def _value(policy: str, value: Any) -> Any:
+    if policy in ENUMS:
         try:
-            return enum[value.upper()]
+            return ENUMS[policy][value.upper()]
         except KeyError:
-            raise RuntimeError(
-                f"Unexpected QoS override for policy `{kind.name.lower()}`: `{value}`"
-            ) from None
-    durations = (QoSPolicyKind.LIFESPAN, QoSPolicyKind.DEADLINE, QoSPolicyKind.LIVELINESS_LEASE_DURATION)
-    return Duration(nanoseconds=value) if kind in durations else value
+            raise RuntimeError(f"Unexpected QoS override for policy `{policy}`: `{value}`") from None
+    return Duration(nanoseconds=value) if policy in DURATIONS else value

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces.payload import Payload
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.endpoints.event_watches import DeadlineHandler
+from rwt_rclpy.endpoints.event_watches import TopicEndpoint
 from rwt_rclpy.endpoints.events import QoSPublisherEventType
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.messages.classes import Message
-from rwt_rclpy.release import from_kilted
 
 if TYPE_CHECKING:
     from rwt_graph import api
@@ -20,17 +19,8 @@ if TYPE_CHECKING:
     from rwt_rclpy.middleware.link import Link
 
 
-@from_kilted("__enter__", "__exit__")
-class Publisher:
-    """Publisher of messages of one type, created by :meth:`Node.create_publisher`.
-
-    Attributes:
-        logger_name: name of the logger of its node.
-        msg_type: class of the messages.
-        topic: requested name.
-        qos_profile: quality of service.
-        event_handlers: handlers of events.
-    """
+class Publisher(TopicEndpoint):
+    """Publisher of messages of one type, created by :meth:`Node.create_publisher`."""
 
     def __init__(
         self,
@@ -41,17 +31,11 @@ class Publisher:
         qos_profile: QoSProfile,
         event_handlers: list[EventHandler],
     ) -> None:
-        self._link = link
+        super().__init__(link, msg_type, topic, qos_profile, event_handlers)
+        self._handle = Destroyable("publisher", self._close)
         self._publisher = publisher
         self._type = publisher.type
         self._to_graph = msg_type._rwt_to_graph
-        self._handle = Destroyable("publisher", self._close)
-        self.msg_type = msg_type
-        self.topic = topic
-        self.qos_profile = qos_profile
-        self.logger_name = ""
-        self.event_handlers = event_handlers
-        self._watching = [each for each in event_handlers if isinstance(each, DeadlineHandler)]
 
     def _close(self) -> None:
         self._link.post(self._publisher.close)
@@ -87,17 +71,6 @@ class Publisher:
         with self._handle:
             return self._publisher.topic
 
-    @property
-    def handle(self) -> Destroyable:
-        """Handle that destroys the publisher."""
-        return self._handle
-
-    def destroy(self) -> None:
-        """Leave the topic; see :meth:`Node.destroy_publisher`."""
-        for handler in self.event_handlers:
-            handler.destroy()
-        self._handle.destroy_when_not_in_use()
-
     def assert_liveliness(self) -> None:
         """Assert liveliness, as every message does."""
         self._handle.check()
@@ -110,9 +83,3 @@ class Publisher:
         with self._handle:
             self._link.run(lambda: None)
             return True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.destroy()

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from rwt_participant import qos as program
 from rwt_rclpy.clocks.duration import Duration, Infinite
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 #: rmw's duration for "best available".
 BEST_AVAILABLE_NS: Final = 9223372036854775806
@@ -142,13 +142,13 @@ _DEFAULTS: Final[dict[str, Any]] = {
     "liveliness_lease_duration": Duration(),
     "avoid_ros_namespace_conventions": False,
 }
-_ENUMS: Final[dict[str, type[QoSPolicyEnum]]] = {
+ENUMS: Final[dict[str, type[QoSPolicyEnum]]] = {
     "history": HistoryPolicy,
     "reliability": ReliabilityPolicy,
     "durability": DurabilityPolicy,
     "liveliness": LivelinessPolicy,
 }
-_DURATIONS: Final = frozenset({"lifespan", "deadline", "liveliness_lease_duration"})
+DURATIONS: Final = frozenset({"lifespan", "deadline", "liveliness_lease_duration"})
 POLICIES: Final = (
     "history", "depth", "reliability", "durability", "lifespan", "deadline", "liveliness",
     "liveliness_lease_duration", "avoid_ros_namespace_conventions",
@@ -179,7 +179,8 @@ class QoSProfile:
     def __init__(self, **kwargs: Any) -> None:
         unknown = set(kwargs) - set(POLICIES)
         if unknown:
-            raise RELEASE.error_of_unknown_policy(f"no such policy: {', '.join(sorted(unknown))}")
+            error = TypeError if FROM_KILTED else AssertionError
+            raise error(f"no such policy: {', '.join(sorted(unknown))}")
         if "history" not in kwargs:
             if "depth" not in kwargs:
                 raise InvalidQoSProfileException("History and/or depth settings are required.")
@@ -216,11 +217,11 @@ def _checked(name: str) -> property:
         return getattr(self, slot)
 
     def put(self: QoSProfile, value: Any) -> None:
-        if name in _ENUMS:
+        if name in ENUMS:
             if not isinstance(value, int):
-                raise AssertionError(f"{name}: expected one of {_ENUMS[name].short_keys()}, got {value!r}")
-            value = _ENUMS[name](value)
-        elif name in _DURATIONS:
+                raise AssertionError(f"{name}: expected one of {ENUMS[name].short_keys()}, got {value!r}")
+            value = ENUMS[name](value)
+        elif name in DURATIONS:
             if not isinstance(value, Duration):
                 raise AssertionError(f"{name}: expected a rclpy.duration.Duration, got {value!r}")
         elif name == "depth":
@@ -248,22 +249,9 @@ def _profile(
     depth: int,
     reliability: ReliabilityPolicy,
     durability: DurabilityPolicy,
-    *,
-    liveliness: LivelinessPolicy = LivelinessPolicy.SYSTEM_DEFAULT,
-    durations_ns: int = 0,
+    **others: Any,
 ) -> QoSProfile:
-    span = Duration(nanoseconds=durations_ns)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return QoSProfile(
-            history=history,
-            depth=depth,
-            reliability=reliability,
-            durability=durability,
-            deadline=span,
-            liveliness=liveliness,
-            liveliness_lease_duration=span,
-        )
+    return QoSProfile(history=history, depth=depth, reliability=reliability, durability=durability, **others)
 
 
 _H, _R, _D = HistoryPolicy, ReliabilityPolicy, DurabilityPolicy
@@ -279,8 +267,9 @@ qos_profile_best_available = _profile(
     10,
     _R.BEST_AVAILABLE,
     _D.BEST_AVAILABLE,
+    deadline=DeadlineBestAvailable,
     liveliness=LivelinessPolicy.BEST_AVAILABLE,
-    durations_ns=BEST_AVAILABLE_NS,
+    liveliness_lease_duration=LivelinessLeaseDurationeBestAvailable,
 )
 qos_profile_action_status_default = _profile(_H.KEEP_LAST, 1, _R.RELIABLE, _D.TRANSIENT_LOCAL)
 qos_profile_rosout_default = _profile(_H.KEEP_LAST, 1000, _R.RELIABLE, _D.TRANSIENT_LOCAL)
@@ -299,7 +288,7 @@ class QoSPresetProfiles(Enum):
     PARAMETER_EVENTS = qos_profile_parameter_events
     ACTION_STATUS_DEFAULT = qos_profile_action_status_default
     BEST_AVAILABLE = qos_profile_best_available
-    if RELEASE.rosout_is_preset:
+    if FROM_KILTED:
         ROSOUT_DEFAULT = qos_profile_rosout_default
 
     @classmethod
@@ -322,22 +311,26 @@ class QoSCompatibility(IntEnum):
     ERROR = 2
 
 
-#: Texts of rmw about a policy that one side leaves open: the value that the other side has, and the sentence.
-_OPEN: Final = (
+#: Texts of rmw about a policy: if the subscription requests more than the publisher offers, if both leave it
+#: open, and if one side does: the value that the other side has, and the sentence.
+_RULES: Final = (
     (
         "reliability",
+        "Best effort publisher and reliable subscription",
         "WARNING: Publisher reliability is {} and subscription reliability is {};",
         (ReliabilityPolicy.RELIABLE, "WARNING: Reliable subscription, but publisher is {};"),
         (ReliabilityPolicy.BEST_EFFORT, "WARNING: Best effort publisher, but subscription is {};"),
     ),
     (
         "durability",
+        "Volatile publisher and transient local subscription",
         "WARNING: Publisher durabilty is {} and subscription durability is {};",
         (DurabilityPolicy.TRANSIENT_LOCAL, "WARNING: Transient local subscription, but publisher is {};"),
         (DurabilityPolicy.VOLATILE, "WARNING: Volatile publisher, but subscription is {};"),
     ),
     (
         "liveliness",
+        "Publisher's liveliness is automatic and subscription's is manual by topic",
         "WARNING: Publisher liveliness is {} and subscription liveliness is {};",
         (
             LivelinessPolicy.MANUAL_BY_TOPIC,
@@ -366,7 +359,7 @@ def qos_check_compatible(
 
 
 def _open_policies(publisher: QoSProfile, subscription: QoSProfile) -> Iterator[str]:
-    for name, both, (requested, of_publisher), (offered, of_subscription) in _OPEN:
+    for name, _, both, (requested, of_publisher), (offered, of_subscription) in _RULES:
         own, other = getattr(publisher, name), getattr(subscription, name)
         is_open = [each.name in ("SYSTEM_DEFAULT", "UNKNOWN") for each in (own, other)]
         if all(is_open):
@@ -378,25 +371,16 @@ def _open_policies(publisher: QoSProfile, subscription: QoSProfile) -> Iterator[
 
 
 def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
-    errors: list[str] = []
-    if (
-        publisher.reliability is ReliabilityPolicy.BEST_EFFORT
-        and subscription.reliability is ReliabilityPolicy.RELIABLE
-    ):
-        errors.append("Best effort publisher and reliable subscription")
-    if (
-        publisher.durability is DurabilityPolicy.VOLATILE
-        and subscription.durability is DurabilityPolicy.TRANSIENT_LOCAL
-    ):
-        errors.append("Volatile publisher and transient local subscription")
-    errors += _shorter("deadline", publisher.deadline, subscription.deadline, " deadline")
-    if (
-        publisher.liveliness is LivelinessPolicy.AUTOMATIC
-        and subscription.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
-    ):
-        errors.append("Publisher's liveliness is automatic and subscription's is manual by topic")
+    found = {
+        name: [error]
+        for name, error, _, (requested, _), (offered, _) in _RULES
+        if getattr(publisher, name) is offered and getattr(subscription, name) is requested
+    }
+    found["deadline"] = _shorter("deadline", publisher.deadline, subscription.deadline, " deadline")
     leases = publisher.liveliness_lease_duration, subscription.liveliness_lease_duration
-    return errors + _shorter("liveliness lease duration", *leases, "")
+    found["lease"] = _shorter("liveliness lease duration", *leases, "")
+    order = ("reliability", "durability", "deadline", "liveliness", "lease")
+    return [error for name in order for error in found.get(name, ())]
 
 
 def _shorter(name: str, offered: Duration, requested: Duration, noun: str) -> list[str]:
@@ -407,32 +391,24 @@ def _shorter(name: str, offered: Duration, requested: Duration, noun: str) -> li
     return []
 
 
-def _span(duration: Duration) -> int | None:
-    """Return the nanoseconds of a finite duration; None for others."""
+def _seconds(duration: Duration) -> float | None:
+    """Return the seconds of a finite duration; None for others."""
     span = duration.nanoseconds
-    return None if span in (0, BEST_AVAILABLE_NS, 2**63 - 1) else span
+    return None if span in (0, BEST_AVAILABLE_NS, 2**63 - 1) else min(span / 1e9, program.LONGEST_SECONDS)
 
 
 def graph_qos(profile: QoSProfile) -> program.QoS:
-    """Return the profile as the graph's quality of service."""
-    seconds = program.LONGEST_SECONDS
+    """Return the profile as the graph's quality of service; what it leaves open is rmw's default."""
+    history, reliability, durability = program.History, program.Reliability, program.Durability
     return program.QoS(
-        history=program.History.KEEP_ALL
-        if profile.history is HistoryPolicy.KEEP_ALL
-        else program.History.KEEP_LAST,
+        history=history.__members__.get(profile.history.name, history.KEEP_LAST),
         depth=min(profile.depth or 1, program.MOST_DEPTH),
-        reliability={
-            ReliabilityPolicy.BEST_EFFORT: program.Reliability.BEST_EFFORT,
-            ReliabilityPolicy.BEST_AVAILABLE: program.Reliability.BEST_AVAILABLE,
-        }.get(profile.reliability, program.Reliability.RELIABLE),
-        durability={
-            DurabilityPolicy.TRANSIENT_LOCAL: program.Durability.TRANSIENT_LOCAL,
-            DurabilityPolicy.BEST_AVAILABLE: program.Durability.BEST_AVAILABLE,
-        }.get(profile.durability, program.Durability.VOLATILE),
-        deadline=None if (ns := _span(profile.deadline)) is None else min(ns / 1e9, seconds),
-        lifespan=None if (ns := _span(profile.lifespan)) is None else min(ns / 1e9, seconds),
+        reliability=reliability.__members__.get(profile.reliability.name, reliability.RELIABLE),
+        durability=durability.__members__.get(profile.durability.name, durability.VOLATILE),
+        deadline=_seconds(profile.deadline),
+        lifespan=_seconds(profile.lifespan),
         manual_liveliness=profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC,
-        lease=None if (ns := _span(profile.liveliness_lease_duration)) is None else min(ns / 1e9, seconds),
+        lease=_seconds(profile.liveliness_lease_duration),
     )
 
 

@@ -7,25 +7,21 @@ import itertools
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from rwt_graph import hold_for_asker
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
-from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
+from rwt_rclpy.endpoints.introspection import ServiceEndpoint
 from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
-from rwt_rclpy.execution.entity import Entity
-from rwt_rclpy.release import from_kilted
 
 if TYPE_CHECKING:
     from rwt_graph import Release
     from rwt_graph.api import ServiceCall
-    from rwt_rclpy.clocks.clock import Clock
-    from rwt_rclpy.middleware.link import Link
     from rwt_rclpy.nodes.node import Node
 
 #: `service_msgs/ServiceEventInfo`.
@@ -49,41 +45,29 @@ class RequestHeader:
         self.release = release
 
 
-@from_kilted("__enter__", "__exit__")
-class Service(Entity):
+class Service(ServiceEndpoint):
     """Service of a node, created by :meth:`Node.create_service`.
 
     Attributes:
-        logger_name: name of the logger of its node.
-        srv_type: class of the service.
-        srv_name: requested name.
         callback: takes a request and a response to fill, and returns the response.
-        qos_profile: quality of service.
     """
 
     def __init__(
         self,
-        link: Link,
         node: Node,
         srv_type: Any,
         srv_name: str,
+        full_name: str,
         callback: Callable[..., Any],
         callback_group: Any,
         qos_profile: QoSProfile,
     ) -> None:
-        super().__init__(callback_group)
-        self._link = link
-        self._node = node
+        super().__init__(node, srv_type, srv_name, full_name, qos_profile, callback_group)
         self._registration: Any = None
         self._handle = Destroyable("service", self._close)
         self._calls: deque[RequestHeader] = deque()
         self._numbers = itertools.count(1)
-        self._steps: StepPublisher | None = None
-        self.srv_type = srv_type
-        self.srv_name = srv_name
         self.callback = callback
-        self.qos_profile = qos_profile
-        self.logger_name = ""
 
     def _rwt_opened(self, registration: Any) -> None:
         """Set the endpoint of the graph."""
@@ -92,18 +76,6 @@ class Service(Entity):
     def _close(self) -> None:
         if self._registration is not None:
             self._link.post(self._registration.close)
-
-    @property
-    def handle(self) -> Destroyable:
-        """Handle that destroys the service."""
-        return self._handle
-
-    @property
-    def service_name(self) -> str:
-        """Absolute name of the service."""
-        with self._handle:
-            name: str = self._registration.name
-            return name
 
     def _rwt_on_call(self, call: ServiceCall) -> None:
         """Queue a request for the executor, on the graph's thread."""
@@ -120,21 +92,6 @@ class Service(Entity):
         self._link.post(lambda: header.call.reply(payload))
         if self._steps is not None:
             self._steps.publish(RESPONSE_SENT, header.sequence_number, response=response)
-
-    def configure_introspection(
-        self,
-        clock: Clock,
-        service_event_qos_profile: QoSProfile,
-        introspection_state: ServiceIntrospectionState,
-    ) -> None:
-        """Start or stop publishing service events."""
-        self._steps = self._node._rwt_step_publisher(
-            self, self.service_name, clock, service_event_qos_profile, introspection_state, self._steps
-        )
-
-    def destroy(self) -> None:
-        """Withdraw the service; see :meth:`Node.destroy_service`."""
-        self._handle.destroy_when_not_in_use()
 
     # Interface of executors
 
@@ -183,9 +140,3 @@ class Service(Entity):
         reason = f"{type(error).__name__} in the service's callback"
         self._link.post(lambda: header.call.fail(reason))
         self._link.post(header.release)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.destroy()

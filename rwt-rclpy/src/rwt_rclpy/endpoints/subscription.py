@@ -6,13 +6,13 @@ import inspect
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NotRequired, Self, TypedDict
+from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.content_filter import ContentFilter, ContentFilterOptions, InvalidFilter
 from rwt_rclpy.endpoints.event_handler import EventHandler, QoSMessageLostInfo
-from rwt_rclpy.endpoints.event_watches import DeadlineHandler
+from rwt_rclpy.endpoints.event_watches import TopicEndpoint
 from rwt_rclpy.endpoints.events import QoSSubscriptionEventType
 from rwt_rclpy.endpoints.qos import HistoryPolicy, QoSProfile
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
@@ -21,10 +21,11 @@ from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.logs.logger import get_logger
 from rwt_rclpy.messages.classes import Message
 from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointTypeEnum, endpoint_gid
-from rwt_rclpy.release import RELEASE, from_kilted
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample
+    from rwt_interfaces.payload import Payload
     from rwt_rclpy.middleware.link import Link
 
 #: Maximum number of queued messages with `KEEP_ALL`.
@@ -50,14 +51,10 @@ class CallbackType(Enum):
     WithMessageInfo = 1
 
 
-@from_kilted("__enter__", "__exit__", "get_content_filter", "is_cft_enabled", "set_content_filter")
-class Subscription(Entity):
+class Subscription(Entity, TopicEndpoint):
     """Subscription of messages of one type, created by :meth:`Node.create_subscription`.
 
     Attributes:
-        logger_name: name of the logger of its node.
-        msg_type: class of the messages.
-        topic: requested name.
         raw: True if the callback gets CDR.
         qos_profile: quality of service; its depth limits the queue of the executor.
     """
@@ -77,10 +74,10 @@ class Subscription(Entity):
         publisher_count: Callable[[], int],
         content_filter: ContentFilterOptions | None = None,
     ) -> None:
-        super().__init__(callback_group)
-        self._link = link
-        self._from_graph = msg_type._rwt_from_graph
+        Entity.__init__(self, callback_group)
+        TopicEndpoint.__init__(self, link, msg_type, topic, qos_profile, event_handlers)
         self._handle = Destroyable("subscription", self._close)
+        self._from_graph = msg_type._rwt_from_graph
         self._subscription: Any = None
         keep_all = qos_profile.history is HistoryPolicy.KEEP_ALL
         self._samples: deque[tuple[Sample, int]] = deque(
@@ -90,17 +87,13 @@ class Subscription(Entity):
         self._lost = 0
         self._callback = callback
         self._callback_type = _callback_type(callback)
-        self.msg_type = msg_type
-        self.topic = topic
         self.raw = raw
-        self.qos_profile = qos_profile
-        self.logger_name = ""
-        self.event_handlers = event_handlers
-        self._watching = [each for each in event_handlers if isinstance(each, DeadlineHandler)]
         self._publisher_count = publisher_count
         self._filter: ContentFilter | None = None
         if content_filter is not None:
-            self._set_filter(content_filter.filter_expression, content_filter.expression_parameters or ())
+            self.set_content_filter(
+                content_filter.filter_expression, content_filter.expression_parameters or ()
+            )
 
     def _rwt_opened(self, subscription: Any) -> None:
         """Set the endpoint of the graph."""
@@ -122,11 +115,6 @@ class Subscription(Entity):
         self._callback = callback
 
     @property
-    def handle(self) -> Destroyable:
-        """Handle that destroys the subscription."""
-        return self._handle
-
-    @property
     def topic_name(self) -> str:
         """Absolute name of the topic."""
         with self._handle:
@@ -137,12 +125,6 @@ class Subscription(Entity):
         """Return the number of publishers that the subscription is connected to."""
         with self._handle:
             return self._publisher_count()
-
-    def destroy(self) -> None:
-        """Leave the topic; see :meth:`Node.destroy_subscription`."""
-        for handler in self.event_handlers:
-            handler.destroy()
-        self._handle.destroy_when_not_in_use()
 
     def _rwt_on_sample(self, sample: Sample) -> None:
         """Queue a sample for the executor, on the graph's thread."""
@@ -161,36 +143,37 @@ class Subscription(Entity):
             if handler.event_type is QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
                 handler.happened(QoSMessageLostInfo(self._lost, 1))
 
-    @property
-    def is_cft_enabled(self) -> bool:
-        """True if a content filter is set."""
-        return self._filter is not None
+    if FROM_KILTED:
 
-    def set_content_filter(self, filter_expression: str, expression_parameters: Sequence[str] = ()) -> None:
-        """Set a DDS expression that messages must match; an empty one removes the filter.
+        @property
+        def is_cft_enabled(self) -> bool:
+            """True if a content filter is set."""
+            return self._filter is not None
 
-        Raises:
-            InvalidFilter: the expression is invalid, or names an unknown field.
-            InvalidHandle: the subscription was destroyed.
-        """
-        self._set_filter(filter_expression, expression_parameters)
+        def set_content_filter(
+            self, filter_expression: str, expression_parameters: Sequence[str] = ()
+        ) -> None:
+            """Set a DDS expression that messages must match; an empty one removes the filter.
 
-    def _set_filter(self, filter_expression: str, expression_parameters: Sequence[str]) -> None:
-        self._handle.check()
-        fields = frozenset(self.msg_type.get_fields_and_field_types())
-        wanted = filter_expression.strip()
-        self._filter = ContentFilter(wanted, expression_parameters, fields) if wanted else None
+            Raises:
+                InvalidFilter: the expression is invalid, or names an unknown field.
+                InvalidHandle: the subscription was destroyed.
+            """
+            self._handle.check()
+            fields = frozenset(self.msg_type.get_fields_and_field_types())
+            wanted = filter_expression.strip()
+            self._filter = ContentFilter(wanted, expression_parameters, fields) if wanted else None
 
-    def get_content_filter(self) -> ContentFilterOptions:
-        """Return the content filter. Raises RCLError if none is set."""
-        self._handle.check()
-        if self._filter is None:
-            raise RCLError(f"the subscription to {self.topic} has no content filter")
-        return ContentFilterOptions(self._filter.expression, list(self._filter.parameters))
+        def get_content_filter(self) -> ContentFilterOptions:
+            """Return the content filter. Raises RCLError if none is set."""
+            self._handle.check()
+            if self._filter is None:
+                raise RCLError(f"the subscription to {self.topic} has no content filter")
+            return ContentFilterOptions(self._filter.expression, list(self._filter.parameters))
 
-    def _is_wanted(self, value: Any) -> bool:
+    def _is_wanted(self, wanted: ContentFilter, payload: Payload) -> bool:
         try:
-            return self._filter is None or self._filter.matches(value)
+            return wanted.matches(payload.value())
         except InvalidFilter as error:
             get_logger("rclpy").error(f"a message on {self.topic} is left out: {error}")
             return False
@@ -223,7 +206,7 @@ class Subscription(Entity):
                 continue
             try:
                 payload = sample.payload
-                if self._filter is not None and not self._is_wanted(payload.value()):
+                if self._filter is not None and not self._is_wanted(self._filter, payload):
                     continue
                 message = payload.cdr() if self.raw else self._from_graph(payload.value())
             except InvalidMessage as error:
@@ -235,16 +218,10 @@ class Subscription(Entity):
                 "publication_sequence_number": number,
                 "reception_sequence_number": None,
             }
-            if RELEASE.has_kilted_names and self._callback_type is CallbackType.WithMessageInfo:
+            if FROM_KILTED and self._callback_type is CallbackType.WithMessageInfo:
                 gid = endpoint_gid(sample.node, sample.topic, TopicEndpointTypeEnum.PUBLISHER)
                 info["publisher_gid"] = {"implementation_identifier": "rwt_graph", "data": gid}
             return message, info
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.destroy()
 
 
 def _callback_type(callback: Callable[..., object]) -> CallbackType:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_rclpy.exceptions import NoTypeSupportImportedException
+
+T = TypeVar("T", MessageType, ServiceType, ActionType)
 
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:
@@ -29,38 +31,34 @@ def check_for_type_support(msg_or_srv_type: Any) -> None:
         raise NoTypeSupportImportedException
 
 
+def _type_of(cls: Any, kind: type[T], wrong: str) -> T:
+    check_for_type_support(cls)
+    found = cls.__class__._TYPE_SUPPORT
+    if not isinstance(found, kind):
+        raise RuntimeError(wrong)
+    return found
+
+
 def check_is_valid_msg_type(msg_type: Any) -> None:
     """Check that a class is a message. Raises RuntimeError, or as :func:`check_for_type_support`."""
-    check_for_type_support(msg_type)
-    if not isinstance(msg_type.__class__._TYPE_SUPPORT, MessageType):
-        raise RuntimeError(f"The message type {msg_type!r} provided is not valid")
+    message_type(msg_type)
 
 
 def check_is_valid_srv_type(srv_type: Any) -> None:
     """Check that a class is a service. Raises RuntimeError, or as :func:`check_for_type_support`."""
-    check_for_type_support(srv_type)
-    if not isinstance(srv_type.__class__._TYPE_SUPPORT, ServiceType):
-        raise RuntimeError(f"The service type {srv_type!r} provided is not valid")
+    service_type(srv_type)
 
 
 def message_type(msg_type: Any) -> MessageType:
-    """Return the type of a message class."""
-    check_is_valid_msg_type(msg_type)
-    found: MessageType = msg_type.__class__._TYPE_SUPPORT
-    return found
+    """Return the type of a message class. Raises RuntimeError for other classes."""
+    return _type_of(msg_type, MessageType, f"The message type {msg_type!r} provided is not valid")
 
 
 def service_type(srv_type: Any) -> ServiceType:
-    """Return the type of a service class."""
-    check_is_valid_srv_type(srv_type)
-    found: ServiceType = srv_type.__class__._TYPE_SUPPORT
-    return found
+    """Return the type of a service class. Raises RuntimeError for other classes."""
+    return _type_of(srv_type, ServiceType, f"The service type {srv_type!r} provided is not valid")
 
 
 def action_type(cls: Any) -> ActionType:
     """Return the type of an action class. Raises RuntimeError for other classes."""
-    check_for_type_support(cls)
-    found = cls.__class__._TYPE_SUPPORT
-    if not isinstance(found, ActionType):
-        raise RuntimeError(f"{cls!r} is not an action")
-    return found
+    return _type_of(cls, ActionType, f"{cls!r} is not an action")

@@ -37,11 +37,7 @@ class Wait(Waker):
             ready: condition; called with the lock held, and must not wait itself.
             timeout_sec: None or a negative number for no timeout.
         """
-        forever = timeout_sec is None or timeout_sec < 0
-        deadline = None if forever else self._keeper.steady_ns() + int((timeout_sec or 0) * 1e9)
+        deadline = self._keeper.deadline(timeout_sec)
         with UNINTERRUPTED, self._condition:
-            while not ready():
-                if not self._context.ok() or (deadline is not None and self._keeper.steady_ns() >= deadline):
-                    return False
-                self._keeper.wait(self._condition, deadline)
-        return True
+            self._keeper.wait_for(self._condition, lambda: ready() or not self._context.ok(), deadline)
+            return ready()

@@ -16,7 +16,7 @@ from rwt_rclpy.exceptions import RCLError, RCLInvalidROSArgsError
 from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 from rwt_rclpy.names.arguments import RosArguments, parse_arguments
 from rwt_rclpy.names.validation import wrong_in_namespace
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 OnShutdown = Callable[[], object]
 
@@ -151,9 +151,8 @@ class Context:
             if self._handle is None:
                 raise RuntimeError("Context must be initialized before it can be shutdown")
             if not self._handle.valid:
-                raise RELEASE.error_of_second_shutdown(
-                    "the context was shut down before; try_shutdown() does so only if needed"
-                )
+                error = RuntimeError if FROM_KILTED else RCLError
+                raise error("the context was shut down before; try_shutdown() does so only if needed")
             self._handle.shutdown()
         self._call_callbacks()
 

@@ -22,7 +22,7 @@ from rwt_rclpy.execution.context import Context, get_default_context
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.interruption import UNINTERRUPTED
 from rwt_rclpy.execution.task import CallbackTask, Future, Task
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.node import Node
@@ -84,14 +84,9 @@ class WorkTracker:
 
     def wait(self, timeout_sec: float | None) -> bool:
         """Wait until no callback runs. Returns False after the timeout."""
-        forever = timeout_sec is None or timeout_sec < 0
-        deadline = None if forever else self._keeper.steady_ns() + int((timeout_sec or 0) * 1e9)
         with self._condition:
-            while self._count:
-                if deadline is not None and self._keeper.steady_ns() >= deadline:
-                    return False
-                self._keeper.wait(self._condition, deadline)
-        return True
+            deadline = self._keeper.deadline(timeout_sec)
+            return self._keeper.wait_for(self._condition, lambda: not self._count, deadline)
 
 
 class Executor(Waker):
@@ -100,7 +95,8 @@ class Executor(Waker):
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = get_default_context() if context is None else context
         if self._context.handle is None:
-            raise RELEASE.error_without_context("an executor needs a context that was initialized")
+            error = RuntimeError if FROM_KILTED else TypeError
+            raise error("an executor needs a context that was initialized")
         self._keeper = timekeeper.current()
         self._condition = self._keeper.condition()
         self._woken = False
@@ -131,10 +127,10 @@ class Executor(Waker):
         return task
 
     def _require_running(self) -> None:
-        if self._is_shutdown and not RELEASE.executors_outlive_shutdown:
+        if self._is_shutdown and not FROM_KILTED:
             raise AttributeError("the executor was shut down")
 
-    if RELEASE.executors_create_futures:
+    if FROM_KILTED:
 
         def create_future(self) -> Future:
             """Return a future whose callbacks this executor runs."""
@@ -233,9 +229,7 @@ class Executor(Waker):
     def _deadline(self, timeout_sec: float | TimeoutObject | None) -> int | None:
         if isinstance(timeout_sec, TimeoutObject):
             timeout_sec = timeout_sec.timeout
-        if timeout_sec is None or timeout_sec < 0:
-            return None
-        return self._keeper.steady_ns() + int(timeout_sec * 1e9)
+        return self._keeper.deadline(timeout_sec)
 
     # Ready callbacks
 
@@ -290,7 +284,7 @@ class Executor(Waker):
                 return None
             self._tasks = [entry for entry in self._tasks if not entry[0].done() and not entry[0].cancelled()]
             # None twice before each had its turn.
-            for entry in self._tasks if RELEASE.tasks_are_fifo else reversed(self._tasks):
+            for entry in self._tasks if FROM_KILTED else reversed(self._tasks):
                 task, _, node = entry
                 if task not in self._had_turn and task.can_run() and (node is None or node in nodes):
                     self._had_turn.add(task)
@@ -333,19 +327,17 @@ class Executor(Waker):
     def _work(self, entity: Entity, node: Node) -> CallbackTask | None:
         """Take a callback of an entity, if it is still ready and may run."""
         group = entity.callback_group
+        call: Callable[[], object] | None = None
         try:
             if not entity._rwt_has_work() or not group.beginning_execution(entity):
                 return None
+            try:
+                call = entity._rwt_take()
+            finally:
+                if call is None:
+                    group.ending_execution(entity)
         except InvalidHandle:
-            return None
-        call: Callable[[], object] | None = None
-        try:
-            call = entity._rwt_take()
-        except InvalidHandle:
-            return None
-        finally:
-            if call is None:
-                group.ending_execution(entity)
+            return None  # The entity was destroyed meanwhile.
         if call is None:
             return None
 

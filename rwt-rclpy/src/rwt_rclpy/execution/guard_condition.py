@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.destroyable import Destroyable, Owner
 from rwt_rclpy.execution.entity import Entity
 
 if TYPE_CHECKING:
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rwt_rclpy.execution.context import Context
 
 
-class GuardCondition(Entity):
+class GuardCondition(Entity, Owner):
     """Guard condition, whose callback runs in the executor after :meth:`trigger`."""
 
     def __init__(
@@ -27,20 +27,11 @@ class GuardCondition(Entity):
         self._handle = Destroyable("guard condition")
         self._triggered = False
 
-    @property
-    def handle(self) -> Destroyable:
-        """Handle that destroys the guard condition."""
-        return self._handle
-
     def trigger(self) -> None:
         """Schedule the callback. Raises :exc:`InvalidHandle` after :meth:`destroy`."""
         self._handle.check()
         self._triggered = True
         self._rwt_wake()
-
-    def destroy(self) -> None:
-        """Destroy the guard condition."""
-        self._handle.destroy_when_not_in_use()
 
     def _rwt_has_work(self) -> bool:
         """True if the condition was triggered."""

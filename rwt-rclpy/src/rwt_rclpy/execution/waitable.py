@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partialmethod
 from typing import Any
 
 from rwt_rclpy.execution.entity import Entity
@@ -89,25 +90,11 @@ class WaitSet:
         known.append(entity)
         return len(known) - 1
 
-    def add_subscription(self, entity: Entity) -> int:
-        """Add a subscription."""
-        return self._add("subscription", entity)
-
-    def add_guard_condition(self, entity: Entity) -> int:
-        """Add a guard condition."""
-        return self._add("guard_condition", entity)
-
-    def add_timer(self, entity: Entity) -> int:
-        """Add a timer."""
-        return self._add("timer", entity)
-
-    def add_client(self, entity: Entity) -> int:
-        """Add a client."""
-        return self._add("client", entity)
-
-    def add_service(self, entity: Entity) -> int:
-        """Add a service."""
-        return self._add("service", entity)
+    add_subscription = partialmethod(_add, "subscription")
+    add_guard_condition = partialmethod(_add, "guard_condition")
+    add_timer = partialmethod(_add, "timer")
+    add_client = partialmethod(_add, "client")
+    add_service = partialmethod(_add, "service")
 
     def is_ready(self, kind: str, index: int) -> bool:
         """True if an entity has work."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from rwt_rclpy.launch.entities import (
     Action,
@@ -66,29 +66,42 @@ class DeclareLaunchArgument(Action):
             )
 
 
-class SetLaunchConfiguration(Action):
-    """Action that sets a configuration."""
+class _Unset(Action):
+    """Action that removes a value, if it exists."""
 
-    def __init__(self, name: SomeSubstitutionsType, value: SomeText, **action: Any) -> None:
-        super().__init__(**action)
-        self.name = name
-        self.value = value
-
-    def execute(self, context: LaunchContext) -> None:
-        """Execute the action."""
-        context.launch_configurations[text(context, self.name)] = text(context, self.value)
-
-
-class UnsetLaunchConfiguration(Action):
-    """Action that removes a configuration."""
+    _values: ClassVar[str]
 
     def __init__(self, name: SomeSubstitutionsType, **action: Any) -> None:
         super().__init__(**action)
         self.name = name
 
     def execute(self, context: LaunchContext) -> None:
-        """Remove it, if it exists."""
-        context.launch_configurations.pop(text(context, self.name), None)
+        """Execute the action."""
+        getattr(context, self._values).pop(text(context, self.name), None)
+
+
+class _Set(_Unset):
+    """Action that sets a value."""
+
+    def __init__(self, name: SomeSubstitutionsType, value: SomeText, **action: Any) -> None:
+        super().__init__(name, **action)
+        self.value = value
+
+    def execute(self, context: LaunchContext) -> None:
+        """Execute the action."""
+        getattr(context, self._values)[text(context, self.name)] = text(context, self.value)
+
+
+class SetLaunchConfiguration(_Set):
+    """Action that sets a configuration."""
+
+    _values = "launch_configurations"
+
+
+class UnsetLaunchConfiguration(_Unset):
+    """Action that removes a configuration, if it exists."""
+
+    _values = "launch_configurations"
 
 
 class PushLaunchConfigurations(Action):
@@ -137,29 +150,16 @@ class ResetLaunchConfigurations(Action):
         context.launch_configurations.update(kept)
 
 
-class SetEnvironmentVariable(Action):
+class SetEnvironmentVariable(_Set):
     """Action that sets an environment variable."""
 
-    def __init__(self, name: SomeSubstitutionsType, value: SomeText, **action: Any) -> None:
-        super().__init__(**action)
-        self.name = name
-        self.value = value
-
-    def execute(self, context: LaunchContext) -> None:
-        """Execute the action."""
-        context.environment[text(context, self.name)] = text(context, self.value)
+    _values = "environment"
 
 
-class UnsetEnvironmentVariable(Action):
-    """Action that removes an environment variable."""
+class UnsetEnvironmentVariable(_Unset):
+    """Action that removes an environment variable, if it exists."""
 
-    def __init__(self, name: SomeSubstitutionsType, **action: Any) -> None:
-        super().__init__(**action)
-        self.name = name
-
-    def execute(self, context: LaunchContext) -> None:
-        """Remove it, if it exists."""
-        context.environment.pop(text(context, self.name), None)
+    _values = "environment"
 
 
 class AppendEnvironmentVariable(SetEnvironmentVariable):

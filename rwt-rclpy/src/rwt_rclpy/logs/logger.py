@@ -13,7 +13,7 @@ from typing import Any, Final
 from rwt_rclpy.clocks.clock import Clock
 from rwt_rclpy.logs import output
 from rwt_rclpy.logs.output import LoggingSeverity
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 _OPTIONS: Final = ("once", "skip_first", "throttle_duration_sec", "throttle_time_source_type")
 
@@ -134,7 +134,7 @@ class RcutilsLogger:
 
     def warn(self, message: str, **kwargs: Any) -> bool:
         """Log a warning (older name)."""
-        if RELEASE.warn_is_deprecated:
+        if FROM_KILTED:
             warnings.warn("Function warn() is deprecated, use warning()", DeprecationWarning, stacklevel=2)
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType, python_name
 from rwt_rclpy.messages.fields import NUMBER_CODES, Convert, MessageField, Nested, message_field
 from rwt_rclpy.messages.slot_types import AbstractSequence, BasicType, SlotType
+
+T = TypeVar("T")
 
 _WORD_ENDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
@@ -117,7 +119,8 @@ class MessageClasses:
         self.registry = registry
         self._lock = threading.RLock()
         self._messages: dict[str, type[Message]] = {}
-        self._interfaces: dict[tuple[str, str], type] = {}
+        self._services: dict[str, type] = {}
+        self._actions: dict[str, type] = {}
 
     @property
     def in_use(self) -> bool:
@@ -126,14 +129,7 @@ class MessageClasses:
 
     def of(self, message: MessageType) -> type[Message]:
         """Return the class of a message type of the registry."""
-        found = self._messages.get(message.name)
-        if found is not None:
-            return found
-        with self._lock:
-            found = self._messages.get(message.name)
-            if found is None:
-                found = self._messages[message.name] = self._make(message)
-            return found
+        return self._once(self._messages, message.name, lambda: self._make(message))
 
     def message(self, name: str) -> type[Message]:
         """Return the class of a message, or of a part of a service or action. Raises :exc:`UnknownType`."""
@@ -141,11 +137,11 @@ class MessageClasses:
 
     def service(self, name: str) -> type:
         """Return the class of a service with `Request`, `Response`, `Event`. Raises :exc:`UnknownType`."""
-        return self._interface("srv", name, lambda: self._make_service(self.registry.service(name)))
+        return self._once(self._services, name, lambda: self._make_service(self.registry.service(name)))
 
     def action(self, name: str) -> type:
         """Return the class of an action with `Goal`, `Result` and `Feedback`. Raises :exc:`UnknownType`."""
-        return self._interface("action", name, lambda: self._make_action(self.registry.action(name)))
+        return self._once(self._actions, name, lambda: self._make_action(self.registry.action(name)))
 
     def by_type_name(self, name: str) -> type:
         """Return the class of ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``.
@@ -163,14 +159,13 @@ class MessageClasses:
             return self.action(short)
         return self.message(short)
 
-    def _interface(self, kind: str, name: str, make: Callable[[], type]) -> type:
-        key = (kind, name)
-        found = self._interfaces.get(key)
+    def _once(self, known: dict[str, T], name: str, make: Callable[[], T]) -> T:
+        found = known.get(name)
         if found is None:
             with self._lock:
-                found = self._interfaces.get(key)
+                found = known.get(name)
                 if found is None:
-                    found = self._interfaces[key] = make()
+                    found = known[name] = make()
         return found
 
     # Messages
@@ -189,7 +184,9 @@ class MessageClasses:
             for each in definition.constants
         }
         defaults = {
-            f"{field.name.upper()}__DEFAULT": field.default() for field in fields if field.has_default
+            f"{field.name.upper()}__DEFAULT": field.default()
+            for field, written in zip(fields, definition.fields, strict=True)
+            if written.default is not None
         }
         meta = type(
             f"Metaclass_{short}",
@@ -223,10 +220,7 @@ class MessageClasses:
 
     def _make_service(self, service: ServiceType) -> type:
         package, kind, short = self.registry.type_name(service).split("/")
-        parts = {
-            "Request": self.of(service.request),
-            "Response": self.of(service.response),
-        }
+        parts = {"Request": self.of(service.request), "Response": self.of(service.response)}
         with suppress(UnknownType):  # Introspection needs service_msgs.
             parts["Event"] = self.message(f"{service.name}_Event")
         return _holder(package, kind, short, service, parts)

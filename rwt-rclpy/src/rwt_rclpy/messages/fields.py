@@ -72,7 +72,6 @@ class MessageField:
         store: converts an assigned value if checks are off.
         to_graph: converts the message's form to the graph's; None if both are equal.
         from_graph: converts the graph's form to the message's; None if both are equal.
-        has_default: True if the definition has a default.
         thaw: converts the stored form to the program's on first access; None if both are equal.
     """
 
@@ -84,7 +83,6 @@ class MessageField:
     store: Check
     to_graph: Convert | None
     from_graph: Convert | None
-    has_default: bool
     thaw: Convert | None = None
 
 
@@ -107,7 +105,7 @@ def message_field(field: Field, nested: Callable[[str], Nested]) -> MessageField
     if not written.is_array:
         return _scalar(field, element, inner)
     if isinstance(element, BasicType) and element.typename in NUMBER_CODES:
-        return _numbers(field, element)
+        return _number_field(field, element)
     return _items(field, element, inner)
 
 
@@ -157,7 +155,6 @@ def _scalar(field: Field, element: AbstractNestableType, inner: Nested | None) -
         _same,
         to_graph,
         from_graph,
-        field.default is not None,
     )
 
 
@@ -292,7 +289,7 @@ def _check_string(name: str, bound: int | None, value: Any) -> Any:
 # Sequences and arrays of numbers
 
 
-def _numbers(field: Field, element: BasicType) -> MessageField:
+def _number_field(field: Field, element: BasicType) -> MessageField:
     written, kind = field.type, element.typename
     code = NUMBER_CODES[kind]
     slot_type, text = _sequence_type(written, element)
@@ -308,42 +305,24 @@ def _numbers(field: Field, element: BasicType) -> MessageField:
             text,
             start.copy,
             partial(_check_fixed, field.name, dtype, written.length, check_one),
-            partial(_store_fixed, dtype),
+            partial(np.array, dtype=dtype),
             _bytes_of if octets else _list_or_numpy,
             partial(_fixed_from_graph, dtype),
-            field.default is not None,
         )
+    sequence = partial(MessageField, field.name, slot_type, text, partial(array, code, given))
     if octets:
-        return MessageField(
-            field.name,
-            slot_type,
-            text,
-            partial(array, code, given),
-            partial(_check_octets, field.name, check_one),
-            _store_octets,
-            _octets_to_graph,
-            _octets_from_graph,
-            field.default is not None,
-            _thawed,
-        )
-    return MessageField(
-        field.name,
-        slot_type,
-        text,
-        partial(array, code, given),
-        partial(_check_numbers, field.name, code, written.bound, check_one),
-        partial(_store_numbers, code),
-        _list_or_numpy,
-        partial(_numbers_from_graph, code),
-        field.default is not None,
-    )
+        check: Check = partial(_check_octets, field.name, check_one)
+        return sequence(check, _store_octets, _octets_to_graph, _octets_from_graph, _thawed)
+    check = partial(_check_numbers, field.name, code, written.bound, check_one)
+    return sequence(check, partial(_numbers, code), _list_or_numpy, partial(_numbers, code))
 
 
 def _as_tuple(default: object) -> tuple[Any, ...]:
     return tuple(default) if isinstance(default, (tuple, list)) else (default,)
 
 
-def _store_numbers(code: str, value: Any) -> array[Any]:
+def _numbers(code: str, value: Any) -> array[Any]:
+    """Return numbers of any form as rosidl stores them."""
     if isinstance(value, np.ndarray):
         return array(code, np.ascontiguousarray(value.ravel(), np.dtype(code)).tobytes())
     return array(code, value)
@@ -369,10 +348,6 @@ def _check_sequence(name: str, value: Any) -> None:
         raise _wrong(name, "a sequence or set", value)
 
 
-def _store_fixed(dtype: np.dtype[Any], value: Any) -> np.ndarray:
-    return np.array(value, dtype)
-
-
 def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check, value: Any) -> np.ndarray:
     if isinstance(value, np.ndarray):
         if value.dtype != dtype:
@@ -393,20 +368,21 @@ def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check,
 # reads the field gets rosidl's `array.array`, which is created then.
 
 
-def _store_octets(value: Any) -> bytes | array[Any]:
+def _octets(value: Any) -> bytes | None:
+    """Return a value that holds octets only as bytes; None for others."""
     if isinstance(value, (bytes, bytearray, memoryview)):
         return bytes(value)
-    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
-        return value.tobytes()
-    return _store_numbers("B", value)
+    return value.tobytes() if isinstance(value, np.ndarray) and value.dtype == np.uint8 else None
+
+
+def _store_octets(value: Any) -> bytes | array[Any]:
+    octets = _octets(value)
+    return _numbers("B", value) if octets is None else octets
 
 
 def _check_octets(name: str, check_one: Check, value: Any) -> bytes | array[Any]:
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        return bytes(value)
-    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
-        return value.tobytes()
-    return _check_numbers(name, "B", None, check_one, value)
+    octets = _octets(value)
+    return _check_numbers(name, "B", None, check_one, value) if octets is None else octets
 
 
 def _octets_to_graph(value: bytes | array[Any]) -> bytes:
@@ -414,7 +390,7 @@ def _octets_to_graph(value: bytes | array[Any]) -> bytes:
 
 
 def _octets_from_graph(value: Any) -> bytes | array[Any]:
-    return value if isinstance(value, bytes) else _numbers_from_graph("B", value)
+    return value if isinstance(value, bytes) else _numbers("B", value)
 
 
 def _thawed(value: bytes | array[Any]) -> array[Any]:
@@ -432,12 +408,6 @@ def _list_or_numpy(value: Any) -> Any:
     if isinstance(value, array):
         return np.frombuffer(value.tobytes(), np.dtype(value.typecode))
     return value.ravel().copy()
-
-
-def _numbers_from_graph(code: str, value: Any) -> array[Any]:
-    if isinstance(value, np.ndarray):
-        return array(code, np.ascontiguousarray(value, np.dtype(code)).tobytes())
-    return array(code, value)
 
 
 def _fixed_from_graph(dtype: np.dtype[Any], value: Any) -> np.ndarray:
@@ -469,7 +439,6 @@ def _items(field: Field, element: AbstractNestableType, inner: Nested | None) ->
         _same,
         list if to_graph is None else partial(_each, to_graph),
         list if from_graph is None else partial(_each, from_graph),
-        field.default is not None,
     )
 
 

@@ -64,7 +64,7 @@ class AbstractGenericString(AbstractNestableType):
 
     def has_maximum_size(self) -> bool:
         """True if the type is bounded."""
-        return False
+        return hasattr(self, "maximum_size")
 
 
 class AbstractString(AbstractGenericString):
@@ -95,20 +95,12 @@ class BoundedString(AbstractString):
 
     maximum_size: int
 
-    def has_maximum_size(self) -> bool:
-        """True: the type is bounded."""
-        return True
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class BoundedWString(AbstractWString):
     """``wstring<=N``."""
 
     maximum_size: int
-
-    def has_maximum_size(self) -> bool:
-        """True: the type is bounded."""
-        return True
 
 
 class AbstractNestedType(AbstractType):
@@ -130,7 +122,7 @@ class AbstractSequence(AbstractNestedType):
 
     def has_maximum_size(self) -> bool:
         """True if the type is bounded."""
-        return False
+        return hasattr(self, "maximum_size")
 
 
 @dataclass(frozen=True, repr=False)
@@ -158,10 +150,6 @@ class BoundedSequence(AbstractSequence):
 
     value_type: AbstractNestableType
     maximum_size: int
-
-    def has_maximum_size(self) -> bool:
-        """True: the type is bounded."""
-        return True
 
 
 SlotType = BasicType | NamespacedType | AbstractGenericString | AbstractNestedType

@@ -53,11 +53,11 @@ def joined(where: str | None = None) -> Iterator[None]:
         except RobotError as error:
             raise CannotJoin(f"the graph {place} cannot be joined: {error}") from error
         before = DOMAINS.given
-        DOMAINS.use(Link(graph))
+        DOMAINS.given = Link(graph)
         try:
             yield
         finally:
-            DOMAINS.use(before)
+            DOMAINS.given = before
             running.__exit__(None, None, None)
 
 

@@ -92,31 +92,26 @@ def _discard(function: Callable[[], object]) -> None:
 
 
 class Domains:
-    """Graphs of the process: one for each ROS domain, unless one is set for all of them."""
+    """Graphs of the process: one for each ROS domain, unless one is set for all of them.
+
+    Attributes:
+        given: graph that is set for all domains; None for a graph of this process for each.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._links: dict[int, Link] = {}
-        self._given: Link | None = None
+        self.given: Link | None = None
 
     def link(self, domain: int) -> Link:
         """Return the graph of a domain, created on first use."""
-        if self._given is not None:
-            return self._given
+        if self.given is not None:
+            return self.given
         with self._lock:
             found = self._links.get(domain)
             if found is None:
                 found = self._links[domain] = Link(MemoryGraph(classes().registry, dds_rules=True))
             return found
-
-    @property
-    def given(self) -> Link | None:
-        """Graph that was set for all domains."""
-        return self._given
-
-    def use(self, link: Link | None) -> None:
-        """Set one graph for all domains; None: a graph of this process for each."""
-        self._given = link
 
     def reset(self) -> None:
         """Drop the graphs of this process; existing nodes keep theirs."""
@@ -161,16 +156,14 @@ class VirtualDomain:
         self._before: tuple[Timekeeper, Link | None] | None = None
 
     def __enter__(self) -> VirtualDomain:
-        given = DOMAINS.given
-        self._before = keep_time_by(self.time), given
-        DOMAINS.use(Link(self.graph, self.time))
+        self._before = keep_time_by(self.time), DOMAINS.given
+        DOMAINS.given = Link(self.graph, self.time)
         return self
 
     def __exit__(self, *exc: object) -> None:
         assert self._before is not None  # It was entered.
-        timekeeper, given = self._before
+        timekeeper, DOMAINS.given = self._before
         keep_time_by(timekeeper)
-        DOMAINS.use(given)
 
     @property
     def now(self) -> float:

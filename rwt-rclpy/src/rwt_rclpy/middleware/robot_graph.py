@@ -16,11 +16,10 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AsyncExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
-from uuid import uuid4
+from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
@@ -28,25 +27,27 @@ from rwt_client import RawMessage, RawSubscription, Robot, connect
 from rwt_graph import MemoryGraph
 from rwt_graph.api import (
     ActionInfo,
-    CallObserver,
     ClientGoal,
     EndpointInfo,
     GoalEvents,
-    Graph,
     NodeInfo,
     OnReply,
-    Participant,
     PendingCall,
     Publisher,
-    Registration,
     Sample,
-    ServerGoal,
-    ServiceCall,
     ServiceInfo,
     Subscription,
     TopicInfo,
 )
-from rwt_graph.errors import NotRunning
+from rwt_graph.backend import (
+    MemoryActionServer,
+    MemoryCall,
+    MemoryParticipant,
+    MemoryProvider,
+    NodeResources,
+    RemoteActions,
+    RemoteServices,
+)
 from rwt_graph.names import validate
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
@@ -57,7 +58,6 @@ from rwt_participant.errors import (
     GoalCanceled,
     NotFound,
     RobotError,
-    ServiceFailed,
 )
 from rwt_participant.goals import Goal, GoalStatus, ReceivedGoal
 from rwt_participant.handles import Handle
@@ -119,7 +119,7 @@ class RobotSubscription(Subscription):
         graph: RobotGraph,
         topic: RobotTopic,
         on_sample: Callable[[Sample], None],
-        owner: RobotParticipant,
+        owner: NodeResources,
     ) -> None:
         self.topic = topic.name
         self.on_sample = on_sample
@@ -140,7 +140,7 @@ class RobotSubscription(Subscription):
         """Leave the topic."""
         topic = self._topic
         topic.subscriptions = tuple(each for each in topic.subscriptions if each is not self)
-        self._owner.opened.pop(self, None)
+        self._owner.drop(self)
         if not topic.subscriptions and self._graph.topics_here.get(topic.name) is topic:
             del self._graph.topics_here[topic.name]
             topic.close()
@@ -150,7 +150,7 @@ class RobotPublisher(Publisher):
     """Publisher of this process on a topic of the server."""
 
     def __init__(
-        self, graph: RobotGraph, topic: str, type: MessageType, qos: QoS, owner: RobotParticipant
+        self, graph: RobotGraph, topic: str, type: MessageType, qos: QoS, owner: NodeResources
     ) -> None:
         self.topic = topic
         self.type = type
@@ -181,52 +181,23 @@ class RobotPublisher(Publisher):
 
     def close(self) -> None:
         """Leave the topic."""
-        self._owner.opened.pop(self, None)
+        self._owner.drop(self)
         if self._tells_here:
             self._tells_here = False
             self._graph.told_here -= Counter((self.topic,))
         self._remote.close()
 
 
-class RobotRegistration(Registration):
-    """Service or action of this process, also offered on the server."""
+class RobotParticipant(MemoryParticipant):
+    """Node of this process, whose topics are the server's."""
 
-    def __init__(self, local: Registration, withdraw: Callable[[], None], owner: RobotParticipant) -> None:
-        self.name = local.name
-        self._local = local
-        self._withdraw = withdraw
-        self._owner = owner
-
-    def close(self) -> None:
-        """Withdraw the offer here and on the server."""
-        if self._owner.opened.pop(self, None) is not None:
-            self._local.close()
-            self._withdraw()
-
-
-class RobotParticipant(Participant):
-    """Node of this process, whose topics are the server's.
-
-    Attributes:
-        opened: open publishers, subscriptions and registrations, each with the function that closes it.
-    """
-
-    def __init__(self, graph: RobotGraph, name: str) -> None:
-        self.name = name
-        self.opened: dict[object, Callable[[], None]] = {}
-        self._graph = graph
-        self._local = graph.local.participant(name)
-        self._closed = False
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise NotRunning(f"node {self.name} was closed")
+    graph: RobotGraph
 
     def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
         """Become a publisher of `topic`; the server rejects another type, and logs this."""
         self._check_open()
-        publisher = RobotPublisher(self._graph, validate(topic), type, qos, self)
-        self.opened[publisher] = publisher.close
+        publisher = RobotPublisher(self.graph, validate(topic), type, qos, self.owner)
+        self.owner.add(publisher, publisher.close)
         return publisher
 
     def subscribe(
@@ -238,7 +209,7 @@ class RobotParticipant(Participant):
     ) -> Subscription:
         """Become a subscriber of `topic`. Raises NotFound without a type while the topic is not listed."""
         self._check_open()
-        graph, name = self._graph, validate(topic)
+        graph, name = self.graph, validate(topic)
         info = graph.topic(name) if type is None else None
         wanted = type if info is None else info.type
         if wanted is None:
@@ -246,120 +217,128 @@ class RobotParticipant(Participant):
         known = graph.topics_here.get(name)
         if known is None:
             known = graph.topics_here[name] = RobotTopic(graph, name, wanted)
-        subscription = RobotSubscription(graph, known, on_sample, self)
+        subscription = RobotSubscription(graph, known, on_sample, self.owner)
         known.subscriptions = (*known.subscriptions, subscription)
-        self.opened[subscription] = subscription.close
+        self.owner.add(subscription, subscription.close)
         if qos.durability is Durability.TRANSIENT_LOCAL and known.last is not None:
             on_sample(known.last)
         return subscription
 
-    def advertise_service(
-        self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]
-    ) -> Registration:
-        """Handle a service here and on the server, unless it is part of an action."""
-        local = self._local.advertise_service(service, type, on_call)
-        if "/_action/" in local.name:
-            return local
-        return self._registered(local, partial(self._graph.offer_service, local.name, type))
 
-    def advertise_action(
-        self, action: str, type: ActionType, on_goal: Callable[[ServerGoal], None]
-    ) -> Registration:
-        """Handle an action here and on the server."""
-        local = self._local.advertise_action(action, type, on_goal)
-        return self._registered(local, partial(self._graph.offer_action, local.name, type))
+class RobotServices(RemoteServices):
+    """Services of the server, on which those of this process are offered, except parts of actions.
 
-    def _registered(self, local: Registration, offer: Callable[[], Handle]) -> Registration:
-        registration = RobotRegistration(local, self._graph.offers.add(local.name, offer), self)
-        self.opened[registration] = registration.close
-        return registration
+    Attributes:
+        types: types by name, as the server lists them.
+    """
 
-    def call_service(
-        self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
+    def __init__(self, graph: RobotGraph) -> None:
+        self.types: dict[str, str] = {}
+        self._graph = graph
+        self._offered: dict[MemoryProvider, Handle] = {}
+
+    def offered(self, provider: MemoryProvider) -> None:
+        """Offer a service of this process on the server."""
+        if "/_action/" not in provider.name:
+            answer = partial(self._graph.answer, provider.name, provider.type)
+            name = self._graph.registry.type_name(provider.type)
+            self._offered[provider] = self._graph.robot.advertise_service(provider.name, name, answer)
+
+    def withdrawn(self, provider: MemoryProvider) -> None:
+        """Withdraw a service on the server."""
+        offered = self._offered.pop(provider, None)
+        if offered is not None:
+            offered.close()
+
+    def names(self) -> set[str]:
+        """Return the names of the server's services."""
+        return set(self.types)
+
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Yield nothing: nodes of the server are listed without their services."""
+        return iter(())
+
+    def info(self, name: str) -> ServiceInfo | None:
+        """Return a service of the server; None if it or its type is unknown."""
+        self._graph.listing.asked()
+        type = _known(self._graph.registry.service, self.types.get(name, ""))
+        return None if type is None else ServiceInfo(name, type, "")
+
+    def call(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall:
-        """Call a service; those of this process take precedence."""
-        self._check_open()
-        graph = self._graph
-        if graph.local.service(service) is not None:
-            return self._local.call_service(service, request, on_reply, timeout)
-        call = RobotCall(service, on_reply)
-        graph.spawn(partial(graph.call, call, request.detach(), timeout), f"call of {service}")
+        """Call a service of the server."""
+        call = MemoryCall(name, request.detach(), on_reply)
+        self._graph.spawn(partial(self._graph.call, call, timeout), f"call of {name}")
         return call
 
-    def send_goal(
-        self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
+
+class RobotActions(RemoteActions):
+    """Actions of the server, on which the newest one of this process with each name is offered.
+
+    Attributes:
+        types: types by name, as the server lists them.
+    """
+
+    def __init__(self, graph: RobotGraph) -> None:
+        self.types: dict[str, str] = {}
+        self._graph = graph
+        self._offered: dict[str, tuple[MemoryActionServer, Handle]] = {}
+
+    def renew(self, name: str) -> None:
+        """Offer the current action of a name, and withdraw another one."""
+        graph, present = self._graph, self._offered.get(name)
+        current = graph.action_table.current.get(name)
+        if present is not None and present[0] is current:
+            return
+        if present is not None:
+            present[1].close()
+            del self._offered[name]
+        if current is not None:
+            execute = partial(graph.execute, name, current.type)
+            handle = graph.robot.advertise_action(name, graph.registry.type_name(current.type), execute)
+            self._offered[name] = current, handle
+
+    def names(self) -> set[str]:
+        """Return the names of the server's actions."""
+        return set(self.types)
+
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Yield nothing: nodes of the server are listed without their actions."""
+        return iter(())
+
+    def info(self, name: str) -> ActionInfo | None:
+        """Return an action of the server; None if it or its type is unknown."""
+        self._graph.listing.asked()
+        type = _known(self._graph.registry.action, self.types.get(name, ""))
+        return None if type is None else ActionInfo(name, type, "")
+
+    def send(
+        self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal:
-        """Send a goal; actions of this process take precedence."""
-        self._check_open()
-        graph = self._graph
-        if graph.local.action(action) is not None:
-            return self._local.send_goal(action, goal, events, goal_id)
-        sent = RobotClientGoal(action, goal_id or uuid4().hex, events)
-        graph.spawn(partial(graph.send_goal, sent, goal.detach()), f"goal of {action}")
+        """Send a goal to the server."""
+        sent = RobotClientGoal(action, goal_id, events)
+        self._graph.spawn(partial(self._graph.send_goal, sent, payload.detach()), f"goal of {action}")
         return sent
 
-    def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Request cancellation of a goal of an action of this process; over rosbridge only its sender can."""
-        self._local.cancel_goal(action, goal_id)
-        if self._graph.local.action(action) is None:
-            logger.warning(
-                "the goal %s of %s cannot be cancelled over rosbridge: it is somebody else's", goal_id, action
-            )
+    def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
+        """Log that this is not possible: over rosbridge only the sender of a goal can cancel it."""
+        logger.warning(
+            "the goal %s of %s cannot be cancelled over rosbridge: it is somebody else's", goal_id, action
+        )
 
-    def cancel_every_goal(self, action: str) -> Iterator[None]:
-        """Request cancellation of the goals of an action of this process; see :meth:`cancel_goal`."""
-        if self._graph.local.action(action) is None:
-            logger.warning(
-                "the goals of %s cannot be cancelled over rosbridge: they may be somebody else's", action
-            )
-        return self._local.cancel_every_goal(action)
-
-    def close(self) -> None:
-        """Close everything that this node created, and leave the graph."""
-        if not self._closed:
-            self._closed = True
-            for close in reversed(tuple(self.opened.values())):
-                close()
-            self._local.close()
-            self._graph.left(self)
+    def cancel_every(self, action: str, client: NodeResources) -> None:
+        """Log that this is not possible; see :meth:`cancel`."""
+        logger.warning(
+            "the goals of %s cannot be cancelled over rosbridge: they may be somebody else's", action
+        )
 
 
-class Offers:
-    """Services and actions of this process on the server: the newest of each name is offered."""
-
-    def __init__(self) -> None:
-        self._made: dict[str, list[Callable[[], Handle]]] = {}
-        self._offered: dict[str, Handle] = {}
-
-    def add(self, name: str, offer: Callable[[], Handle]) -> Callable[[], None]:
-        """Handle a service or action; return a function that withdraws it and offers an older one again."""
-        self._made.setdefault(name, []).append(offer)
-        self._renew(name)
-
-        def withdraw() -> None:
-            made = self._made[name]
-            is_newest = made[-1] is offer
-            made.remove(offer)
-            if is_newest:
-                self._renew(name)
-
-        return withdraw
-
-    def _renew(self, name: str) -> None:
-        old = self._offered.pop(name, None)
-        if old is not None:
-            old.close()
-        if self._made[name]:
-            self._offered[name] = self._made[name][-1]()
-        else:
-            del self._made[name]
-
-
-class RobotGraph(Graph):
+class RobotGraph(MemoryGraph):
     """Graph whose topics, services and actions are those of a server in another process.
 
-    It must be entered before nodes join it. Services and actions of this process are also in a graph in
-    memory, which answers calls between nodes of the process and those that come from the server.
+    It must be entered before nodes join it. Services and actions of this process answer calls between its
+    nodes, and those that come from the server.
 
     Args:
         url: URL of the server for :func:`rwt_client.connect`: ``ws://``, ``unix:///path`` and others.
@@ -368,8 +347,7 @@ class RobotGraph(Graph):
 
     Attributes:
         robot: connection.
-        local: graph in memory with the services and actions of this process.
-        offers: services and actions of this process that the server knows.
+        listing: what the server has.
         topics_here: topics that are subscribed to in this process.
         told_here: number of publishers in this process whose messages are delivered here at once, by topic.
     """
@@ -377,84 +355,56 @@ class RobotGraph(Graph):
     robot: Robot
 
     def __init__(self, url: str, registry: Registry | None = None, *, timeout: float = 10.0) -> None:
+        super().__init__(registry)
         self._connecting = connect(url, timeout=timeout, ros_version=2, fetch_types=False)
-        self.local = MemoryGraph(registry)
-        self.registry, self.distro = self.local.registry, self.local.distro
-        self.clock, self.parameters = self.local.clock, self.local.parameters
-        self.offers = Offers()
+        self._connection = AsyncExitStack()
+        self._actions = RobotActions(self)
+        self.action_table.remote = self._actions
+        self.service_table.remote = services = RobotServices(self)
+        self.listing = Listing(self, services, self._actions)
         self.topics_here: dict[str, RobotTopic] = {}
         self.told_here: Counter[str] = Counter()
-        self._connection = AsyncExitStack()
-        self._participants: dict[RobotParticipant, None] = {}
         # Participant that calls and sends goals for clients of the server; not listed.
-        self._for_clients = self.local.participant(_FOR_CLIENTS)
-        self._listing = Listing(self)
+        self._for_clients = MemoryParticipant(self, _FOR_CLIENTS, private=True)
 
-    async def __aenter__(self) -> Self:
-        """Connect, and run on the current event loop.
+    async def _join(self) -> None:
+        """Connect.
 
         Raises:
             BadAddress: the URL is invalid for connecting.
             CannotConnect: the connection failed; the text gives the reason.
         """
-        await self.local.__aenter__()
-        try:
-            self.robot = await self._connection.enter_async_context(self._connecting)
-        except BaseException:
-            await self.local.__aexit__()
-            raise
-        self.spawn(self._listing.follow, "listing")
-        return self
+        self.robot = await self._connection.enter_async_context(self._connecting)
+        self.spawn(self.listing.follow, "listing")
 
     async def __aexit__(self, *exc: object) -> None:
-        """Stop handlers, close every participant and the connection."""
-        for participant in tuple(reversed(self._participants)):
-            participant.close()
+        """Close every participant and the connection, and stop handlers."""
+        self._close_participants()
         try:
             await self._connection.aclose()
         finally:
-            await self.local.__aexit__(*exc)
+            await super().__aexit__(*exc)
 
-    def participant(self, name: str) -> RobotParticipant:
-        """Join as a node with an absolute name."""
-        participant = RobotParticipant(self, validate(name))
-        self._participants[participant] = None
-        return participant
-
-    def left(self, participant: RobotParticipant) -> None:
-        """Remove a closed participant."""
-        self._participants.pop(participant, None)
-
-    @property
-    def running(self) -> bool:
-        """True while the graph runs on an event loop."""
-        return self.local.running
-
-    def on_graph_thread(self) -> bool:
-        """True if the graph may be used from this thread."""
-        return self.local.on_graph_thread()
-
-    def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
-        self.local.run_on_graph(call)
-
-    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task of the graph. Raises NotRunning once it was left."""
-        self.local.spawn(task, name)
-
-    def observe_calls(self, observer: CallObserver | None) -> bool:
-        """Let `observer` observe every call and goal of services and actions of this process."""
-        return self.local.observe_calls(observer)
+    def make_participant(self, name: str) -> RobotParticipant:
+        """Return a new node, whose topics are the server's."""
+        return RobotParticipant(self, name)
 
     # Offered on the server
 
-    def offer_service(self, name: str, type: ServiceType) -> Handle:
-        """Handle a service of this process on the server."""
-        return self.robot.advertise_service(
-            name, self.registry.type_name(type), partial(self._answer, name, type)
-        )
+    def offer_action_services(
+        self, participant: MemoryParticipant, server: MemoryActionServer
+    ) -> Callable[[], None]:
+        """Offer an action on the server, too."""
+        withdraw = super().offer_action_services(participant, server)
+        self._actions.renew(server.name)
 
-    async def _answer(self, name: str, type: ServiceType, request: Any) -> Payload:
+        def close() -> None:
+            withdraw()
+            self._actions.renew(server.name)
+
+        return close
+
+    async def answer(self, name: str, type: ServiceType, request: Any) -> Payload:
         """Answer a call of a client of the server."""
         answered = anyio.Event()
         answers: list[Payload | CallFailed] = []
@@ -471,13 +421,7 @@ class RobotGraph(Graph):
             raise answers[0]
         return answers[0]
 
-    def offer_action(self, name: str, type: ActionType) -> Handle:
-        """Handle an action of this process on the server."""
-        return self.robot.advertise_action(
-            name, self.registry.type_name(type), partial(self._execute, name, type)
-        )
-
-    async def _execute(self, name: str, type: ActionType, goal: ReceivedGoal) -> Payload:
+    async def execute(self, name: str, type: ActionType, goal: ReceivedGoal) -> Payload:
         """Run a goal of a client of the server in this process."""
         ended = anyio.Event()
         outcome: list[tuple[GoalStatus, Payload | CallFailed]] = []
@@ -512,19 +456,17 @@ class RobotGraph(Graph):
 
     # Called on the server
 
-    async def call(self, call: RobotCall, request: Payload, seconds: float | None) -> None:
+    async def call(self, call: MemoryCall, seconds: float | None) -> None:
         """Call a service of the server, and end `call` with the answer."""
-        name = request.type.name.removesuffix("_Request")
-        answer: Payload | CallFailed
+        name = call.request.type.name.removesuffix("_Request")
         try:
             theirs = await self.robot.types.service(name)
-            response = await self.robot.call(call.service, request, name, timeout=seconds)
-            answer = self.read(self.registry.service(name).response, theirs.response, response)
+            response = await self.robot.call(call.service, call.request, name, timeout=seconds)
+            call.reply(self.read(self.registry.service(name).response, theirs.response, response))
         except CallFailed as error:
-            answer = error
+            call.end_with(error)
         except RobotError as error:
-            answer = ServiceFailed(str(error))
-        call.end(answer)
+            call.fail(str(error))
 
     async def send_goal(self, goal: RobotClientGoal, payload: Payload) -> None:
         """Send a goal to an action of the server, and wait for its result."""
@@ -558,62 +500,45 @@ class RobotGraph(Graph):
 
     # Listings
 
-    @property
-    def version(self) -> int:
-        """Number that grows with every change of the listings."""
-        return self.local.version + self._listing.version
-
     def topics(self) -> tuple[TopicInfo, ...]:
         """Return all topics of the server, sorted by name."""
-        return self._listing.topics()
+        return self.listing.topics()
 
     def topic(self, name: str) -> TopicInfo | None:
         """Return a topic of the server, or None; its endpoints are queried in the background."""
-        return self._listing.topic(name)
+        return self.listing.topic(name)
+
+    def topic_names(self) -> Sequence[str]:
+        """Return the names of all topics of the server."""
+        return tuple(topic.name for topic in self.topics())
 
     def services(self) -> tuple[ServiceInfo, ...]:
         """Return all services of this process and the server, sorted by name."""
-        return _merged(self._listing.services(), self.local.services())
-
-    def service(self, name: str) -> ServiceInfo | None:
-        """Return a service of this process or the server, or None."""
-        return self.local.service(name) or self._listing.service(name)
+        self.listing.asked()
+        return super().services()
 
     def actions(self) -> tuple[ActionInfo, ...]:
         """Return all actions of this process and the server, sorted by name."""
-        return _merged(self._listing.actions(), self.local.actions())
-
-    def action(self, name: str) -> ActionInfo | None:
-        """Return an action of this process or the server, or None."""
-        return self.local.action(name) or self._listing.action(name)
+        self.listing.asked()
+        return super().actions()
 
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return all nodes of the server and this process, sorted by name."""
-        own = tuple(each for each in self.local.nodes() if each.name != _FOR_CLIENTS)
-        return _merged(self._listing.nodes(), own)
-
-
-Info = TypeVar("Info", bound=ServiceInfo | ActionInfo | NodeInfo)
-
-
-def _merged(theirs: Iterable[Info], own: Iterable[Info]) -> tuple[Info, ...]:
-    """Return the items of both by name; items of this process take precedence."""
-    found = {each.name: each for each in (*theirs, *own)}
-    return tuple(sorted(found.values(), key=lambda each: each.name))
+        found = {each.name: each for each in (*self.listing.nodes(), *super().nodes())}
+        return tuple(found[name] for name in sorted(found))
 
 
 class Listing:
     """Listing of the server's rosapi, refreshed while it is in use."""
 
-    def __init__(self, graph: RobotGraph) -> None:
-        self.version = 0
+    def __init__(self, graph: RobotGraph, services: RobotServices, actions: RobotActions) -> None:
         self._graph = graph
+        self._services = services
+        self._actions = actions
         self._asked_at = float("-inf")
         self._awake = anyio.Event()
         self._topics: dict[str, str] = {}
         self._ends: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {}
-        self._services: dict[str, str] = {}
-        self._actions: dict[str, str] = {}
         self._nodes: tuple[str, ...] = ()
 
     def asked(self) -> None:
@@ -635,17 +560,20 @@ class Listing:
 
     async def _look(self) -> None:
         api = self._graph.robot.api
-        before = (self._topics, self._services, self._actions, self._nodes)
+        services, actions = self._services.types, self._actions.types
+        before = (self._topics, services, actions, self._nodes)
         self._topics = {each.name: each.type for each in await api.topics()}
-        services = await api.services()
-        self._services = {name: self._services.get(name) or await api.service_type(name) for name in services}
-        actions = await api.action_servers()
-        self._actions = {name: self._actions.get(name) or await self._action_type(name) for name in actions}
+        self._services.types = {
+            name: services.get(name) or await api.service_type(name) for name in await api.services()
+        }
+        self._actions.types = {
+            name: actions.get(name) or await self._action_type(name) for name in await api.action_servers()
+        }
         self._nodes = await api.nodes()
         for name in tuple(self._ends):
             self._ends[name] = (await api.publishers(name), await api.subscribers(name))
-        if before != (self._topics, self._services, self._actions, self._nodes):
-            self.version += 1
+        if before != (self._topics, self._services.types, self._actions.types, self._nodes):
+            self._graph.changes.note()
 
     async def _action_type(self, name: str) -> str:
         try:
@@ -674,26 +602,6 @@ class Listing:
             tuple(EndpointInfo(node, written, DEFAULT_QOS) for node in subscribers),
         )
 
-    def service(self, name: str) -> ServiceInfo | None:
-        """Return a service of the server, or None."""
-        self.asked()
-        type = _known(self._graph.registry.service, self._services.get(name, ""))
-        return None if type is None else ServiceInfo(name, type, "")
-
-    def services(self) -> list[ServiceInfo]:
-        """Return the services of the server with known types."""
-        return [info for name in self._services if (info := self.service(name)) is not None]
-
-    def action(self, name: str) -> ActionInfo | None:
-        """Return an action of the server, or None."""
-        self.asked()
-        type = _known(self._graph.registry.action, self._actions.get(name, ""))
-        return None if type is None else ActionInfo(name, type, "")
-
-    def actions(self) -> list[ActionInfo]:
-        """Return the actions of the server with known types."""
-        return [info for name in self._actions if (info := self.action(name)) is not None]
-
     def nodes(self) -> list[NodeInfo]:
         """Return the nodes of the server, without their topics and services."""
         self.asked()
@@ -705,26 +613,6 @@ def _known(find: Callable[[str], Any], name: str) -> Any:
         return find(name) if name else None
     except InterfaceError:
         return None
-
-
-class RobotCall(PendingCall):
-    """Call of this process to a service of the server."""
-
-    __slots__ = ("_on_reply", "service")
-
-    def __init__(self, service: str, on_reply: OnReply) -> None:
-        self.service = service
-        self._on_reply: OnReply | None = on_reply
-
-    def end(self, answer: Payload | CallFailed) -> None:
-        """Pass the response to the caller, unless the call was cancelled."""
-        on_reply, self._on_reply = self._on_reply, None
-        if on_reply is not None:
-            on_reply(answer)
-
-    def cancel(self) -> None:
-        """Cancel the call: no reply callback is called after this."""
-        self._on_reply = None
 
 
 class RobotClientGoal(ClientGoal):

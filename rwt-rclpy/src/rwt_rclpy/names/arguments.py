@@ -98,15 +98,14 @@ class RosArguments:
 
     def node_name(self, name: str) -> str:
         """Return the name of a node after ``__node:=``."""
-        return next(
-            (rule.new for rule in self.remaps if rule.kind == "node" and rule.node in ("", name)), name
-        )
+        return self._renamed("node", name, name)
 
     def namespace(self, name: str, namespace: str) -> str:
         """Return the namespace of a node after ``__ns:=``."""
-        return next(
-            (rule.new for rule in self.remaps if rule.kind == "ns" and rule.node in ("", name)), namespace
-        )
+        return self._renamed("ns", name, namespace)
+
+    def _renamed(self, kind: str, node: str, old: str) -> str:
+        return next((rule.new for rule in self.remaps if rule.kind == kind and rule.node in ("", node)), old)
 
     def remap(self, full_name: str, kind: str, node: str, namespace: str) -> str | None:
         """Return the remapped name for a node; None if no rule matches."""

@@ -23,11 +23,18 @@ def load(text: str) -> Any:
     Raises:
         yaml.YAMLError: it is invalid, or exceeds a limit; with its position.
     """
-    node = compose(text)
-    return None if node is None else value_of(node)
+    node = _compose(text)
+    if node is None:
+        return None
+    try:
+        return SafeConstructor().construct_object(node, deep=True)
+    except (ValueError, OverflowError, TypeError, LookupError, AttributeError) as error:  # As for June 31.
+        raise _refusal(
+            f"{node.tag.rpartition(':')[2]} cannot be read: {str(error)[:200]}", node.start_mark
+        ) from None
 
 
-def compose(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> yaml.Node | None:
+def _compose(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> yaml.Node | None:
     """Return the nodes of the first document of a text; None if it is empty. Raises as :func:`load` does."""
     if len(text) > LONGEST:
         raise yaml.YAMLError(f"{len(text)} characters, and {LONGEST} are the most")
@@ -59,7 +66,7 @@ def load_parameters(text: str) -> Any:
     Raises:
         yaml.YAMLError: the text is not YAML, or not a value of parameters.
     """
-    node = compose(text, _Untagged)
+    node = _compose(text, _Untagged)
     return None if node is None else _parameter(node)
 
 
@@ -130,20 +137,6 @@ def _scalar(node: yaml.ScalarNode) -> bool | int | float | str:
         if math.isfinite(value) or "n" in text.lower():
             return value
     return text
-
-
-def value_of(node: yaml.Node) -> Any:
-    """Return the value of a node.
-
-    Raises:
-        yaml.YAMLError: the value is invalid, such as the 31st of June; with its position.
-    """
-    try:
-        return SafeConstructor().construct_object(node, deep=True)
-    except (ValueError, OverflowError, TypeError, LookupError, AttributeError) as error:
-        raise _refusal(
-            f"{node.tag.rpartition(':')[2]} cannot be read: {str(error)[:200]}", node.start_mark
-        ) from None
 
 
 def _refusal(why: str, mark: Any) -> yaml.YAMLError:

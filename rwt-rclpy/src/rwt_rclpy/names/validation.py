@@ -6,6 +6,7 @@ The rules are those of ROS 2's design article "Topic and Service name mapping to
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 from rwt_rclpy.exceptions import (
@@ -14,6 +15,7 @@ from rwt_rclpy.exceptions import (
     InvalidParameterException,
     InvalidServiceNameException,
     InvalidTopicNameException,
+    NameException,
     RCLError,
     RMWError,
 )
@@ -134,22 +136,24 @@ def wrong_in_topic_name(name: str) -> _Wrong:
     return None if found is None else ("substitutions must be names without '/', not numbers", found.start())
 
 
+def _validate(
+    name: str, wrong_in: Callable[[str], _Wrong], null: type[Exception], error: type[NameException]
+) -> bool:
+    _check_text(name, null)
+    wrong = wrong_in(name)
+    if wrong is not None:
+        raise error(name, *wrong)
+    return True
+
+
 def validate_node_name(node_name: str) -> bool:
     """Return True for a valid node name; raises InvalidNodeNameException for others."""
-    _check_text(node_name, RMWError)
-    wrong = wrong_in_node_name(node_name)
-    if wrong is not None:
-        raise InvalidNodeNameException(node_name, *wrong)
-    return True
+    return _validate(node_name, wrong_in_node_name, RMWError, InvalidNodeNameException)
 
 
 def validate_namespace(namespace: str) -> bool:
     """Return True for a valid namespace; raises InvalidNamespaceException for others."""
-    _check_text(namespace, RMWError)
-    wrong = wrong_in_namespace(namespace)
-    if wrong is not None:
-        raise InvalidNamespaceException(namespace, *wrong)
-    return True
+    return _validate(namespace, wrong_in_namespace, RMWError, InvalidNamespaceException)
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
@@ -159,20 +163,14 @@ def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
         InvalidTopicNameException: it is invalid for a topic.
         InvalidServiceNameException: it is invalid for a service.
     """
-    _check_text(name, RCLError)
-    wrong = wrong_in_topic_name(name)
-    if wrong is not None:
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
-    return True
+    error = InvalidServiceNameException if is_service else InvalidTopicNameException
+    return _validate(name, wrong_in_topic_name, RCLError, error)
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> bool:
     """Return True for an absolute name of a topic or service; raises like :func:`validate_topic_name`."""
-    _check_text(name, RMWError)
-    wrong = wrong_in_full_name(name)
-    if wrong is not None:
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
-    return True
+    error = InvalidServiceNameException if is_service else InvalidTopicNameException
+    return _validate(name, wrong_in_full_name, RMWError, error)
 
 
 def validate_parameter_name(name: str) -> bool:

@@ -14,7 +14,7 @@ from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.messages.loaded import classes, message_class
 from rwt_rclpy.nodes.node import Node
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 
 class TransitionCallbackReturn(Enum):
@@ -277,7 +277,7 @@ class LifecycleNodeMixin(ManagedEntity):
         try:
             machine.trigger_transition_by_id(transition_id)
         except RCLError as error:
-            if RELEASE.transitions_raise:
+            if not FROM_KILTED:
                 raise
             self._self.get_logger().error(str(error))
             return TransitionCallbackReturn.ERROR

@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Self
 
 from rwt_graph.errors import TypeConflict
 from rwt_rclpy.clocks.clock import Clock, ROSClock
@@ -18,7 +19,6 @@ from rwt_rclpy.endpoints.content_filter import ContentFilterOptions
 from rwt_rclpy.endpoints.event_handler import EventHandler
 from rwt_rclpy.endpoints.event_watches import Watched
 from rwt_rclpy.endpoints.events import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
 from rwt_rclpy.endpoints.overriding import QoSOverridingOptions, _declare_qos_parameters
 from rwt_rclpy.endpoints.publisher import Publisher
 from rwt_rclpy.endpoints.qos import (
@@ -35,7 +35,7 @@ from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
-from rwt_rclpy.exceptions import NameValidationException, NotInitializedException, RCLError
+from rwt_rclpy.exceptions import InvalidHandle, NameValidationException, NotInitializedException, RCLError
 from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from rwt_rclpy.execution.callback_groups import (
     CallbackGroup,
@@ -62,14 +62,12 @@ from rwt_rclpy.nodes.type_description_service import TypeDescriptionService
 from rwt_rclpy.parameters.node_parameters import NodeParameters
 from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
 from rwt_rclpy.parameters.services import LoggingService, ParameterService
-from rwt_rclpy.release import RELEASE, from_kilted
+from rwt_rclpy.release import FROM_KILTED
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
     from rwt_rclpy.middleware.topic_endpoint_info import TopicEndpointInfo
 
-
-T = TypeVar("T")
 
 #: Prefix of hidden node names.
 HIDDEN_NODE_PREFIX = "_"
@@ -103,7 +101,6 @@ class NodeHandle(Destroyable):
         return f"{self._namespace}/{self._name}".strip("/").replace("//", "/").replace("/", ".")
 
 
-@from_kilted("__enter__", "__exit__")
 class Node(NodeParameters):
     """Node of the graph, which creates publishers, subscriptions, services, clients and timers.
 
@@ -219,24 +216,19 @@ class Node(NodeParameters):
     def _rwt_names(self, name: str, namespace: str) -> tuple[str, str]:
         if name is None:
             raise RCLError("the name of a node is null")
-        validate_node_name(name)
         namespace = namespace if namespace.startswith("/") else f"/{namespace}"
-        validate_namespace(namespace)
-        namespace = self._rwt_arguments.namespace(name, namespace)
-        name = self._rwt_arguments.node_name(name)
-        namespace = namespace if namespace.startswith("/") else f"/{namespace}"
-        validate_node_name(name)
-        validate_namespace(namespace)
-        return name, namespace
+        arguments = self._rwt_arguments
+        remapped = arguments.node_name(name), arguments.namespace(name, namespace)
+        for each_name, each_namespace in ((name, namespace), remapped):
+            validate_node_name(each_name)
+            validate_namespace(each_namespace)
+        return remapped
 
     def _overrides(self, given: Sequence[Parameter] | None) -> dict[str, Parameter]:
-        overrides: dict[str, Parameter] = {}
-        for name, value in self._rwt_arguments.parameters_of(self._rwt_full_name).items():
-            overrides[name] = Parameter(
-                name, value=None if value == [] else value
-            )  # An empty list has no type.
-        overrides.update({each.name: each for each in given or ()})
-        return overrides
+        values = self._rwt_arguments.parameters_of(self._rwt_full_name)
+        # An empty list has no type.
+        of_arguments = [Parameter(name, value=None if it == [] else it) for name, it in values.items()]
+        return {each.name: each for each in (*of_arguments, *(given or ()))}
 
     # Properties
 
@@ -251,10 +243,6 @@ class Node(NodeParameters):
     def get_fully_qualified_name(self) -> str:
         """Return namespace and name."""
         return self._handle.get_fully_qualified_name()
-
-    def _rwt_service_prefix(self) -> str:
-        """Return the prefix of the names of the node's own services."""
-        return self._rwt_full_name
 
     def get_clock(self) -> ROSClock:
         """Return the clock that follows `use_sim_time`."""
@@ -392,23 +380,20 @@ class Node(NodeParameters):
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """Return the absolute name of a topic, remapped unless `only_expand`."""
-        with self._handle:
-            if only_expand:
-                return expand_topic_name(topic, self.get_name(), self.get_namespace())
-            return self._rwt_resolved_by_name(topic, "topic")
+        return self._rwt_resolve(topic, "topic", only_expand)
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
         """Return the absolute name of a service, remapped unless `only_expand`."""
+        return self._rwt_resolve(service, "service", only_expand)
+
+    def _rwt_resolve(self, name: str, kind: str, only_expand: bool) -> str:
         with self._handle:
             if only_expand:
-                return expand_topic_name(service, self.get_name(), self.get_namespace())
-            return self._rwt_resolved_by_name(service, "service")
-
-    def _rwt_resolved_by_name(self, name: str, kind: str) -> str:
-        try:
-            return self._rwt_resolved(name, kind)
-        except NameValidationException as error:
-            raise RCLError(str(error)) from error
+                return expand_topic_name(name, self.get_name(), self.get_namespace())
+            try:
+                return self._rwt_resolved(name, kind)
+            except NameValidationException as error:
+                raise RCLError(str(error)) from error
 
     def create_publisher(
         self,
@@ -427,37 +412,41 @@ class Node(NodeParameters):
             RCLError: the topic has another type.
             InvalidTopicNameException: ROS does not allow the name.
         """
-        profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
-        self._rwt_require_context(RELEASE.error_after_shutdown)
-        with self._handle:
-            name = self._rwt_resolved(topic, "topic")
-            if qos_overriding_options is not None:
-                profile = copy.copy(profile)
-                _declare_qos_parameters(Publisher, self, name, profile, qos_overriding_options)
-            group = callback_group or self._default_callback_group
-            handlers = (event_callbacks or PublisherEventCallbacks()).create_event_handlers(
-                group, self._rwt_watched(name, topic, profile, publishers=False)
-            )
-            qos = graph_qos(profile)
-            made = self._rwt_open(lambda: self._rwt_participant.advertise(name, interface, qos))
-        publisher = publisher_class(self._rwt_link, made, msg_type, topic, profile, handlers)
+        group = callback_group or self._default_callback_group
+        callbacks = event_callbacks or PublisherEventCallbacks()
+        with self._rwt_opening(Publisher, topic, qos_profile, qos_overriding_options) as watched:
+            handlers = callbacks.create_event_handlers(group, watched)
+            qos = graph_qos(watched.profile)
+            made = self._rwt_link.run(lambda: self._rwt_participant.advertise(watched.name, interface, qos))
+        publisher = publisher_class(self._rwt_link, made, msg_type, topic, watched.profile, handlers)
         publisher.logger_name = self._logger.name
         self._publishers.append(publisher)
         self._add_events(handlers, group)
         return publisher
 
-    def _rwt_open(self, make: Callable[[], T]) -> T:
-        try:
-            return self._rwt_link.run(make)
-        except TypeConflict as error:
-            raise RCLError(str(error)) from error
-
-    def _rwt_watched(self, name: str, topic: str, profile: QoSProfile, *, publishers: bool) -> Watched:
-        """Return an endpoint that is about to be made, for the handlers of its events."""
-        return Watched(
-            profile, name, topic, publishers, self._rwt_queries, self._rwt_link.timekeeper, self._logger
-        )
+    @contextmanager
+    def _rwt_opening(
+        self,
+        kind: type[Publisher | Subscription],
+        topic: str,
+        qos: QoSProfile | int,
+        overriding: QoSOverridingOptions | None,
+    ) -> Iterator[Watched]:
+        """Yield an endpoint that is about to be made, for the handlers of its events."""
+        profile = self._rwt_profile(qos)
+        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
+        with self._handle:
+            name = self._rwt_resolved(topic, "topic")
+            if overriding is not None:
+                profile = copy.copy(profile)
+                _declare_qos_parameters(kind, self, name, profile, overriding)
+            keeper = self._rwt_link.timekeeper
+            sees_publishers = kind is Subscription
+            try:
+                yield Watched(profile, name, topic, sees_publishers, self._rwt_queries, keeper, self._logger)
+            except TypeConflict as error:
+                raise RCLError(str(error)) from error
 
     def _add_events(self, handlers: list[EventHandler], group: CallbackGroup) -> None:
         for handler in handlers:
@@ -492,36 +481,28 @@ class Node(NodeParameters):
             RuntimeError: the callback takes neither one argument nor two.
         """
         _check_subscription(callback, content_filter_options)
-        profile = self._rwt_profile(qos_profile)
         interface = message_type(msg_type)
-        self._rwt_require_context(RELEASE.error_after_shutdown)
-        with self._handle:
-            name = self._rwt_resolved(topic, "topic")
-            if qos_overriding_options is not None:
-                profile = copy.copy(profile)
-                _declare_qos_parameters(Subscription, self, name, profile, qos_overriding_options)
-            group = callback_group or self._default_callback_group
-            handlers = (event_callbacks or SubscriptionEventCallbacks()).create_event_handlers(
-                group, watched := self._rwt_watched(name, topic, profile, publishers=True)
-            )
+        group = callback_group or self._default_callback_group
+        callbacks = event_callbacks or SubscriptionEventCallbacks()
+        with self._rwt_opening(Subscription, topic, qos_profile, qos_overriding_options) as watched:
+            handlers = callbacks.create_event_handlers(group, watched)
             subscription = Subscription(
                 self._rwt_link,
                 msg_type,
                 topic,
                 callback,
                 group,
-                profile,
+                watched.profile,
                 raw,
                 handlers,
                 watched.matched,
                 content_filter_options,
             )
             self._rwt_adopt(subscription, group)
-            qos = graph_qos(profile)
+            join = self._rwt_participant.subscribe
+            name, qos = watched.name, graph_qos(watched.profile)
             subscription._rwt_opened(
-                self._rwt_open(
-                    lambda: self._rwt_participant.subscribe(name, subscription._rwt_on_sample, interface, qos)
-                )
+                self._rwt_link.run(lambda: join(name, subscription._rwt_on_sample, interface, qos))
             )
         subscription.logger_name = self._logger.name
         self._subscriptions.append(subscription)
@@ -540,17 +521,7 @@ class Node(NodeParameters):
         check_is_valid_srv_type(srv_type)
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
-        client = Client(
-            self._context,
-            self._rwt_link,
-            self,
-            srv_type,
-            srv_name,
-            name,
-            qos_profile,
-            callback_group,
-        )
-        client.logger_name = self._logger.name
+        client = Client(self, srv_type, srv_name, name, qos_profile, callback_group)
         self._rwt_adopt(client, callback_group)
         self._clients.append(client)
         self._rwt_gather()
@@ -569,8 +540,7 @@ class Node(NodeParameters):
         interface = service_type(srv_type)
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
-            service = Service(self._rwt_link, self, srv_type, srv_name, callback, callback_group, qos_profile)
-            service.logger_name = self._logger.name
+            service = Service(self, srv_type, srv_name, name, callback, callback_group, qos_profile)
             self._rwt_adopt(service, callback_group)
             service._rwt_opened(
                 self._rwt_link.run(
@@ -647,24 +617,6 @@ class Node(NodeParameters):
             raise ValueError(f"{waitable!r} is not a waitable of the node")
         self._rwt_gather()
 
-    def _rwt_step_publisher(
-        self,
-        endpoint: object,
-        service_name: str,
-        clock: Clock,
-        qos_profile: QoSProfile,
-        state: ServiceIntrospectionState,
-        before: StepPublisher | None,
-    ) -> StepPublisher | None:
-        """Return the publisher of the service events of a client or service; None for `OFF`."""
-        if before is not None:
-            self.destroy_publisher(before.publisher)
-        if state is ServiceIntrospectionState.OFF:
-            return None
-        event: Any = endpoint
-        publisher = self.create_publisher(event.srv_type.Event, f"{service_name}/_service_event", qos_profile)
-        return StepPublisher(publisher, clock, ServiceIntrospectionState(state))
-
     # Destruction of entities
 
     def _rwt_destroy(self, entity: Any, known: list[Any]) -> bool:
@@ -734,11 +686,13 @@ class Node(NodeParameters):
     def _rwt_leave(self) -> None:
         self._rwt_link.post(self._rwt_participant.close)
 
-    def __enter__(self) -> Self:
-        return self
+    if FROM_KILTED:
 
-    def __exit__(self, *exc: object) -> None:
-        self.destroy_node()
+        def __enter__(self) -> Self:
+            return self
+
+        def __exit__(self, *exc: object) -> None:
+            self.destroy_node()
 
     # Own services
 
@@ -893,16 +847,13 @@ class Node(NodeParameters):
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait until a node exists. Returns False after the timeout."""
         return wait_until(
-            self._context,
-            self._rwt_link,
-            lambda: fully_qualified_node_name in self._rwt_queries.nodes(),
-            timeout,
+            self._context, lambda: fully_qualified_node_name in self._rwt_queries.nodes(), timeout
         )
 
 
 def _check_subscription(callback: object, content_filter: ContentFilterOptions | None) -> None:
     """Raise TypeError for a content filter before ROS 2 Kilted, RuntimeError for an invalid callback."""
-    if content_filter is not None and not RELEASE.has_kilted_names:
+    if content_filter is not None and not FROM_KILTED:
         raise TypeError("unexpected keyword argument 'content_filter_options', which exists from Kilted on")
     if not callable(callback):
         raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")

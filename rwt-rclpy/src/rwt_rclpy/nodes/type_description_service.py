@@ -25,7 +25,7 @@ class TypeDescriptionService:
             )
             node.declare_parameter(name, True, descriptor)
         self.enabled = bool(node.get_parameter(name).value)
-        self.service_name = f"{node._rwt_service_prefix()}/get_type_description"
+        self.service_name = f"{node._rwt_full_name}/get_type_description"
         if self.enabled:
             service = classes().service("type_description_interfaces/GetTypeDescription")
             node.create_service(service, self.service_name, self._answer)

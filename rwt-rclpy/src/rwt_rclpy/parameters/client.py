@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rwt_rclpy.endpoints.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
 from rwt_rclpy.execution.task import Future
-from rwt_rclpy.messages.loaded import classes, message_class
+from rwt_rclpy.messages.loaded import message_class
 from rwt_rclpy.parameters.parameter import Parameter, parameter_dict_from_yaml_file
+from rwt_rclpy.parameters.services import service_class
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.node import Node
@@ -18,22 +18,10 @@ if TYPE_CHECKING:
 OnDone = Callable[[Future], object]
 
 
-@dataclasses.dataclass(frozen=True)
-class _Names:
-    """Client of one parameter service."""
-
-    name: str
-    type: str
-
-
 _SERVICES = (
-    _Names("get_parameters", "GetParameters"),
-    _Names("list_parameters", "ListParameters"),
-    _Names("set_parameters", "SetParameters"),
-    _Names("get_parameter_types", "GetParameterTypes"),
-    _Names("describe_parameters", "DescribeParameters"),
-    _Names("set_parameters_atomically", "SetParametersAtomically"),
-)
+    "get_parameters", "list_parameters", "set_parameters", "get_parameter_types", "describe_parameters",
+    "set_parameters_atomically",
+)  # fmt: skip
 
 
 class AsyncParameterClient:
@@ -54,9 +42,9 @@ class AsyncParameterClient:
         self.remote_node_name = remote_node_name
         self.node = node
         self._clients = {
-            each.name: node.create_client(
-                classes().service(f"rcl_interfaces/{each.type}"),
-                f"{remote_node_name}/{each.name}",
+            each: node.create_client(
+                service_class(each),
+                f"{remote_node_name}/{each}",
                 qos_profile=qos_profile,
                 callback_group=callback_group,
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rwt_rclpy.endpoints.qos import QoSProfile, qos_profile_parameter_events
@@ -14,20 +15,20 @@ if TYPE_CHECKING:
 OnParameter = Callable[[Any], object]
 
 
+@dataclass(eq=False)
 class ParameterCallbackHandle:
     """Callback for one parameter of one node."""
 
-    def __init__(self, parameter_name: str, node_name: str, callback: OnParameter) -> None:
-        self.parameter_name = parameter_name
-        self.node_name = node_name
-        self.callback = callback
+    parameter_name: str
+    node_name: str
+    callback: OnParameter
 
 
+@dataclass(eq=False)
 class ParameterEventCallbackHandle:
     """Callback for all events."""
 
-    def __init__(self, callback: OnParameter) -> None:
-        self.callback = callback
+    callback: OnParameter
 
 
 class ParameterEventHandler:

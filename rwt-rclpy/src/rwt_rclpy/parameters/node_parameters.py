@@ -29,7 +29,8 @@ OnSet = Callable[[list[Parameter]], Any]
 PostSet = Callable[[list[Parameter]], object]
 
 
-def _result(reason: str = "") -> Any:
+def result(reason: str = "") -> Any:
+    """Return a `rcl_interfaces/SetParametersResult`; without a reason, it is successful."""
     return message_class("rcl_interfaces/SetParametersResult")(successful=not reason, reason=reason)
 
 
@@ -91,12 +92,12 @@ class NodeParameters:
         if known:
             raise ParameterAlreadyDeclaredException(known)
         for parameter in declared:
-            result = self._set_all([parameter], descriptors, declaring=True)
-            if not result.successful:
+            outcome = self._set_all([parameter], descriptors, declaring=True)
+            if not outcome.successful:
                 expected = ParameterKind(descriptors[parameter.name].type)
                 if parameter.type_ is not expected and not descriptors[parameter.name].dynamic_typing:
                     raise InvalidParameterTypeException(parameter, expected.name)
-                raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+                raise InvalidParameterValueException(parameter.name, parameter.value, outcome.reason)
         return [self._parameters[parameter.name] for parameter in declared]
 
     def _declaration(
@@ -273,7 +274,7 @@ class NodeParameters:
             for callback in self._pre_set_parameters_callbacks:
                 changed.extend(callback(parameter_list))
             if not changed:
-                return _result(
+                return result(
                     "parameter list cannot be empty, this might be due to pre_set_parameters_callback"
                     " modifying the original parameters list."
                 )
@@ -296,13 +297,13 @@ class NodeParameters:
             descriptor = (descriptors or self._descriptors).get(parameter.name)
             wrong = "" if descriptor is None else self._wrong(parameter, descriptor, read_only=not declaring)
             if wrong:
-                return _result(wrong)
+                return result(wrong)
         for callback in self._on_set_parameters_callbacks:
-            result = callback(parameters)
-            if not isinstance(result, message_class("rcl_interfaces/SetParametersResult")):
-                return _result("Callback returned an invalid type")
-            if not result.successful:
-                return result
+            answer = callback(parameters)
+            if not isinstance(answer, message_class("rcl_interfaces/SetParametersResult")):
+                return result("Callback returned an invalid type")
+            if not answer.successful:
+                return answer
         changes: list[tuple[Parameter | None, Parameter]] = []
         for parameter in parameters:
             name = parameter.name
@@ -322,7 +323,7 @@ class NodeParameters:
         self._rwt_announce(changes)
         for post in self._post_set_parameters_callbacks:
             post(parameters)
-        return _result()
+        return result()
 
     def _wrong(self, parameter: Parameter, descriptor: Any, *, read_only: bool = True) -> str:
         """Return the reason for rejecting a value; empty if it is valid."""

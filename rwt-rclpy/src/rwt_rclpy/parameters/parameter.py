@@ -11,20 +11,15 @@ import yaml
 
 from rwt_rclpy.messages.loaded import message_class
 from rwt_rclpy.names import bounded_yaml
-from rwt_rclpy.release import RELEASE
+from rwt_rclpy.release import FROM_KILTED
 
 PARAMETER_SEPARATOR_STRING: Final = "."
-
-_FIELDS: Final = (
-    None, "bool_value", "integer_value", "double_value", "string_value", "byte_array_value",
-    "bool_array_value", "integer_array_value", "double_array_value", "string_array_value",
-)  # fmt: skip
 
 
 if TYPE_CHECKING:
     _Kind = Enum
 else:
-    _Kind = IntEnum if RELEASE.parameter_types_are_numbers else Enum
+    _Kind = IntEnum if FROM_KILTED else Enum
 
 
 class ParameterKind(_Kind):
@@ -46,11 +41,11 @@ class ParameterKind(_Kind):
         """Return the type of a value; BYTE_ARRAY for an empty list. Raises TypeError for other values."""
         if parameter_value is None:
             return cls.NOT_SET
-        for kind, scalar in _SCALARS:
+        for kind, scalar in _SCALARS.items():
             if isinstance(parameter_value, scalar):
                 return kind
         if isinstance(parameter_value, (list, tuple, array.array)):
-            for kind, element in _ELEMENTS:
+            for kind, element in _ELEMENTS.items():
                 if all(isinstance(value, element) for value in parameter_value):
                     return kind
         raise TypeError(
@@ -62,35 +57,42 @@ class ParameterKind(_Kind):
         """Return True if a value is of this type."""
         if self is ParameterKind.NOT_SET:
             return parameter_value is None
-        for kind, scalar in _SCALARS:
-            if kind is self:
-                return isinstance(parameter_value, scalar)
+        if self in _SCALARS:
+            return isinstance(parameter_value, _SCALARS[self])
         numbers = self in (ParameterKind.INTEGER_ARRAY, ParameterKind.DOUBLE_ARRAY)
         if not isinstance(parameter_value, (list, tuple, array.array) if numbers else (list, tuple)):
             return False
-        element = next(element for kind, element in _ELEMENTS if kind is self)
         if self is ParameterKind.BYTE_ARRAY and any(len(value) != 1 for value in parameter_value):
             return False
-        return all(isinstance(value, element) for value in parameter_value)
+        return all(isinstance(value, _ELEMENTS[self]) for value in parameter_value)
 
 
 # Programs know it as `Parameter.Type`.
 ParameterKind.__name__, ParameterKind.__qualname__ = "Type", "Parameter.Type"
 
 #: bool precedes int, because it is a subclass of it.
-_SCALARS: Final = (
-    (ParameterKind.BOOL, bool),
-    (ParameterKind.INTEGER, int),
-    (ParameterKind.DOUBLE, float),
-    (ParameterKind.STRING, str),
-)
-_ELEMENTS: Final = (
-    (ParameterKind.BYTE_ARRAY, bytes),
-    (ParameterKind.BOOL_ARRAY, bool),
-    (ParameterKind.INTEGER_ARRAY, int),
-    (ParameterKind.DOUBLE_ARRAY, float),
-    (ParameterKind.STRING_ARRAY, str),
-)
+_SCALARS: Final[dict[ParameterKind, type]] = {
+    ParameterKind.BOOL: bool,
+    ParameterKind.INTEGER: int,
+    ParameterKind.DOUBLE: float,
+    ParameterKind.STRING: str,
+}
+_ELEMENTS: Final[dict[ParameterKind, type]] = {
+    ParameterKind.BYTE_ARRAY: bytes,
+    ParameterKind.BOOL_ARRAY: bool,
+    ParameterKind.INTEGER_ARRAY: int,
+    ParameterKind.DOUBLE_ARRAY: float,
+    ParameterKind.STRING_ARRAY: str,
+}
+
+
+def _field(kind: ParameterKind) -> str:
+    """Return the field of `rcl_interfaces/ParameterValue` with values of a type."""
+    return f"{kind.name.lower()}_value"
+
+
+def _read(kind: ParameterKind, message: Any) -> Any:
+    return None if kind is ParameterKind.NOT_SET else getattr(message, _field(kind))
 
 
 class Parameter:
@@ -118,8 +120,7 @@ class Parameter:
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
         """Return the parameter of a `rcl_interfaces/Parameter`."""
         kind = ParameterKind(param_msg.value.type)
-        field = _FIELDS[kind.value]
-        return cls(param_msg.name, kind, None if field is None else getattr(param_msg.value, field))
+        return cls(param_msg.name, kind, _read(kind, param_msg.value))
 
     @property
     def name(self) -> str:
@@ -138,10 +139,8 @@ class Parameter:
 
     def get_parameter_value(self) -> Any:
         """Return the value as `rcl_interfaces/ParameterValue`."""
-        field = _FIELDS[self._type_.value]
-        given = {} if field is None else {field: self._value}
-        if isinstance(self._value, tuple):
-            given = {field: list(self._value)} if field else {}
+        value = list(self._value) if isinstance(self._value, tuple) else self._value
+        given = {} if self._type_ is ParameterKind.NOT_SET else {_field(self._type_): value}
         return message_class("rcl_interfaces/ParameterValue")(type=self._type_.value, **given)
 
     def to_parameter_msg(self) -> Any:
@@ -158,8 +157,8 @@ def get_parameter_value(string_value: str) -> Any:
     if isinstance(value, bool | int | float):
         return Parameter("", value=value).get_parameter_value()
     if isinstance(value, list):
-        for kind, element in _ELEMENTS[1:]:
-            if all(isinstance(each, element) for each in value):
+        for kind, element in _ELEMENTS.items():
+            if element is not bytes and all(isinstance(each, element) for each in value):
                 return Parameter("", kind, value).get_parameter_value()
         value = string_value
     text = string_value if value is None or isinstance(value, dict) else str(value)
@@ -168,13 +167,12 @@ def get_parameter_value(string_value: str) -> Any:
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
     """Return the value of a `rcl_interfaces/ParameterValue`. Raises RuntimeError for an unknown type."""
-    if not 0 <= parameter_value.type < len(_FIELDS):
-        raise RuntimeError(f"unexpected parameter type {parameter_value.type}")
-    field = _FIELDS[parameter_value.type]
-    if field is None:
-        return None
-    value = getattr(parameter_value, field)
-    return list(value) if field.endswith("array_value") else value
+    try:
+        kind = ParameterKind(parameter_value.type)
+    except ValueError:
+        raise RuntimeError(f"unexpected parameter type {parameter_value.type}") from None
+    value = _read(kind, parameter_value)
+    return list(value) if kind in _ELEMENTS else value
 
 
 def parameter_dict_from_yaml_file(

@@ -9,6 +9,7 @@ from rwt_rclpy.endpoints.qos import qos_profile_parameters
 from rwt_rclpy.exceptions import ParameterNotDeclaredException, ParameterUninitializedException
 from rwt_rclpy.logs import output
 from rwt_rclpy.messages.loaded import classes, message_class
+from rwt_rclpy.parameters.node_parameters import result
 from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
 
 if TYPE_CHECKING:
@@ -17,24 +18,27 @@ if TYPE_CHECKING:
 Handler = Callable[[Any, Any], Any]
 
 
+def service_class(name: str) -> type:
+    """Return the class of a service of `rcl_interfaces`: `GetParameters` for `get_parameters`."""
+    return classes().service(f"rcl_interfaces/{name.title().replace('_', '')}")
+
+
 class ParameterService:
     """`rclpy.parameter_service`: the six parameter services of a node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        handlers: dict[str, tuple[str, Handler]] = {
-            "describe_parameters": ("DescribeParameters", self._describe),
-            "get_parameters": ("GetParameters", self._get),
-            "get_parameter_types": ("GetParameterTypes", self._types),
-            "list_parameters": ("ListParameters", self._list),
-            "set_parameters": ("SetParameters", self._set),
-            "set_parameters_atomically": ("SetParametersAtomically", self._set_atomically),
+        handlers: dict[str, Handler] = {
+            "describe_parameters": self._describe,
+            "get_parameters": self._get,
+            "get_parameter_types": self._types,
+            "list_parameters": self._list,
+            "set_parameters": self._set,
+            "set_parameters_atomically": self._set_atomically,
         }
-        for name, (kind, handler) in handlers.items():
-            service = classes().service(f"rcl_interfaces/{kind}")
-            node.create_service(
-                service, f"{node._rwt_service_prefix()}/{name}", handler, qos_profile=qos_profile_parameters
-            )
+        for name, handler in handlers.items():
+            full = f"{node._rwt_full_name}/{name}"
+            node.create_service(service_class(name), full, handler, qos_profile=qos_profile_parameters)
 
     def _describe(self, request: Any, response: Any) -> Any:
         try:
@@ -68,7 +72,7 @@ class ParameterService:
             try:
                 results.append(self._node.set_parameters_atomically([Parameter.from_parameter_msg(message)]))
             except ParameterNotDeclaredException as error:
-                results.append(_refused(error))
+                results.append(result(str(error)))
         response.results = results
         return response
 
@@ -78,26 +82,16 @@ class ParameterService:
                 [Parameter.from_parameter_msg(message) for message in request.parameters]
             )
         except ParameterNotDeclaredException as error:
-            response.result = _refused(error)
+            response.result = result(str(error))
         return response
-
-
-def _refused(error: Exception) -> Any:
-    return message_class("rcl_interfaces/SetParametersResult")(successful=False, reason=str(error))
 
 
 class LoggingService:
     """`rclpy.logging_service`: `~/get_logger_levels` and `~/set_logger_levels`."""
 
     def __init__(self, node: Node) -> None:
-        names = classes()
-        base = node._rwt_service_prefix()
-        node.create_service(
-            names.service("rcl_interfaces/GetLoggerLevels"), f"{base}/get_logger_levels", self._get
-        )
-        node.create_service(
-            names.service("rcl_interfaces/SetLoggerLevels"), f"{base}/set_logger_levels", self._set
-        )
+        for name, handler in (("get_logger_levels", self._get), ("set_logger_levels", self._set)):
+            node.create_service(service_class(name), f"{node._rwt_full_name}/{name}", handler)
 
     def _get(self, request: Any, response: Any) -> Any:
         level = message_class("rcl_interfaces/LoggerLevel")

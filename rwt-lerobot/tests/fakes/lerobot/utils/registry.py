@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 T = TypeVar("T")
@@ -16,7 +19,7 @@ class ChoiceRegistry:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if ChoiceRegistry in cls.__bases__:
+        if ABC in cls.__bases__:
             cls.choices = {}
 
     @classmethod
@@ -38,6 +41,49 @@ class ChoiceRegistry:
     def type(self) -> str:
         """Name of the configuration."""
         return next(name for name, each in self.choices.items() if each is self.__class__)
+
+
+@dataclass(kw_only=True)
+class DeviceConfig(ChoiceRegistry):
+    """Common part of the configurations of robots and teleoperators."""
+
+    id: str | None = None
+    calibration_dir: Path | None = None
+
+
+class Device(ABC):
+    """Common part of robots and teleoperators."""
+
+    config_class: ClassVar[type[Any]]
+    name: ClassVar[str]
+
+    def __init__(self, config: DeviceConfig) -> None:
+        self.id = config.id
+        self.calibration: dict[str, Any] = {}
+
+    @property
+    @abstractmethod
+    def action_features(self) -> dict[str, Any]: ...
+
+    @property
+    @abstractmethod
+    def is_connected(self) -> bool: ...
+
+    @property
+    @abstractmethod
+    def is_calibrated(self) -> bool: ...
+
+    @abstractmethod
+    def connect(self, calibrate: bool = True) -> None: ...
+
+    @abstractmethod
+    def calibrate(self) -> None: ...
+
+    @abstractmethod
+    def configure(self) -> None: ...
+
+    @abstractmethod
+    def disconnect(self) -> None: ...
 
 
 def make_device(config: ChoiceRegistry) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rwt_lerobot.joints.scales import UNITS, Scale
+from rwt_lerobot.joints.scales import UNITS, Scale, unit_named
 
 POSITION = ".pos"
 """End of the name of a feature."""
@@ -37,7 +37,7 @@ class FeatureMap:
             if "/" in name:
                 raise ValueError(f"joint {name!r}: LeRobot's features have no '/' in their names")
             given = units.get(name, "degrees")
-            unit = next((each for each in UNITS if each == given), None)
+            unit = unit_named(given)
             if unit is None:
                 raise ValueError(f"joint {name!r}: unit {given!r}, expected one of {', '.join(UNITS)}")
             if unit.startswith("range") and len(ranges.get(name, ())) != 2:
