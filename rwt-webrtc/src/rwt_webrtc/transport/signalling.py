@@ -23,9 +23,10 @@ import anyio
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import TICK_SECONDS
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
-from rwt_transports.errors import Refused, TransportError
+from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
+    AnyReader,
     Audience,
     HttpRequest,
     HttpResponse,
@@ -41,12 +42,10 @@ from rwt_webrtc.transport.sdp import BadDescription, read_description, read_frag
 SDP: Final = "application/sdp"
 FRAGMENT: Final = "application/trickle-ice-sdpfrag"
 
-FindIceServers = Callable[[], Awaitable[tuple["IceServer", ...]]]
-"""Finds the STUN and TURN servers of a new peer; their credentials may be temporary."""
-
-
-class NoIceServers(TransportError):
-    """The STUN and TURN servers are not available."""
+FindIceServers = Callable[[], Awaitable[tuple[IceServer, ...]]]
+"""Finds the STUN and TURN servers of a new peer; their credentials may be temporary. Raises Refused if there
+are none.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,39 +94,28 @@ class Peers:
         return self._peers.get(identifier)
 
     async def open(
-        self,
-        accept: Accept,
-        address: str,
-        answer: Callable[[Peer], Awaitable[str]],
-        size: int = 0,
-    ) -> tuple[str, str, tuple[IceServer, ...]]:
-        """Open a peer for an offer, and return its answer.
+        self, request: HttpRequest, accept: Accept, answer: Callable[[Peer], Awaitable[str]]
+    ) -> HttpResponse:
+        """Open a peer for a request with an offer, and return the response.
 
         Waits while the maximum number of peers is connecting.
 
         Args:
             accept: makes the endpoint of each data channel.
-            address: address of the client.
             answer: applies the offer to the new peer, and returns the answer.
-            size: bytes of the offer, which count while it waits.
-
-        Returns:
-            The peer's identifier, the answer, and the STUN and TURN servers.
 
         Raises:
             Refused: a limit is reached, or the STUN and TURN servers are not available.
             BadDescription: the offer is not usable.
         """
+        address = request.address
         network = "" if is_local(address) else network_of(address)
-        await self._wait_for_room(network, size)
+        await self._wait_for_room(network, len(request.body))
         self._reserved += 1
         if network:
             self._of_network[network] += 1
         try:
-            try:
-                servers = await self.find_servers()
-            except NoIceServers as error:
-                raise Refused(503, str(error)) from error
+            servers = await self.find_servers()
             identifier = secrets.token_urlsafe(18)
             peer = Peer(
                 self.terms,
@@ -145,10 +133,15 @@ class Peers:
             self._reserved -= 1
         peer.when_ended(partial(self._leave, network))
         try:
-            return identifier, await answer(peer), servers
+            text = await answer(peer)
         except BaseException:
             peer.fail("its description could not be used")
             raise
+        location = f"{request.prefix}{request.path}/{identifier}"
+        headers = {"Location": location, "Cache-Control": "no-store"}
+        if servers:
+            headers["Link"] = ", ".join(server.link for server in servers)
+        return HttpResponse(text.encode(), 201, SDP, headers)
 
     def _leave(self, network: str) -> None:
         if network:
@@ -264,29 +257,18 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
             await peer.take_description(offer, "offer")
             return await peer.describe()
 
-        return opened(
-            "/webrtc",
-            request,
-            *await peers.open(_on_behalf(request, accept), request.address, answer, len(request.body)),
-        )
-
-    def posted(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
-        return answering(request, SDP, partial(offered, reader))
+        return await peers.open(request, _on_behalf(request, accept), answer)
 
     async def configured(request: HttpRequest, reader: Reader) -> HttpResponse:
         try:
             servers = await peers.find_servers()
-        except NoIceServers as error:
-            return HttpResponse(f"{error}\n".encode(), 503)
+        except Refused as refused:
+            return HttpResponse.refusing(refused)
         body = {"iceServers": [server.dictionary for server in servers]}
         headers = {"Cache-Control": "no-store"}
         return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
 
-    return (
-        Route("/webrtc", configured, Audience.ADMITTED),
-        Route("/webrtc", posted, Audience.ADMITTED, "POST", feature="webrtc"),
-        *resource_routes(peers, "/webrtc"),
-    )
+    return (Route("/webrtc", configured, Audience.ADMITTED), *offer_routes(peers, "webrtc", offered))
 
 
 def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
@@ -304,13 +286,18 @@ def refuse_channels(sink: Sink, info: PeerInfo) -> Never:
     raise Refused(403, "data channels are offered at /webrtc")
 
 
-def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
-    """Return the routes of the peers that were opened at `path`."""
+def offer_routes(
+    peers: Peers, feature: str, offered: Callable[[AnyReader, HttpRequest], Awaitable[HttpResponse]]
+) -> tuple[Route[AnyReader], ...]:
+    """Return the routes of offers at the path of a feature, and of the peers that they open."""
 
-    def patch(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
-        return answering(request, FRAGMENT, lambda request: _add_candidates(peers, request))
+    def post(request: HttpRequest, reader: AnyReader) -> Awaitable[HttpResponse]:
+        return _answering(request, SDP, partial(offered, reader))
 
-    async def delete(request: HttpRequest, reader: Reader) -> HttpResponse:
+    def patch(request: HttpRequest, reader: AnyReader) -> Awaitable[HttpResponse]:
+        return _answering(request, FRAGMENT, partial(_add_candidates, peers))
+
+    async def delete(request: HttpRequest, reader: AnyReader) -> HttpResponse:
         peer = peers.find(_identifier(request))
         if peer is None:
             return _gone()
@@ -318,8 +305,9 @@ def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
         return HttpResponse(b"ended\n")
 
     return (
-        Route(f"{path}/*", patch, Audience.ADMITTED, "PATCH"),
-        Route(f"{path}/*", delete, Audience.ADMITTED, "DELETE"),
+        Route(f"/{feature}", post, Audience.ADMITTED, "POST", feature=feature),
+        Route(f"/{feature}/*", patch, Audience.ADMITTED, "PATCH"),
+        Route(f"/{feature}/*", delete, Audience.ADMITTED, "DELETE"),
     )
 
 
@@ -344,17 +332,7 @@ def _gone() -> HttpResponse:
     return HttpResponse(b"there is no such peer, or it has ended: POST an offer\n", 404)
 
 
-def opened(
-    path: str, request: HttpRequest, identifier: str, answer: str, servers: tuple[IceServer, ...]
-) -> HttpResponse:
-    """Return the answer to an offer that created a peer."""
-    headers = {"Location": f"{request.prefix}{path}/{identifier}", "Cache-Control": "no-store"}
-    if servers:
-        headers["Link"] = ", ".join(server.link for server in servers)
-    return HttpResponse(answer.encode(), 201, SDP, headers)
-
-
-async def answering(
+async def _answering(
     request: HttpRequest, wanted: str, handler: Callable[[HttpRequest], Awaitable[HttpResponse]]
 ) -> HttpResponse:
     """Return the response of `handler`, or why it failed."""
