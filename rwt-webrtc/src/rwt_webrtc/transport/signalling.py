@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -79,8 +78,8 @@ class Peers:
         self._bounds = bounds
         self.find_servers = find_servers
         self._peers: dict[str, Peer] = {}
-        self._reserved = 0
-        self._of_network: Counter[str] = Counter()
+        # Networks of peers that are about to be made.
+        self._reserved: list[str] = []
         self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
         self._refused = 0
         self._closing = False
@@ -111,9 +110,7 @@ class Peers:
         address = request.address
         network = "" if is_local(address) else network_of(address)
         await self._wait_for_room(network, len(request.body))
-        self._reserved += 1
-        if network:
-            self._of_network[network] += 1
+        self._reserved.append(network)
         try:
             servers = await self.find_servers()
             identifier = secrets.token_urlsafe(18)
@@ -126,12 +123,8 @@ class Peers:
                 on_closed=lambda peer: self._closed(identifier, peer),
             )
             self._peers[identifier] = peer
-        except BaseException:
-            self._leave(network)
-            raise
         finally:
-            self._reserved -= 1
-        peer.when_ended(partial(self._leave, network))
+            self._reserved.remove(network)
         try:
             text = await answer(peer)
         except BaseException:
@@ -143,29 +136,23 @@ class Peers:
             headers["Link"] = ", ".join(server.link for server in servers)
         return HttpResponse(text.encode(), 201, SDP, headers)
 
-    def _leave(self, network: str) -> None:
-        if network:
-            self._of_network[network] -= 1
-            if not self._of_network[network]:
-                del self._of_network[network]
-
     def _shortage(self, network: str) -> tuple[str, str]:
         """Return why there is no room for a peer, and the setting; empty strings if there is room."""
         bounds = self._bounds
-        connecting = [peer.network for peer in self._peers.values() if not peer.connected]
+        peers = tuple(self._peers.values())
+        present = [*self._reserved, *(peer.network for peer in peers)]
+        connecting = [*self._reserved, *(peer.network for peer in peers if not peer.connected)]
         if network:
             for count, most, setting in (
-                (self._of_network[network], bounds.peers, "peers"),
+                (present.count(network), bounds.peers, "peers"),
                 (connecting.count(network), bounds.handshakes, "handshakes"),
             ):
                 if count >= max(1, 3 * most // 4):  # The rest is for other networks.
-                    return (
-                        f"{network} has {count} of at most {most}; the rest is for other networks",
-                        setting,
-                    )
-        if len(self._peers) + self._reserved >= bounds.peers or self._closing:
+                    text = f"{network} has {count} of at most {most}; the rest is for other networks"
+                    return text, setting
+        if len(present) >= bounds.peers or self._closing:
             return f"{bounds.peers} peers are open", "peers"
-        if len(connecting) + self._reserved >= bounds.handshakes:
+        if len(connecting) >= bounds.handshakes:
             return f"{bounds.handshakes} peers are connecting", "handshakes"
         return "", ""
 
