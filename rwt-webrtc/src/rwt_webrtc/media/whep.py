@@ -91,9 +91,7 @@ class Sources:
     ) -> StreamRequest:
         if self.video is None:
             raise RequestRefused(404, "no pictures are served here: `nodes` of the settings has no video")
-        stream = await self.video.find(_read_query(given, description), reader)
-        self.video.check_room(stream)
-        return stream
+        return await self.video.find(_read_query(given, description), reader)
 
     async def _find_audio(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
         if self.audio is None:

@@ -6,6 +6,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 from rwt.extensions.demo.drive import STANDSTILL, MotorLimits, Velocity
 from rwt.extensions.demo.world.map import Pose, World, wrap_angle
@@ -38,7 +39,6 @@ class Planner:
         self._left, self._bottom = floor.left, floor.bottom
         self._columns = math.ceil((floor.right - floor.left) / _CELL)
         self._rows = math.ceil((floor.top - floor.bottom) / _CELL)
-        self._clearance: list[float] = []
 
     def plan(self, start: Point, goal: Point) -> list[Point]:
         """Return the corners of a path from `start` to exactly `goal`, in metres in the map frame.
@@ -49,8 +49,6 @@ class Planner:
         if self._world.clearance(*goal) < self._needed:
             msg = f"the goal ({goal[0]:.4g}, {goal[1]:.4g}) is within {self._needed:.2f} m of something solid"
             raise NoPath(msg)
-        if not self._clearance:
-            self._measure()
         first, last = self._nearest_free(start), self._nearest_free(goal)
         cells = self._search(first, last) if first is not None and last is not None else None
         if cells is None:
@@ -58,10 +56,9 @@ class Planner:
             raise NoPath(msg)
         return self._straightened([start, *(self._centre(cell) for cell in cells), goal])
 
-    def _measure(self) -> None:
-        self._clearance = [
-            self._world.clearance(*self._centre(cell)) for cell in range(self._columns * self._rows)
-        ]
+    @cached_property
+    def _clearance(self) -> list[float]:
+        return [self._world.clearance(*self._centre(cell)) for cell in range(self._columns * self._rows)]
 
     def _centre(self, cell: int) -> Point:
         row, column = divmod(cell, self._columns)
@@ -169,7 +166,7 @@ class PathFollower:
     position_tolerance = 0.05
     heading_tolerance = 0.05
 
-    def __init__(self, corners: Sequence[tuple[float, float]], goal: Pose, limits: MotorLimits) -> None:
+    def __init__(self, corners: Sequence[Point], goal: Pose, limits: MotorLimits) -> None:
         self.goal = goal
         self._limits = limits
         self._points = _cut(corners)
@@ -220,14 +217,14 @@ class PathFollower:
         )
         return Velocity(speed, turn)
 
-    def _target(self, pose: Pose) -> tuple[float, float]:
+    def _target(self, pose: Pose) -> Point:
         for point in self._points[self._reached :]:
             if pose.distance_to(*point) >= _LOOK_AHEAD:
                 return point
         return self._points[-1]
 
 
-def _cut(corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def _cut(corners: Sequence[Point]) -> list[Point]:
     points = [corners[0]]
     for (x1, y1), (x2, y2) in itertools.pairwise(corners):
         pieces = max(1, math.ceil(math.dist((x1, y1), (x2, y2)) / _SPACING))
