@@ -533,10 +533,11 @@ async def test_a_viewer_page_shows_video_in_a_video_and_escapes_what_it_is_given
     assert "alert(1)" in page and "<script>" not in page
 
 
-def test_nothing_heavy_is_loaded_before_somebody_looks(anyio_backend: str) -> None:
+def test_nothing_heavy_is_loaded_before_somebody_looks() -> None:
     program = (
-        "import sys; from rwt_graph import MemoryGraph; from rwt.extensions.video import WebVideoServer;"
-        "WebVideoServer(MemoryGraph()).close();"
+        "import sys; from rwt_graph import MemoryGraph; from rwt.extensions.demo import DemoRobot;"
+        "from rwt.extensions.video import WebVideoServer; graph = MemoryGraph();"
+        "WebVideoServer(graph); DemoRobot(graph);"  # with its depth clouds
         "print({'numpy', 'PIL', 'simplejpeg', 'av'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
