@@ -121,18 +121,6 @@ def test_what_cannot_be_done_is_one_line(arguments: list[str], code: int, says: 
     assert "short" not in error
 
 
-def test_tokens_from_a_file(tmp_path: Path) -> None:
-    tokens = tmp_path / "tokens"
-    tokens.write_text(f"{_TOKEN}\nanother-long-token\n")
-    with running("hub", "ws://127.0.0.1:0", "--token-file", str(tokens)) as (_, url):
-        for headers, status in (({}, 401), ({"Authorization": "Bearer another-long-tokem"}, 401)):
-            with pytest.raises(InvalidStatus) as refused:
-                connect(f"{url}/robots/rosie", additional_headers=headers)
-            assert refused.value.response.status_code == status
-        with connect(f"{url}/robots/r", additional_headers={"Authorization": f"Bearer {_TOKEN}"}) as wire:
-            assert wire.protocol.state.name == "OPEN"
-
-
 def test_the_dial_token_is_not_shown() -> None:
     done = ended("config", "show", "--set", f"dial.token={_TOKEN}")
     assert _TOKEN not in done.stdout
@@ -191,29 +179,9 @@ def test_pages_and_pictures_of_a_robot_go_through_the_hub(robot_with_roles: str)
     assert status == 200 and b"rwt_dial_clients" in metrics
     status, _, text = _page(robot_with_roles, f"/rosie/nothing?{owner}")
     assert status == 404 and b"/snapshot" in text
-
-
-def test_a_stream_goes_on_until_its_reader_leaves(robot_with_roles: str) -> None:
-    parts = urllib.parse.urlsplit(robot_with_roles)
-    connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 0, timeout=60)
-    connection.request(
-        "GET", "/rosie/stream?topic=/camera/image_raw", headers={"Authorization": "Bearer tablet-0123456789"}
-    )
-    answer = connection.getresponse()
-    assert answer.status == 200
-    assert answer.getheader("content-type", "").startswith("multipart/x-mixed-replace")
-    read = b""
-    while read.count(b"\xff\xd8\xff") < 4:
-        read += answer.read(4096)
-    used = 'rwt_hub_used_connections{robot="rosie"}'
-    assert f"{used} 2" in _page(robot_with_roles, "/metrics")[2].decode()
-    answer.close()
-    connection.close()
-    for _ in range(200):
-        if f"{used} 1" in _page(robot_with_roles, "/metrics")[2].decode():
-            return
-        time.sleep(0.05)
-    raise AssertionError("the robot went on with a stream that nobody reads")
+    hub_metrics = _page(robot_with_roles, "/metrics")[2].decode()
+    assert re.search(r'^rwt_hub_used_connections\{robot="rosie"\} [1-9]$', hub_metrics, re.MULTILINE)
+    assert "\nrwt_hub_robots 1\n" in hub_metrics and "\nrwt_hub_clients_total 1\n" in hub_metrics
 
 
 @pytest.mark.parametrize(
@@ -234,21 +202,6 @@ def test_the_robots_roles_decide_about_its_pages(
     assert _page(robot_with_roles, path, **headers)[0] == status
 
 
-def test_a_robots_pages_have_a_slash_at_the_end_of_its_name(robot_with_roles: str) -> None:
-    status, headers, _ = _page(robot_with_roles, "/rosie?token=x")
-    assert (status, headers["location"]) == (308, "/rosie/?token=x")
-    assert _page(robot_with_roles, "/nobody/")[0] == 404
-
-
-def test_head_costs_no_stream(robot_with_roles: str) -> None:
-    parts = urllib.parse.urlsplit(robot_with_roles)
-    connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 0, timeout=60)
-    headers = {"Authorization": "Bearer tablet-0123456789"}
-    connection.request("HEAD", "/rosie/stream?topic=/camera/image_raw", headers=headers)
-    assert connection.getresponse().status == 200
-    connection.close()
-
-
 def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
     with running(
         "hub", "ws://127.0.0.1:0", "--proxy", "127.0.0.1", "--host", "robots.example", "--access-log"
@@ -261,7 +214,8 @@ def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
         robot = running("serve", "--demo", "--dial", f"{url}/robots/rosie", ready="dialing")
         with robot, _client(f"{url}/rosie"):
             assert b"ws://robots.example/fleet/rosie" in _page(url, "/rosie/index", **forwarded)[2]
-            assert _page(url, "/rosie", **forwarded)[1]["location"] == "/fleet/rosie/"
+            status, headers, _ = _page(url, "/rosie?token=x", **forwarded)
+            assert (status, headers["location"]) == (308, "/fleet/rosie/?token=x")
         hub.terminate()
         _, log = hub.communicate(timeout=60)
     assert re.search(r"192\.0\.2\.7 .*GET /rosie/index.* 200", log), log
