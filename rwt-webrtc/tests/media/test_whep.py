@@ -41,7 +41,7 @@ async def _metric(url: str, name: str) -> float:
 @pytest.mark.parametrize("codec", ["vp8", "h264"])
 async def test_a_topic_comes_as_video(codec: str) -> None:
     async with camera() as (source, url), watchers() as (watcher,):
-        await watcher.watch(f"{url}/whep?topic={TOPIC}&type={codec}&bitrate=3000000")
+        await watcher.connect(f"{url}/whep?topic={TOPIC}&type={codec}&bitrate=3000000")
         await until(lambda: watcher.frames)
         assert (watcher.frames[0].width, watcher.frames[0].height) == (WIDTH, HEIGHT)
         await until(lambda: near(watcher.colour(), (200, 30, 30)))
@@ -52,7 +52,7 @@ async def test_a_topic_comes_as_video(codec: str) -> None:
 async def test_all_viewers_share_an_encoder_and_the_last_one_ends_it() -> None:
     async with camera() as (_, url), watchers(4) as everybody:
         for each in everybody:
-            await each.watch(f"{url}/whep?topic={TOPIC}")
+            await each.connect(f"{url}/whep?topic={TOPIC}")
         await until(lambda: all(len(each.frames) >= 10 for each in everybody))
         sent = await _metric(url, "rwt_video_sent_pictures_total")
         encoded = await _metric(url, "rwt_video_encoded_pictures_total")
@@ -72,7 +72,7 @@ async def test_who_lost_a_picture_gets_a_key_picture(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(VideoEncoder, "encode", noted)
     async with camera() as (_, url), watchers() as (watcher,):
-        await watcher.watch(f"{url}/whep?topic={TOPIC}")
+        await watcher.connect(f"{url}/whep?topic={TOPIC}")
         await until(lambda: len(watcher.frames) >= 20)
         begun = sum(keys)
         # What a receiver sends by itself when it cannot show what it has (RFC 4585 section 6.3.1).
@@ -94,7 +94,7 @@ async def test_what_a_receiver_lies_hurts_no_other(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(PacedSender, "_retransmit", noted)
     async with camera() as (_, url), watchers(2) as (liar, other):
         for each in (liar, other):
-            await each.watch(f"{url}/whep?topic={TOPIC}")
+            await each.connect(f"{url}/whep?topic={TOPIC}")
         await until(lambda: len(liar.frames) >= 10 and len(other.frames) >= 10)
         (receiver,) = liar.connection.getReceivers()
         ssrc = liar.source()
