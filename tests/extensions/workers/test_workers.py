@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from tests.processes import ended, start
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers share ports as Linux does")
 
+FOXGLOVE = Subprotocol("foxglove.websocket.v1")
 _LONGEST = 60.0
 _UP = re.compile(r"worker (\d) is up, as process (\d+)")
 
@@ -58,13 +58,6 @@ class Running:
         """Tell it to end; its exit code."""
         self.process.send_signal(how)
         return self.process.wait(_LONGEST)
-
-    def get(self, path: str) -> str:
-        """A page of one of the workers."""
-        url = self.urls[0].replace("ws", "http", 1) + path
-        with urllib.request.urlopen(url, timeout=_LONGEST) as answer:
-            text: str = answer.read().decode()
-        return text
 
 
 @contextmanager
@@ -105,12 +98,13 @@ def ask(wire: ClientConnection, **op: object) -> dict[str, Any]:
 
 
 @contextmanager
-def at_each(server: Running) -> Iterator[dict[str, ClientConnection]]:
+def at_each(server: Running, *protocols: Subprotocol) -> Iterator[dict[str, ClientConnection]]:
     """A client at each worker. Who gets whom is the system's choice, so it takes some tries."""
     with ExitStack() as stack:
         found: dict[str, ClientConnection] = {}
         for count in range(1, 65):
-            wire = stack.enter_context(connect(server.urls[0], max_size=None))
+            opening = connect(server.urls[0], subprotocols=protocols or None, max_size=None)
+            wire = stack.enter_context(opening)
             joined = server.logged(r"^\[(\d)\].* client \d+ joined", count)
             found.setdefault(joined[-1][1], wire)
             if len(found) == 2:
@@ -148,7 +142,7 @@ def test_two_processes_are_one_server_at_one_port() -> None:
 
 def test_the_metrics_are_those_of_all_workers() -> None:
     with workers() as server, at_each(server):
-        page = server.get("/metrics")
+        page = _request(server, "GET", "/metrics")[1].decode()
         for number in "12":
             assert f'rwt_worker_up{{worker="{number}"}} 1' in page
             clients = re.search(
@@ -162,7 +156,7 @@ def test_the_metrics_are_those_of_all_workers() -> None:
 def test_pages_of_nodes_are_at_every_worker() -> None:
     with workers() as server:
         for _ in range(8):
-            assert "/none" in server.get("/stream_viewer?topic=/none")
+            assert b"/none" in _request(server, "GET", "/stream_viewer?topic=/none")[1]
 
 
 def test_a_worker_that_dies_is_started_again_and_the_others_serve_on() -> None:
@@ -253,21 +247,6 @@ def test_what_several_processes_cannot_do(
     assert text in capsys.readouterr().err
 
 
-@contextmanager
-def _viewer_at_each(server: Running) -> Iterator[list[ClientConnection]]:
-    """A client of Foxglove's protocol at each worker."""
-    with ExitStack() as stack:
-        found: dict[str, ClientConnection] = {}
-        for count in range(1, 65):
-            protocol = [Subprotocol("foxglove.websocket.v1")]
-            wire = stack.enter_context(connect(server.urls[0], subprotocols=protocol, max_size=None))
-            found.setdefault(server.logged(r"^\[(\d)\].* foxglove client \d+ joined", count)[-1][1], wire)
-            if len(found) == 2:
-                yield list(found.values())
-                return
-    raise AssertionError("the system gave all viewers to one worker")
-
-
 def _channel(viewer: ClientConnection, topic: str) -> int:
     while True:
         said = viewer.recv(timeout=_LONGEST)
@@ -300,14 +279,14 @@ def _request(server: Running, method: str, path: str, body: object = None, **hea
 def test_every_gateway_is_at_every_worker() -> None:
     asked = ("--set", "gateways=foxglove,http,mcp", "--set", "mcp.default_role=admin")
     words = "/api/topics/words?type=std_msgs/String&latch=true"
-    with workers("--demo", *asked) as server, _viewer_at_each(server) as viewers:
+    with workers("--demo", *asked) as server, at_each(server, FOXGLOVE) as viewers:
         assert _request(server, "POST", words, {"data": "first"})[0] == 204
-        for viewer in viewers:
+        for viewer in viewers.values():
             wanted = [{"id": 7, "channelId": _channel(viewer, "/words")}]
             viewer.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
             assert b"first" in _heard(viewer)
         assert _request(server, "POST", words, {"data": "second"})[0] == 204
-        assert all(b"second" in _heard(viewer) for viewer in viewers)
+        assert all(b"second" in _heard(viewer) for viewer in viewers.values())
 
         status, goal = _request(server, "POST", "/api/actions/fibonacci/goals", {"order": 3})
         assert status == 201
