@@ -128,12 +128,8 @@ class Planner:
 
     def _sees(self, here: Point, there: Point) -> bool:
         pieces = max(1, math.ceil(math.dist(here, there) / (_CELL / 2)))
-        for i in range(1, pieces):
-            part = i / pieces
-            x, y = here[0] + part * (there[0] - here[0]), here[1] + part * (there[1] - here[1])
-            if self._clearance[self._cell_at((x, y))] < self._needed + _CELL / 2:
-                return False
-        return True
+        between = (_between(here, there, i / pieces) for i in range(1, pieces))
+        return all(self._clearance[self._cell_at(point)] >= self._needed + _CELL / 2 for point in between)
 
 
 def _trace(came_from: dict[int, int], last: int) -> list[int]:
@@ -178,7 +174,7 @@ class PathFollower:
 
     def remaining(self, pose: Pose) -> float:
         """Remaining distance in metres."""
-        return self._ahead[self._reached] + pose.distance_to(*self._points[self._reached])
+        return self._ahead[self._reached] + self.off_track(pose)
 
     def off_track(self, pose: Pose) -> float:
         """Distance of the robot from the path in metres."""
@@ -218,15 +214,17 @@ class PathFollower:
         return Velocity(speed, turn)
 
     def _target(self, pose: Pose) -> Point:
-        for point in self._points[self._reached :]:
-            if pose.distance_to(*point) >= _LOOK_AHEAD:
-                return point
-        return self._points[-1]
+        far = (point for point in self._points[self._reached :] if pose.distance_to(*point) >= _LOOK_AHEAD)
+        return next(far, self._points[-1])
 
 
 def _cut(corners: Sequence[Point]) -> list[Point]:
     points = [corners[0]]
-    for (x1, y1), (x2, y2) in itertools.pairwise(corners):
-        pieces = max(1, math.ceil(math.dist((x1, y1), (x2, y2)) / _SPACING))
-        points += [(x1 + (x2 - x1) * i / pieces, y1 + (y2 - y1) * i / pieces) for i in range(1, pieces + 1)]
+    for here, there in itertools.pairwise(corners):
+        pieces = max(1, math.ceil(math.dist(here, there) / _SPACING))
+        points += [_between(here, there, i / pieces) for i in range(1, pieces + 1)]
     return points
+
+
+def _between(here: Point, there: Point, part: float) -> Point:
+    return here[0] + part * (there[0] - here[0]), here[1] + part * (there[1] - here[1])
