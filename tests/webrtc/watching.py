@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import re
-import urllib.error
-import urllib.request
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
+import httpx
 import numpy as np
 from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.mediastreams import MediaStreamError
@@ -93,7 +92,7 @@ class MediaPeer:
     async def offer(self, url: str) -> tuple[int, str]:
         """Send an offer; the status and the text of the answer."""
         await self.connection.setLocalDescription()
-        return await asyncio.to_thread(post, url, self.connection.localDescription.sdp)
+        return await post(url, self.connection.localDescription.sdp)
 
     async def connect(self, url: str) -> None:
         status, text = await self.offer(url)
@@ -122,20 +121,22 @@ async def media_peer(*sends: MediaStreamTrack, receives: Sequence[str] = ()) -> 
         await made.connection.close()
 
 
-def post(url: str, offer: str) -> tuple[int, str]:
-    request = urllib.request.Request(url, offer.encode(), {"Content-Type": "application/sdp"})
-    try:
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, error.read().decode()
+async def post(url: str, offer: str) -> tuple[int, str]:
+    async with httpx.AsyncClient(timeout=60) as client:
+        answer = await client.post(url, content=offer, headers={"Content-Type": "application/sdp"})
+    return answer.status_code, answer.text
 
 
 @asynccontextmanager
 async def watchers(count: int = 1) -> AsyncIterator[list[MediaPeer]]:
     async with AsyncExitStack() as stack:
         yield [await stack.enter_async_context(media_peer(receives=["video"])) for _ in range(count)]
+
+
+def metric(server: Server, name: str) -> float:
+    """The sum over all labels."""
+    page = server._while_running.metrics.text().decode().splitlines()
+    return sum(float(line.rpartition(" ")[2]) for line in page if line.startswith(name))
 
 
 def near(one: tuple[int, int, int], other: tuple[int, int, int]) -> bool:

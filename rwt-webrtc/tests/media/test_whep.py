@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import urllib.error
-import urllib.request
 from struct import pack
 
 import pytest
@@ -24,18 +21,9 @@ from rwt.media.encoders.video import VideoEncoder
 from rwt_interfaces.payload import Payload
 from rwt_webrtc.upstream.rtp_sender import PacedSender
 from tests.waiting import until
-from tests.webrtc.watching import HEIGHT, TOPIC, WIDTH, camera, near, watchers
+from tests.webrtc.watching import HEIGHT, TOPIC, WIDTH, camera, metric, near, watchers
 
 pytestmark = pytest.mark.anyio
-
-
-async def _metric(url: str, name: str) -> float:
-    def fetch() -> str:
-        with urllib.request.urlopen(f"{url}/metrics", timeout=60) as answer:
-            return str(answer.read().decode())
-
-    lines = (await asyncio.to_thread(fetch)).splitlines()
-    return sum(float(line.rpartition(" ")[2]) for line in lines if line.startswith(name))
 
 
 @pytest.mark.parametrize("codec", ["vp8", "h264"])
@@ -50,16 +38,15 @@ async def test_a_topic_comes_as_video(codec: str) -> None:
 
 
 async def test_all_viewers_share_an_encoder_and_the_last_one_ends_it() -> None:
-    async with camera() as (_, url), watchers(4) as everybody:
+    async with camera() as (source, url), watchers(4) as everybody:
         for each in everybody:
             await each.connect(f"{url}/whep?topic={TOPIC}")
         await until(lambda: all(len(each.frames) >= 10 for each in everybody))
-        sent = await _metric(url, "rwt_video_sent_pictures_total")
-        encoded = await _metric(url, "rwt_video_encoded_pictures_total")
-        assert sent > 2 * encoded
+        sent = metric(source.server, "rwt_video_sent_pictures_total")
+        assert sent > 2 * metric(source.server, "rwt_video_encoded_pictures_total")
         for each in everybody:
             await each.connection.close()
-        assert await _metric(url, "rwt_video_viewers") == 0
+        await until(lambda: metric(source.server, "rwt_video_viewers") == 0)
 
 
 async def test_who_lost_a_picture_gets_a_key_picture(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from rwt_webrtc.media.whip import SENDERS_TOPIC
 from tests.waiting import until
 from tests.webrtc.cameras import Picture, jpeg_colour, media_server, whip_url
 from tests.webrtc.encoded_frames import vp8_header
-from tests.webrtc.watching import media_peer
+from tests.webrtc.watching import media_peer, metric
 
 pytestmark = pytest.mark.anyio
 
@@ -37,12 +37,7 @@ async def test_a_camera_becomes_a_topic_until_it_ends() -> None:
         assert (got[-1].format, got[-1].header.frame_id) == ("jpeg", "head")
         assert got[-1].header.stamp.sec > 0
         await camera.connection.close()
-        await until(lambda: _value(server, "rwt_webrtc_peers") == 0)
-
-
-def _value(server: Server, name: str) -> float:
-    page = server._while_running.metrics.text().decode().splitlines()
-    return sum(float(line.rpartition(" ")[2]) for line in page if line.startswith(name))
+        await until(lambda: metric(server, "rwt_webrtc_peers") == 0)
 
 
 def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
@@ -89,7 +84,7 @@ async def test_an_image_that_claims_too_many_pixels_is_not_decoded(caplog: pytes
     async with media_server() as server, media_peer(Giant()) as camera:
         await camera.connect(whip_url(server, f"topic={TOPIC}"))
         await until(lambda: "has ended: images of 268402689 pixels" in caplog.text)
-        assert _value(server, "rwt_webrtc_peers") == 0
+        assert metric(server, "rwt_webrtc_peers") == 0
         assert "failed to decode" not in caplog.text
 
 

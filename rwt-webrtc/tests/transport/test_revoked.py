@@ -76,7 +76,7 @@ async def test_a_peer_whose_token_is_gone_ends_with_all_its_channels() -> None:
     async with camera(settings=settings()) as (source, url), other_side() as other:
         channel = other.connection.createDataChannel("robot")
         target = f"{url}/webrtc?token={TOKEN}"
-        status, answer = await asyncio.to_thread(post, target, (await other.offer()).decode())
+        status, answer = await post(target, (await other.offer()).decode())
         assert status == 201, answer
         await other.take_answer(answer)
         await until(lambda: channel.readyState == "open")
