@@ -16,7 +16,7 @@ PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse page-mutants compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
-proxies ros-mcp fuzz mutants conformance \
+proxies ros-mcp fuzz mutants source-mutants conformance \
 client-grades size size-ratchet removal clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
@@ -101,7 +101,7 @@ WITH_ROS2 = AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS
 
 # Tests of the ROS 2 graph against real ROS 2 programs; `make test-ros2 ROS2_DISTRO=jazzy` for another release, and
 # `make test-ros2 FILES=tests/extensions/ros2/live/test_topics.py ARGS='-k latched'` for some of them.
-test-ros2: $(STAMP)-dev $(ROS2)/.installed
+test-ros2: $(STAMP)-dev $(ROS2)/.installed $(if $(NODE_20),$(BROWSER)/node_modules/.installed)
 	$(WITH_ROS2) tests $(or $(FILES),tests/extensions/ros2/live tests/contract/graph) $(if $(ARGS),-- $(ARGS))
 
 # Those that CI runs, without the thousand clients in turn: 3.5 minutes of CPU.
@@ -298,6 +298,11 @@ fuzz: $(STAMP)-dev
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.mutants $(ARGS)
+
+# Small changes of the source of the protocol, of delivery and of the transports, drawn with a seed: which do the
+# tests of these folders notice?
+source-mutants: $(STAMP)-dev
+	$(BIN)/python -m tools.mutants --json build/mutants.json $(ARGS)
 
 # Grades the client libraries and writes docs/reference/client-grades.md.
 GRADE := $(BIN)/rosbridge-conformance client --jobs 6

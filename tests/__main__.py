@@ -18,13 +18,15 @@ import tempfile
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
-from threading import Timer
+from threading import Lock, Timer
 from typing import Final
 from xml.etree import ElementTree
 
@@ -85,6 +87,7 @@ LONG: Final = (
     "docs",
     "clients",
     "faults",
+    "extensions/ros1/live",
     "extensions/ros2/live",
     "release",
     "core/server",
@@ -109,6 +112,9 @@ LONG_FILES: Final = 6
 SHORT_FILES: Final = 18
 """Files of any other folder per process; starting a process takes longer than many of them."""
 
+IDLE_SHARE: Final = 0.25
+"""Share of the processors' time that is idle when one process more may start."""
+
 MAX_RETRIES: Final = 25
 """More failures than a busy machine explains."""
 
@@ -117,6 +123,8 @@ PROCESS_TIMEOUT_SECONDS: Final = 1800.0
 
 NO_TESTS: Final = 5
 """Exit code of pytest if all tests are deselected."""
+
+PROCESSOR_TIMES: Final = Path("/proc/stat")
 
 RETRIED: Final = ROOT / "build" / "retried.txt"
 """The tests of the last run that needed a retry, one a line."""
@@ -293,23 +301,80 @@ def show_list(heading: str, lines: Iterable[str]) -> None:
         print("\n".join([heading, *(f"  {line}" for line in listed)]), flush=True)
 
 
-def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[Outcome]:
-    """Run some files, `processes` at a time, or one less while one of them drives a browser.
+class Room:
+    """Limit of processes at a time: some always, and more while processors are idle.
 
-    Chromium draws without a graphics card: several at a time starve each other, and their tests.
+    Many tests wait for other processes and for time to pass, so how many processes use all processors differs
+    from folder to folder, and on a machine with other work from minute to minute.
+
+    Args:
+        always: number of processes that may run however busy the machine is.
+    """
+
+    def __init__(self, always: int) -> None:
+        self._always = always
+        self._running = 0
+        self._counting = Lock()
+        self._measuring = Lock()
+
+    @contextmanager
+    def taken(self, places: int) -> Iterator[None]:
+        """Wait until there is room for a process that counts as `places`; leave when it has ended."""
+        while not self._enter(places, self._always):
+            with self._measuring:
+                if _idle_share() >= IDLE_SHARE and self._enter(places, sys.maxsize):
+                    break
+        try:
+            yield
+        finally:
+            with self._counting:
+                self._running -= places
+
+    def _enter(self, places: int, most: int) -> bool:
+        with self._counting:
+            if self._running and self._running + places > most:
+                return False
+            self._running += places
+            return True
+
+
+def _idle_share(seconds: float = 3.0) -> float:
+    """Measure which share of the processors' time is idle; 0 where the system does not tell."""
+    if not PROCESSOR_TIMES.exists():
+        time.sleep(seconds)
+        return 0.0
+    before = _processor_times()
+    time.sleep(seconds)
+    idle, whole = (after - first for after, first in zip(_processor_times(), before, strict=True))
+    return idle / max(1, whole)
+
+
+def _processor_times() -> tuple[int, int]:
+    """Return the idle and the whole time of all processors, in ticks; proc_stat(5) names the columns."""
+    times = [int(each) for each in PROCESSOR_TIMES.read_text().split("\n", 1)[0].split()[1:9]]
+    return times[3] + times[4], sum(times)
+
+
+def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[Outcome]:
+    """Run some files, `processes` at a time, and up to twice as many while processors are idle.
+
+    Chromium draws without a graphics card: several at a time starve each other, and their tests. A process
+    that drives a browser therefore counts as two, and there are two of them at most.
     """
     outcomes: list[Outcome] = []
+    room = Room(processes)
 
-    def done(batch: tuple[str, ...]) -> None:
-        outcome = run(batch, further)
+    def done(batch: tuple[str, ...], places: int = 1) -> None:
+        with room.taken(places):
+            outcome = run(batch, further)
         outcome.show()
         outcomes.append(outcome)
 
     waiting = batches(files)
     drawing = [each for each in waiting if Path(each[0]).is_relative_to(BROWSER_TESTS)]
     others = [each for each in waiting if each not in drawing]
-    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(max(1, processes - 2 * bool(drawing))) as pool:
-        list(chain(first.map(done, drawing), pool.map(done, others)))
+    with ThreadPoolExecutor(2) as browsers, ThreadPoolExecutor(2 * processes) as pool:
+        list(chain(browsers.map(partial(done, places=2), drawing), pool.map(done, others)))
     return outcomes
 
 
@@ -346,7 +411,7 @@ def _arguments() -> tuple[argparse.Namespace, list[str]]:
         "--processes",
         type=int,
         default=default,
-        help=f"processes at a time; they wait much of their time [two per core, {default}]",
+        help=f"processes at a time, more while processors are idle [two per core, {default}]",
     )
     parser.add_argument("--all", action="store_true", help="run all tests, as `make test-all` does")
     parser.add_argument(

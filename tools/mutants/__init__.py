@@ -1,0 +1,1 @@
+"""Mutants of the source, drawn with a seed, and the tests that notice them."""
