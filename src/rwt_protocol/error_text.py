@@ -164,7 +164,7 @@ def annotation_at(model: type[BaseModel], key: Sequence[str | int]) -> object:
             annotation = annotation_of(field)
         elif get_origin(plain) is Mapping and isinstance(part, str):
             annotation = get_args(plain)[1]
-        elif get_origin(plain) is tuple and isinstance(part, int):
+        elif get_origin(plain) in (list, tuple) and isinstance(part, int):
             annotation = get_args(plain)[0]
         else:
             return None
@@ -203,7 +203,7 @@ def expected(annotation: object) -> str:
         return " or ".join(expected(part) for part in get_args(plain) if part is not type(None))
     if get_origin(plain) is Literal:
         return " or ".join(f'"{choice}"' for choice in get_args(plain))
-    if get_origin(plain) is tuple:
+    if get_origin(plain) in (list, tuple):
         item = plain_type(get_args(plain)[0])
         if get_origin(item) is Literal:
             return f"a list of {expected(item)}"

@@ -1,22 +1,21 @@
-"""A robot with a camera, and viewers of plain aiortc."""
+"""A robot with a camera, and clients of plain aiortc that watch, listen and send."""
 
 from __future__ import annotations
 
 import asyncio
 import re
-import urllib.error
-import urllib.request
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
+import httpx
 import numpy as np
 from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.mediastreams import MediaStreamError
-from av import VideoFrame
+from av import AudioFrame, VideoFrame
+from numpy.typing import NDArray
 
 from rwt import Server
-from rwt_graph import Node
 from rwt_webrtc.settings import WebRtcSettings
 
 WIDTH, HEIGHT = 64, 48
@@ -26,9 +25,10 @@ TOPIC = "/camera/image_raw"
 class Camera:
     """A topic whose pictures are of one colour, as fast as it is asked for."""
 
-    def __init__(self, node: Node) -> None:
-        self._publisher = node.advertise(TOPIC, "sensor_msgs/Image")
+    def __init__(self, server: Server) -> None:
+        self.server = server
         self.colour = (200, 30, 30)
+        self._publisher = server.node("camera").advertise(TOPIC, "sensor_msgs/Image")
 
     async def run(self) -> None:
         while True:
@@ -44,7 +44,7 @@ async def camera(**settings: Any) -> AsyncIterator[tuple[Camera, str]]:
     """A server with a camera, and where it takes requests."""
     peers = WebRtcSettings(enabled=True)
     async with Server("ws://127.0.0.1:0", webrtc=peers, **settings) as server:
-        found = Camera(server.node("camera"))
+        found = Camera(server)
         running = asyncio.create_task(found.run())
         try:
             yield found, server.urls[0].replace("ws", "http", 1)
@@ -52,35 +52,49 @@ async def camera(**settings: Any) -> AsyncIterator[tuple[Camera, str]]:
             running.cancel()
 
 
-class Watcher:
-    """A viewer of plain aiortc."""
+class MediaPeer:
+    """A client of plain aiortc, which sends tracks and keeps what it receives.
 
-    def __init__(self) -> None:
+    Attributes:
+        frames: images.
+        heard: samples of one of two channels, by packet.
+        ended: True if a track has ended.
+    """
+
+    def __init__(self, *sends: MediaStreamTrack, receives: Sequence[str] = ()) -> None:
         self.connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
-        self.connection.addTransceiver("video", "recvonly")
+        for track in sends:
+            self.connection.addTrack(track)
+        for kind in receives:
+            self.connection.addTransceiver(kind, "recvonly")
         self.connection.on("track", self._track)
         self.frames: list[VideoFrame] = []
+        self.heard: list[NDArray[np.int16]] = []
         self.ended = False
-        self._watching: asyncio.Task[None] | None = None
+        self._receiving: list[asyncio.Task[None]] = []
 
     def _track(self, track: MediaStreamTrack) -> None:
-        self._watching = asyncio.create_task(self._watch(track))
+        self._receiving.append(asyncio.create_task(self._receive(track)))
 
-    async def _watch(self, track: MediaStreamTrack) -> None:
+    async def _receive(self, track: MediaStreamTrack) -> None:
         try:
             while True:
                 frame = await track.recv()
-                assert isinstance(frame, VideoFrame)
-                self.frames.append(frame)
+                if isinstance(frame, VideoFrame):
+                    self.frames.append(frame)
+                else:
+                    assert isinstance(frame, AudioFrame)
+                    assert (frame.sample_rate, frame.layout.name) == (48_000, "stereo")
+                    self.heard.append(frame.to_ndarray()[0][::2])
         except MediaStreamError:
             self.ended = True
 
     async def offer(self, url: str) -> tuple[int, str]:
-        """Ask for a video; the status and the text of the answer."""
+        """Send an offer; the status and the text of the answer."""
         await self.connection.setLocalDescription()
-        return await asyncio.to_thread(post, url, self.connection.localDescription.sdp)
+        return await post(url, self.connection.localDescription.sdp)
 
-    async def watch(self, url: str) -> None:
+    async def connect(self, url: str) -> None:
         status, text = await self.offer(url)
         assert status == 201, text
         await self.connection.setRemoteDescription(RTCSessionDescription(text, "answer"))
@@ -97,23 +111,32 @@ class Watcher:
         return int(red), int(green), int(blue)
 
 
-def post(url: str, offer: str) -> tuple[int, str]:
-    request = urllib.request.Request(url, offer.encode(), {"Content-Type": "application/sdp"})
-    try:
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, error.read().decode()
-
-
 @asynccontextmanager
-async def watchers(count: int = 1) -> AsyncIterator[list[Watcher]]:
-    made = [Watcher() for _ in range(count)]
+async def media_peer(*sends: MediaStreamTrack, receives: Sequence[str] = ()) -> AsyncIterator[MediaPeer]:
+    """A peer that sends these tracks, and receives tracks of these kinds."""
+    made = MediaPeer(*sends, receives=receives)
     try:
         yield made
     finally:
-        await asyncio.gather(*(each.connection.close() for each in made))
+        await made.connection.close()
+
+
+async def post(url: str, offer: str) -> tuple[int, str]:
+    async with httpx.AsyncClient(timeout=60) as client:
+        answer = await client.post(url, content=offer, headers={"Content-Type": "application/sdp"})
+    return answer.status_code, answer.text
+
+
+@asynccontextmanager
+async def watchers(count: int = 1) -> AsyncIterator[list[MediaPeer]]:
+    async with AsyncExitStack() as stack:
+        yield [await stack.enter_async_context(media_peer(receives=["video"])) for _ in range(count)]
+
+
+def metric(server: Server, name: str) -> float:
+    """The sum over all labels."""
+    page = server._while_running.metrics.text().decode().splitlines()
+    return sum(float(line.rpartition(" ")[2]) for line in page if line.startswith(name))
 
 
 def near(one: tuple[int, int, int], other: tuple[int, int, int]) -> bool:

@@ -22,8 +22,8 @@ from rwt_webrtc.media.audio import DATA, INFO, SAMPLE_FORMATS, AudioFormat, Audi
 from rwt_webrtc.media.opus_encoder import OpusEncoder
 from rwt_webrtc.settings import WebRtcSettings
 from tests.waiting import until
-from tests.webrtc.sounds import pitch, sound_peer, tone
-from tests.webrtc.watching import Camera
+from tests.webrtc.sounds import pitch, tone
+from tests.webrtc.watching import Camera, media_peer
 
 pytestmark = pytest.mark.anyio
 
@@ -35,6 +35,7 @@ class Robot:
 
     def __init__(self, server: Server, rate: int, info: dict[str, Any]) -> None:
         self.url = f"{server.urls[0].replace('ws', 'http', 1)}/whep"
+        self.server = server
         self.graph = server.node("robot").graph
         self.node = server.node("microphone")
         self.rate = rate
@@ -77,7 +78,7 @@ async def robot(
 
 @pytest.mark.parametrize("rate", [44_100, 48_000])
 async def test_a_tone_arrives_as_that_tone(rate: int) -> None:
-    async with robot(rate) as made, sound_peer(hears=True) as peer:
+    async with robot(rate) as made, media_peer(receives=["audio"]) as peer:
         await peer.connect(f"{made.url}?audio={TOPIC}")
         await until(lambda: len(peer.heard) >= 40)
         heard = np.concatenate(peer.heard[10:])
@@ -96,7 +97,11 @@ async def test_all_listeners_share_an_encoder_and_the_last_one_ends_it(
         begin(self, *args)
 
     monkeypatch.setattr(OpusEncoder, "__init__", noted)
-    async with robot() as made, sound_peer(hears=True) as one, sound_peer(hears=True) as other:
+    async with (
+        robot() as made,
+        media_peer(receives=["audio"]) as one,
+        media_peer(receives=["audio"]) as other,
+    ):
         await one.connect(f"{made.url}?audio={TOPIC}")
         await other.connect(f"{made.url}?audio={TOPIC}")
         await until(lambda: len(one.heard) >= 5 and len(other.heard) >= 5)
@@ -113,31 +118,18 @@ async def test_all_listeners_share_an_encoder_and_the_last_one_ends_it(
 
 
 async def test_pictures_and_sound_come_together() -> None:
-    async with robot() as made, sound_peer(hears=True) as peer:
-        running = asyncio.create_task(Camera(made.node).run())
+    async with robot() as made, media_peer(receives=["audio", "video"]) as peer:
+        running = asyncio.create_task(Camera(made.server).run())
         try:
-            pictures: list[Any] = []
-
-            async def watch(track: Any) -> None:
-                pictures.append(await track.recv())
-
-            tasks: list[asyncio.Task[None]] = []
-
-            def on_track(track: Any) -> None:
-                if track.kind == "video":
-                    tasks.append(asyncio.create_task(watch(track)))
-
-            peer.connection.addTransceiver("video", "recvonly")
-            peer.connection.on("track", on_track)
             await peer.connect(f"{made.url}?topic=/camera/image_raw&audio={TOPIC}")
-            await until(lambda: peer.heard and pictures)
+            await until(lambda: peer.heard and peer.frames)
         finally:
             running.cancel()
 
 
 async def test_refusals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(audio_topics, "PATIENCE", 0.2)
-    async with robot() as made, sound_peer(hears=True) as peer:
+    async with robot() as made, media_peer(receives=["audio"]) as peer:
         made.node.advertise("/alone", DATA)
         for query, status, why in (
             ("audio=/nowhere", 404, "there is no topic /nowhere; sound topics are: /alone, /microphone"),
@@ -151,7 +143,7 @@ async def test_refusals(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def test_sound_that_cannot_be_decoded_is_refused_with_the_reason() -> None:
-    async with robot(info={"coding_format": "mp3"}) as made, sound_peer(hears=True) as peer:
+    async with robot(info={"coding_format": "mp3"}) as made, media_peer(receives=["audio"]) as peer:
         assert await peer.offer(f"{made.url}?audio={TOPIC}") == (
             422,
             "/microphone: `coding_format` 'mp3' cannot be decoded here, only 'WAVE'\n",
@@ -159,7 +151,7 @@ async def test_sound_that_cannot_be_decoded_is_refused_with_the_reason() -> None
 
 
 async def test_sound_that_cannot_be_decoded_any_more_ends() -> None:
-    async with robot() as made, sound_peer(hears=True) as peer:
+    async with robot() as made, media_peer(receives=["audio"]) as peer:
         await peer.connect(f"{made.url}?audio={TOPIC}")
         await until(lambda: peer.heard)
         made.info["channels"] = 8
@@ -169,7 +161,7 @@ async def test_sound_that_cannot_be_decoded_any_more_ends() -> None:
 @pytest.mark.parametrize("allowed", [(TOPIC,), (f"{TOPIC}_info",), ("/odom",)])
 async def test_a_role_hears_what_it_may_subscribe_to(allowed: tuple[str, ...]) -> None:
     auth, roles = AuthSettings(default_role="guest"), {"guest": RoleSettings(subscribe=allowed)}
-    async with robot(auth=auth, roles=roles) as made, sound_peer(hears=True) as peer:
+    async with robot(auth=auth, roles=roles) as made, media_peer(receives=["audio"]) as peer:
         status, text = await peer.offer(f"{made.url}?audio={TOPIC}")
         assert (status, "you may not subscribe to /microphone" in text) == (403, True)
 

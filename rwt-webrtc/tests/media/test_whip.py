@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
-from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription, VideoStreamTrack
+from aiortc import VideoStreamTrack
 from av import Packet
 from websockets.asyncio.client import connect
 
@@ -17,61 +15,29 @@ from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
 from rwt_participant.qos import LATCHED
 from rwt_webrtc.media.whip import SENDERS_TOPIC
-from rwt_webrtc.settings import WebRtcSettings
 from tests.waiting import until
 from tests.webrtc.cameras import Picture, jpeg_colour, media_server, whip_url
 from tests.webrtc.encoded_frames import vp8_header
-from tests.webrtc.watching import post
+from tests.webrtc.watching import media_peer, metric
 
 pytestmark = pytest.mark.anyio
 
 TOPIC = "/operator/camera"
 
 
-class Sender:
-    """A camera's side of plain aiortc."""
-
-    def __init__(self) -> None:
-        self.connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
-        self.picture = Picture()
-        self.connection.addTrack(self.picture)
-
-    async def offer(self, url: str) -> tuple[int, str]:
-        await self.connection.setLocalDescription()
-        return await asyncio.to_thread(post, url, self.connection.localDescription.sdp)
-
-    async def send(self, url: str) -> None:
-        status, text = await self.offer(url)
-        assert status == 201, text
-        await self.connection.setRemoteDescription(RTCSessionDescription(text, "answer"))
-
-
-@asynccontextmanager
-async def sender() -> AsyncIterator[Sender]:
-    made = Sender()
-    try:
-        yield made
-    finally:
-        await made.connection.close()
-
-
 async def test_a_camera_becomes_a_topic_until_it_ends() -> None:
-    async with media_server() as server, sender() as camera:
+    picture = Picture()
+    async with media_server() as server, media_peer(picture) as camera:
         got: list[Any] = []
         server.node("robot").subscribe(TOPIC, got.append, "sensor_msgs/CompressedImage")
-        await camera.send(whip_url(server, f"topic={TOPIC}&frame_id=head&quality=95"))
+        await camera.connect(whip_url(server, f"topic={TOPIC}&frame_id=head&quality=95"))
         await until(lambda: got and abs(jpeg_colour(got[-1])[0] - 200) < 20)
-        camera.picture.colour = (30, 30, 200)
+        picture.colour = (30, 30, 200)
         await until(lambda: abs(jpeg_colour(got[-1])[2] - 200) < 20)
         assert (got[-1].format, got[-1].header.frame_id) == ("jpeg", "head")
         assert got[-1].header.stamp.sec > 0
         await camera.connection.close()
-        await until(lambda: _value(server, "rwt_webrtc_peers") == 0)
-
-
-def _value(server: Server, name: str) -> float:
-    page = server._while_running.metrics.text().decode().splitlines()
-    return sum(float(line.rpartition(" ")[2]) for line in page if line.startswith(name))
+        await until(lambda: metric(server, "rwt_webrtc_peers") == 0)
 
 
 def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
@@ -89,13 +55,13 @@ def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
 async def test_who_sends_is_told_while_it_is_received() -> None:
     async with media_server() as server:
         told = _senders(server)
-        async with sender() as camera:
+        async with media_peer(Picture()) as camera:
             await until(lambda: told == [[]])
             # An offer that nobody follows up lights nothing.
             status, _ = await camera.offer(whip_url(server, f"topic={TOPIC}"))
             assert status == 201
-        async with sender() as camera:
-            await camera.send(whip_url(server, f"topic={TOPIC}"))
+        async with media_peer(Picture()) as camera:
+            await camera.connect(whip_url(server, f"topic={TOPIC}"))
             await until(lambda: len(told) > 1)
             assert told[-1] == [(TOPIC, "video", "whip:2", "admin")]
             late = _senders(server)
@@ -115,19 +81,11 @@ class Giant(VideoStreamTrack):
 
 async def test_an_image_that_claims_too_many_pixels_is_not_decoded(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
-    async with media_server() as server:
-        connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
-        connection.addTrack(Giant())
-        await connection.setLocalDescription()
-        status, text = await asyncio.to_thread(
-            post, whip_url(server, f"topic={TOPIC}"), connection.localDescription.sdp
-        )
-        assert status == 201, text
-        await connection.setRemoteDescription(RTCSessionDescription(text, "answer"))
+    async with media_server() as server, media_peer(Giant()) as camera:
+        await camera.connect(whip_url(server, f"topic={TOPIC}"))
         await until(lambda: "has ended: images of 268402689 pixels" in caplog.text)
-        assert _value(server, "rwt_webrtc_peers") == 0
+        assert metric(server, "rwt_webrtc_peers") == 0
         assert "failed to decode" not in caplog.text
-        await connection.close()
 
 
 async def test_nobody_else_says_who_sends() -> None:
@@ -138,9 +96,7 @@ async def test_nobody_else_says_who_sends() -> None:
             "admin": TokenSettings(token="admin-admin-admin", role="admin"),
         }
     )
-    async with Server(
-        "ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True), auth=auth, roles=roles
-    ) as server:
+    async with media_server(auth=auth, roles=roles) as server:
         told = _senders(server)
         for token in ("guest-guest-guest", "admin-admin-admin"):
             async with connect(
@@ -158,7 +114,7 @@ async def test_nobody_else_says_who_sends() -> None:
                         await client.send(json.dumps(message))
                         answer = json.loads(await asyncio.wait_for(client.recv(), 20))
                         assert f"{SENDERS_TOPIC} is published by the server alone" in answer["msg"]
-            async with sender() as camera:
+            async with media_peer(Picture()) as camera:
                 status, why = await camera.offer(whip_url(server, f"topic={SENDERS_TOPIC}&token={token}"))
                 assert (status, why) == (403, f"{SENDERS_TOPIC} is published by the server alone\n")
         assert told == [[]]
@@ -168,7 +124,7 @@ async def test_a_role_publishes_where_it_may() -> None:
     roles = {"guest": RoleSettings(publish=("/chatter",))}
     async with (
         media_server(auth=AuthSettings(default_role="guest"), roles=roles) as server,
-        sender() as camera,
+        media_peer(Picture()) as camera,
     ):
         status, text = await camera.offer(whip_url(server, f"topic={TOPIC}"))
         assert status == 403
@@ -185,9 +141,9 @@ async def test_a_role_publishes_where_it_may() -> None:
     ],
 )
 async def test_refusals(query: str, status: int, why: str) -> None:
-    async with media_server() as server, sender() as camera:
-        assert (await camera.offer(whip_url(server, query)))[0] == status
-        assert why in (await camera.offer(whip_url(server, query)))[1]
+    async with media_server() as server, media_peer(Picture()) as camera:
+        got = await camera.offer(whip_url(server, query))
+        assert (got[0], why in got[1]) == (status, True), got
 
 
 async def test_a_camera_whose_role_may_not_any_more_is_ended() -> None:
@@ -195,17 +151,12 @@ async def test_a_camera_whose_role_may_not_any_more_is_ended() -> None:
     may = {"operator": RoleSettings(publish=("/operator/*",))}
     may_not = {"operator": RoleSettings(publish=("/chatter",))}
     async with (
-        Server(
-            "ws://127.0.0.1:0",
-            webrtc=WebRtcSettings(enabled=True),
-            auth=AuthSettings(tokens=tokens),
-            roles=may,
-        ) as server,
-        sender() as camera,
+        media_server(auth=AuthSettings(tokens=tokens), roles=may) as server,
+        media_peer(Picture()) as camera,
     ):
         got: list[Any] = []
         server.node("robot").subscribe(TOPIC, got.append, "sensor_msgs/CompressedImage")
-        await camera.send(whip_url(server, f"topic={TOPIC}&token=operator-operator"))
+        await camera.connect(whip_url(server, f"topic={TOPIC}&token=operator-operator"))
         await until(lambda: got)
         server.settings = server.settings.model_copy(update={"roles": may_not})
         server.reload()

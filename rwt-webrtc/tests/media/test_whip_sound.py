@@ -13,7 +13,8 @@ from rwt.access.settings import AuthSettings, RoleSettings
 from rwt_webrtc.media.audio import audio_limit
 from tests.waiting import until
 from tests.webrtc.cameras import Picture, media_server, whip_url
-from tests.webrtc.sounds import Singer, pitch, sound_peer
+from tests.webrtc.sounds import Singer, pitch
+from tests.webrtc.watching import media_peer
 
 pytestmark = pytest.mark.anyio
 
@@ -39,7 +40,7 @@ class Ear:
 
 @pytest.mark.parametrize(("rate", "channels"), [(48_000, 1), (16_000, 1), (48_000, 2)])
 async def test_a_tone_arrives_as_that_tone(rate: int, channels: int) -> None:
-    async with media_server() as server, sound_peer(Singer()) as peer:
+    async with media_server() as server, media_peer(Singer()) as peer:
         ear = Ear(server)
         await peer.connect(whip_url(server, f"audio={TOPIC}&rate={rate}&channels={channels}"))
         await until(lambda: len(ear.pieces) >= 14)
@@ -54,7 +55,7 @@ async def test_a_tone_arrives_as_that_tone(rate: int, channels: int) -> None:
 
 
 async def test_a_camera_and_a_microphone_come_together_and_end_together() -> None:
-    async with media_server() as server, sound_peer(Picture(), Singer()) as peer:
+    async with media_server() as server, media_peer(Picture(), Singer()) as peer:
         ear = Ear(server)
         pictures: list[Any] = []
         server.node("viewer").subscribe("/operator/camera", pictures.append, "sensor_msgs/CompressedImage")
@@ -67,7 +68,7 @@ async def test_a_camera_and_a_microphone_come_together_and_end_together() -> Non
 
 
 async def test_sound_that_nobody_asked_for_is_not_taken() -> None:
-    async with media_server() as server, sound_peer(Picture(), Singer()) as peer:
+    async with media_server() as server, media_peer(Picture(), Singer()) as peer:
         pictures: list[Any] = []
         server.node("viewer").subscribe("/operator/camera", pictures.append, "sensor_msgs/CompressedImage")
         await peer.connect(whip_url(server, "topic=/operator/camera"))
@@ -81,7 +82,7 @@ async def test_sound_that_nobody_asked_for_is_not_taken() -> None:
 async def test_a_role_needs_both_topics(allowed: tuple[str, ...]) -> None:
     auth = AuthSettings(default_role="guest")
     roles = {"guest": RoleSettings(publish=allowed)}
-    async with media_server(auth=auth, roles=roles) as server, sound_peer(Singer()) as peer:
+    async with media_server(auth=auth, roles=roles) as server, media_peer(Singer()) as peer:
         status, text = await peer.offer(whip_url(server, f"audio={TOPIC}"))
         assert (status, "roles.guest.publish" in text) == (403, True)
 
@@ -101,14 +102,14 @@ async def test_a_role_needs_both_topics(allowed: tuple[str, ...]) -> None:
     ],
 )
 async def test_refusals(query: str, status: int, why: str) -> None:
-    async with media_server() as server, sound_peer(Singer()) as peer:
+    async with media_server() as server, media_peer(Singer()) as peer:
         got = await peer.offer(whip_url(server, query))
         assert got[0] == status
         assert why in got[1]
 
 
 async def test_an_offer_without_opus_is_refused() -> None:
-    async with media_server() as server, sound_peer(Singer()) as peer:
+    async with media_server() as server, media_peer(Singer()) as peer:
         (transceiver,) = peer.connection.getTransceivers()
         known = transceiver.sender.getCapabilities("audio").codecs
         transceiver.setCodecPreferences([each for each in known if each.mimeType == "audio/PCMU"])

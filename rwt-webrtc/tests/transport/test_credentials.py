@@ -14,9 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_webrtc.transport.credentials import IceServers, IceSource, read_credential
+from rwt_webrtc.transport.credentials import IceServers, IceSource, NoIceServers, read_credential
 from rwt_webrtc.transport.ice_servers import BadIceServer, IceServer, check_ice_url
-from rwt_webrtc.transport.signalling import NoIceServers
 
 STUN, TURN = "stun:stun.example.org", "turn:turn.example.org:3478?transport=udp"
 CREDENTIAL = {"username": "17:robot", "password": "secret", "ttl": 600}

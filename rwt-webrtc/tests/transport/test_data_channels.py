@@ -14,6 +14,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports.api import HEAD_BYTES
 from rwt_transports.endpoint import DropReason, FlowRules, PeerInfo, Sink
 from rwt_transports.errors import Refused
+from rwt_transports.http.routes import HttpRequest
 from rwt_transports.limits import Limits
 from rwt_webrtc.packets.ice_guard import CONSENT_EXPIRES_SECONDS
 from rwt_webrtc.transport.ice_servers import IceServer
@@ -22,7 +23,7 @@ from rwt_webrtc.transport.signalling import PeerBounds
 from rwt_webrtc.upstream.association import WINDOW_BYTES
 from rwt_webrtc.upstream.ice_agent import CONSENT_ASKED, CONSENT_SECONDS
 from tests.waiting import until
-from tests.webrtc.peers import End, answering, other_side, received, text_of
+from tests.webrtc.peers import End, Side, answering, other_side, received, text_of
 
 pytestmark = pytest.mark.anyio
 
@@ -345,39 +346,41 @@ async def test_ten_clients_that_connect_at_once() -> None:
 async def test_offers_that_wait_are_limited_by_their_bytes() -> None:
     bounds = PeerBounds(handshakes=1, queue_bytes=100)
     async with answering(bounds=bounds) as side, anyio.create_task_group() as tasks:
-        await side.peers.open(side.accept, "127.0.0.1", _describe_nothing)
+        await _open(side, "127.0.0.1")
         for _ in range(2):
-            tasks.start_soon(side.peers.open, side.accept, "127.0.0.1", _describe_nothing, 50)
+            tasks.start_soon(_open, side, "127.0.0.1", 50)
         await anyio.wait_all_tasks_blocked()
         with pytest.raises(Refused, match="1 peers are connecting"):
-            await side.peers.open(side.accept, "127.0.0.1", _describe_nothing, 1)
+            await _open(side, "127.0.0.1", 1)
         tasks.cancel_scope.cancel()
     assert side.peers._queued_bytes == 0
 
 
 async def test_one_network_does_not_get_every_place() -> None:
     async with answering(bounds=PeerBounds(peers=8, handshakes=4, queue_seconds=0)) as side:
-
-        async def open_peer(address: str) -> None:
-            await side.peers.open(side.accept, address, _describe_nothing)
-
         for _ in range(3):
-            await open_peer("10.0.0.1")
+            await _open(side, "10.0.0.1")
         with pytest.raises(Refused, match=r"10\.0\.0\.1 has 3 of at most 4.*webrtc\.handshakes"):
-            await open_peer("10.0.0.1")
-        await open_peer("10.0.0.2")
+            await _open(side, "10.0.0.1")
+        await _open(side, "10.0.0.2")
     async with answering(bounds=PeerBounds(peers=4, handshakes=100)) as side:
         for number in range(3):
-            await side.peers.open(side.accept, f"2001:db8::{number}", _describe_nothing)
+            await _open(side, f"2001:db8::{number}")
         with pytest.raises(Refused, match=r"2001:db8::/64 has 3 of at most 4.*webrtc\.peers"):
-            await side.peers.open(side.accept, "2001:db8::ffff", _describe_nothing)
+            await _open(side, "2001:db8::ffff")
         (first, *_) = tuple(side.peers._peers.values())
         first.fail("a test")
-        await side.peers.open(side.accept, "2001:db8::ffff", _describe_nothing)
+        await _open(side, "2001:db8::ffff")
 
 
-async def _describe_nothing(peer: Peer) -> str:
-    return ""
+async def _open(side: Side, address: str, size: int = 0) -> None:
+    """Open a peer that is never described, for an offer of a size."""
+
+    async def answer(peer: Peer) -> str:
+        return ""
+
+    request = HttpRequest("POST", "/webrtc", body=bytes(size), address=address)
+    await side.peers.open(request, side.accept, answer)
 
 
 async def test_a_peer_that_is_never_reached_is_given_up() -> None:

@@ -4,21 +4,19 @@ with data channels, and streams over HTTP beside them. What they still allow goe
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 import httpx
 import pytest
 from aiortc import RTCPeerConnection
 
-from rwt import Server, Settings
+from rwt import Settings
 from rwt.access.access import Access
 from rwt_graph import MemoryGraph
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from tests.waiting import until
-from tests.webrtc.peers import OtherSide
-from tests.webrtc.watching import TOPIC, Camera, Watcher, post
+from tests.webrtc.peers import other_side
+from tests.webrtc.watching import TOPIC, camera, post, watchers
 
 pytestmark = pytest.mark.anyio
 
@@ -47,81 +45,59 @@ REVOKED = [
 ]
 
 
-@asynccontextmanager
-async def robot() -> AsyncIterator[tuple[Server, str]]:
-    async with Server("ws://127.0.0.1:0", settings=settings()) as server:
-        running = asyncio.create_task(Camera(server.node("camera")).run())
-        try:
-            yield server, server.urls[0].replace("ws", "http", 1)
-        finally:
-            running.cancel()
-
-
 def _gone(connection: RTCPeerConnection) -> bool:
     return connection.connectionState in ("closed", "failed")
 
 
 @pytest.mark.parametrize("then", REVOKED)
 async def test_a_viewer_ends_and_no_other(then: Settings) -> None:
-    async with robot() as (server, url):
-        one, other = Watcher(), Watcher()
-        try:
-            await one.watch(f"{url}/whep?topic={TOPIC}&token={TOKEN}")
-            await other.watch(f"{url}/whep?topic={TOPIC}&token=the-other-one-there")
-            await until(lambda: one.frames and other.frames)
-            server.settings = then
-            server.reload()
-            await until(lambda: _gone(one.connection))
-            seen = len(other.frames)
-            await until(lambda: len(other.frames) > seen + 5)
-        finally:
-            await asyncio.gather(one.connection.close(), other.connection.close())
+    async with camera(settings=settings()) as (source, url), watchers(2) as (one, other):
+        await one.connect(f"{url}/whep?topic={TOPIC}&token={TOKEN}")
+        await other.connect(f"{url}/whep?topic={TOPIC}&token=the-other-one-there")
+        await until(lambda: one.frames and other.frames)
+        source.server.settings = then
+        source.server.reload()
+        await until(lambda: _gone(one.connection))
+        seen = len(other.frames)
+        await until(lambda: len(other.frames) > seen + 5)
 
 
 async def test_what_is_still_allowed_goes_on() -> None:
-    async with robot() as (server, url):
-        watcher = Watcher()
-        try:
-            await watcher.watch(f"{url}/whep?topic={TOPIC}&token={TOKEN}")
-            await until(lambda: watcher.frames)
-            server.settings = settings(TOKEN, TOPIC)
-            server.reload()
-            seen = len(watcher.frames)
-            await until(lambda: len(watcher.frames) > seen + 5)
-        finally:
-            await watcher.connection.close()
+    async with camera(settings=settings()) as (source, url), watchers() as (watcher,):
+        await watcher.connect(f"{url}/whep?topic={TOPIC}&token={TOKEN}")
+        await until(lambda: watcher.frames)
+        source.server.settings = settings(TOKEN, TOPIC)
+        source.server.reload()
+        seen = len(watcher.frames)
+        await until(lambda: len(watcher.frames) > seen + 5)
 
 
 async def test_a_peer_whose_token_is_gone_ends_with_all_its_channels() -> None:
-    async with robot() as (server, url):
-        other = OtherSide()
-        try:
-            channel = other.connection.createDataChannel("robot")
-            target = f"{url}/webrtc?token={TOKEN}"
-            status, answer = await asyncio.to_thread(post, target, (await other.offer()).decode())
-            assert status == 201, answer
-            await other.take_answer(answer)
-            await until(lambda: channel.readyState == "open")
-            server.settings = settings("fedcba9876543210")
-            server.reload()
-            await until(lambda: channel.readyState == "closed")
-            await until(lambda: _gone(other.connection))
-        finally:
-            await other.connection.close()
+    async with camera(settings=settings()) as (source, url), other_side() as other:
+        channel = other.connection.createDataChannel("robot")
+        target = f"{url}/webrtc?token={TOKEN}"
+        status, answer = await post(target, (await other.offer()).decode())
+        assert status == 201, answer
+        await other.take_answer(answer)
+        await until(lambda: channel.readyState == "open")
+        source.server.settings = settings("fedcba9876543210")
+        source.server.reload()
+        await until(lambda: channel.readyState == "closed")
+        await until(lambda: _gone(other.connection))
 
 
 @pytest.mark.parametrize("then", REVOKED)
 @pytest.mark.parametrize("type", ["mjpeg", "vp8"])
 async def test_a_stream_ends(type: str, then: Settings) -> None:
     async with (
-        robot() as (server, url),
+        camera(settings=settings()) as (source, url),
         httpx.AsyncClient(timeout=60) as client,
         client.stream("GET", f"{url}/stream?topic={TOPIC}&type={type}&token={TOKEN}") as stream,
     ):
         parts = stream.aiter_raw()
         assert await anext(parts)
-        server.settings = then
-        server.reload()
+        source.server.settings = then
+        source.server.reload()
         async with asyncio.timeout(20):
             async for _ in parts:
                 pass

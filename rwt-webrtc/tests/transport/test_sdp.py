@@ -62,7 +62,7 @@ def test_the_largest_message(said: str | None, largest: int) -> None:
         (CHROMIUM.replace("46243 typ", "99999 typ"), "not a port: 'candidate:1467250027"),
         (CHROMIUM + "a=rtpmap:128 VP8/90000\n", "not a value that can be used: 'a=rtpmap:128"),
         (CHROMIUM + "a=extmap:300 urn:x\n", "not a value that can be used: 'a=extmap:300"),
-        (CHROMIUM.replace("262144", "many"), "not a number: 'a=max-message-size:many'"),
+        (CHROMIUM.replace("262144", "many"), "not a value that can be used: 'a=max-message-size:many'"),
         (CHROMIUM + "a=" + "x" * 5000 + "\n", "a line of 5002 characters"),
         (CHROMIUM + "a=\x1b[2J\n", r"'a=\\x1b"),
         (CHROMIUM + "a=x\n" * OFFER_BYTES, "the limit is 65536"),
@@ -104,7 +104,6 @@ def test_further_candidates() -> None:
     [b"a=candidate:1 1 udp x 192.0.2.7 4000 typ host", b"a=candidate:1 1 udp 1 192.0.2.7 \xc2\xb2 typ host"],
 )
 def test_candidates_that_are_none_are_left_out(body: bytes) -> None:
-    assert read_fragment(body).candidates == ()
     assert read_fragment(body).candidates == ()
 
 

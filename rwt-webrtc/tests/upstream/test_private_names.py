@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -22,17 +23,6 @@ from OpenSSL import SSL
 
 import rwt_webrtc
 from rwt_webrtc.packets.reassembly import Reassembly
-from rwt_webrtc.upstream import (
-    association,
-    certificate,
-    dtls_transport,
-    ice_agent,
-    ice_socket,
-    nack_generator,
-    peer_connection,
-    rtp_sender,
-    turn_clients,
-)
 
 PACKAGE: Final = Path(str(rwt_webrtc.__file__)).parent
 UPSTREAM: Final = PACKAGE / "upstream"
@@ -61,19 +51,18 @@ OTHERS: Final[dict[str, type]] = {
 }
 """Further classes of which a module uses a private name."""
 
-SUBCLASSES: Final[list[tuple[type, type]]] = [
-    (association.Association, RTCSctpTransport),
-    (certificate.AnyCertificate, aiortc.RTCCertificate),
-    (dtls_transport.GuardedDtlsTransport, aiortc.RTCDtlsTransport),
-    (ice_agent.GuardedAgent, aioice.Connection),
-    (ice_agent.GuardedGatherer, aiortc.RTCIceGatherer),
-    (ice_socket.GuardedSocket, StunProtocol),
-    (nack_generator.BoundedNackGenerator, NackGenerator),
-    (peer_connection.GuardedPeerConnection, aiortc.RTCPeerConnection),
-    (rtp_sender.PacedSender, aiortc.RTCRtpSender),
-    (turn_clients.GuardedTurnTcp, turn.TurnClientTcpProtocol),
-    (turn_clients.GuardedTurnUdp, turn.TurnClientUdpProtocol),
-]
+
+def subclasses() -> Iterator[tuple[type, type]]:
+    """Iterate over the classes of the package that borrow one, each with the first that it borrows."""
+    for name in BORROWED:
+        module = import_module(f"rwt_webrtc.upstream.{name}")
+        for ours in vars(module).values():
+            if inspect.isclass(ours) and ours.__module__ == module.__name__:
+                theirs = (each for each in ours.__mro__ if each.__module__.startswith(("aiortc.", "aioice.")))
+                yield from ((ours, each) for each in islice(theirs, 1))
+
+
+SUBCLASSES: Final = list(subclasses())
 
 CALLED: Final = {
     "_data_channel_receive": ["stream_id", "pp_id", "data"],
@@ -143,6 +132,7 @@ def used(module: str) -> set[str]:
 
 
 def test_every_module_borrows_a_class() -> None:
+    assert len(SUBCLASSES) > 10
     assert {path.stem for path in UPSTREAM.glob("*.py")} - {"__init__"} == BORROWED.keys()
 
 

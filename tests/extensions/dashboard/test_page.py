@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import gzip
-import http.client
 import json
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
-import anyio.to_thread
+import httpx
 import pytest
 
 from rwt import Server
@@ -194,17 +193,9 @@ def test_what_cannot_be_used_is_refused_at_the_start(built: Path, arguments: dic
 
 
 async def get(url: str, path: str, **headers: str) -> tuple[int, str]:
-    def request() -> tuple[int, str]:
-        parts = urlsplit(url)
-        connection = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=60)
-        try:
-            connection.request("GET", path, headers=headers)
-            answer = connection.getresponse()
-            return answer.status, answer.read().decode()
-        finally:
-            connection.close()
-
-    return await anyio.to_thread.run_sync(request)
+    async with httpx.AsyncClient(timeout=60) as client:
+        answer = await client.get(f"{url.replace('ws', 'http', 1)}{path}", headers=headers)
+    return answer.status_code, answer.text
 
 
 TOKEN = "0123456789abcdef0123"

@@ -33,6 +33,13 @@ async def in_map(lab: Any) -> tuple[float, float, float]:
     return position.position.x - 3.4, position.position.y - 2.5, heading
 
 
+async def under_way(lab: Any, x: float, y: float) -> Any:
+    """A goal to which the robot drives."""
+    handle = await lab.user.send_goal(NAVIGATE, pose(x, y))
+    await lab.settle()
+    return handle
+
+
 async def test_it_adds(lab: Any) -> None:
     answer = await lab.user.call("/add_two_ints", {"a": 2**40, "b": -1})
     assert answer.sum == 2**40 - 1
@@ -114,8 +121,7 @@ async def test_goals_may_be_in_any_frame_of_the_robot(lab: Any, frame: str, x: f
 
 async def test_a_canceled_goal_stops_the_robot(lab: Any) -> None:
     odometry = lab.watch("/odom")
-    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
+    handle = await under_way(lab, 0.5, -2.5)
     lab.clock.advance(2.0)
     assert odometry[-1].twist.twist.linear.x > 0.5
     handle.cancel()
@@ -128,32 +134,21 @@ async def test_a_canceled_goal_stops_the_robot(lab: Any) -> None:
     assert odometry[-1].pose == there
 
 
-@pytest.mark.parametrize(("x", "y"), [(-3.9, 2.0), (50.0, 0.0)], ids=["in the table", "outside"])
-async def test_a_goal_without_a_way_is_aborted(lab: Any, x: float, y: float) -> None:
-    handle = await lab.user.send_goal(NAVIGATE, pose(x, y))
-    await lab.settle()
-    status, _ = await handle.result()
-    assert status is GoalStatus.ABORTED
-
-
-async def test_disabling_the_motors_aborts(lab: Any) -> None:
-    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
+@pytest.mark.parametrize(
+    ("service", "asked"), [("/enable_motors", {"data": False}), ("/reset", {})], ids=["motors off", "reset"]
+)
+async def test_a_service_aborts_the_trip(lab: Any, service: str, asked: dict[str, bool]) -> None:
+    handle = await under_way(lab, 0.5, -2.5)
     lab.clock.advance(1.0)
-    await lab.user.call("/enable_motors", {"data": False})
+    await lab.user.call(service, asked)
     lab.clock.advance(0.1)
     assert (await handle.result())[0] is GoalStatus.ABORTED
-    again = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.pass_time(0.1)
-    assert (await again.result())[0] is GoalStatus.ABORTED
 
 
 async def test_a_newer_goal_takes_over(lab: Any) -> None:
-    first = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
+    first = await under_way(lab, 0.5, -2.5)
     lab.clock.advance(1.0)
-    second = await lab.user.send_goal(NAVIGATE, pose(-3.4, -1.0))
-    await lab.settle()
+    second = await under_way(lab, -3.4, -1.0)
     assert (await first.result())[0] is GoalStatus.ABORTED
     lab.clock.advance(20.0)
     assert (await second.result())[0] is GoalStatus.SUCCEEDED
@@ -161,24 +156,13 @@ async def test_a_newer_goal_takes_over(lab: Any) -> None:
 
 
 async def test_even_a_goal_that_fails_ends_the_one_before(lab: Any) -> None:
-    first = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
-    second = await lab.user.send_goal(NAVIGATE, pose(50.0, 0.0))
-    await lab.settle()
+    first = await under_way(lab, 0.5, -2.5)
+    second = await under_way(lab, 50.0, 0.0)
     assert [(await handle.result())[0] for handle in (first, second)] == [GoalStatus.ABORTED] * 2
 
 
-async def test_reset_aborts_the_trip(lab: Any) -> None:
-    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
-    lab.clock.advance(1.0)
-    await lab.user.call("/reset", {})
-    assert (await handle.result())[0] is GoalStatus.ABORTED
-
-
 async def test_a_hand_on_the_stick_goes_first_and_the_trip_goes_on(lab: Any) -> None:
-    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
+    handle = await under_way(lab, 0.5, -2.5)
     lab.clock.advance(1.0)
     before = (await in_map(lab))[2]
     lab.command(angular=1.5, seconds=1.0)
@@ -189,8 +173,7 @@ async def test_a_hand_on_the_stick_goes_first_and_the_trip_goes_on(lab: Any) -> 
 
 
 async def test_a_goal_can_be_canceled_while_somebody_drives(lab: Any) -> None:
-    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
-    await lab.settle()
+    handle = await under_way(lab, 0.5, -2.5)
     lab.command(angular=1.0, seconds=1.0)
     handle.cancel()
     lab.command(angular=1.0, seconds=0.2)
@@ -204,18 +187,6 @@ async def test_a_goal_can_be_canceled_while_somebody_drives(lab: Any) -> None:
 async def test_a_goal_that_means_nothing_is_rejected(lab: Any, goal: dict[str, object], reason: str) -> None:
     with pytest.raises(GoalRejected, match=reason):
         await (await lab.user.send_goal(NAVIGATE, goal)).result()
-
-
-@pytest.mark.parametrize("distro", ["noetic"])
-async def test_ros_1_serves_its_actions_over_topics(lab: Any) -> None:
-    results = lab.watch("/navigate_to_pose/result")
-    goals = lab.user.advertise("/navigate_to_pose/goal", "nav2_msgs/NavigateToPoseActionGoal")
-    goals.publish({"goal_id": {"id": "trip-1"}, "goal": pose(-2.4, -2.5)})
-    await lab.settle()
-    lab.clock.advance(15.0)
-    await lab.settle()
-    assert [(r.status.goal_id.id, r.status.status) for r in results] == [("trip-1", 3)]
-    assert (await in_map(lab))[:2] == pytest.approx((-2.4, -2.5), abs=0.06)
 
 
 async def test_the_robots_place_in_the_map_is_published_for_pages(lab: Any) -> None:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwt.extensions.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Velocity
-from rwt.extensions.demo.world.map import Box, Pose, World, house, walled
+from rwt.extensions.demo.drive import Chassis, DifferentialDrive, MotorLimits, Velocity
+from rwt.extensions.demo.world.map import Box, World, house, walled
 
 STEP = 0.05
 CHASSIS = Chassis()
@@ -32,28 +32,6 @@ def test_speed_grows_with_the_acceleration_up_to_what_is_wanted() -> None:
     assert drive.velocity.linear == pytest.approx(0.1)
     run(drive, Velocity(0.5, 0.0), 1.0)
     assert drive.velocity == Velocity(0.5, 0.0)
-
-
-def test_no_command_exceeds_the_limits() -> None:
-    drive = drive_in(FIELD)
-    run(drive, Velocity(9.0, -9.0), 2.0)
-    assert drive.velocity == Velocity(1.0, -2.0)
-
-
-def test_standing_still_takes_its_braking_time_and_is_exact() -> None:
-    drive = drive_in(FIELD)
-    run(drive, Velocity(1.0, 0.0), 1.0)
-    run(drive, STANDSTILL, 0.5)
-    assert drive.velocity == STANDSTILL
-    there = drive.pose
-    run(drive, STANDSTILL, 1.0)
-    assert drive.pose == there
-
-
-def test_wheels_turn_as_far_as_the_floor_passes() -> None:
-    drive = drive_in(FIELD)
-    run(drive, Velocity(0.5, 0.0), 3.0)
-    assert drive.left_angle == drive.right_angle == pytest.approx(drive.pose.x / CHASSIS.wheel_radius)
 
 
 def test_turning_on_the_spot_turns_the_wheels_against_each_other() -> None:
@@ -82,13 +60,6 @@ def test_at_a_wall_the_robot_can_still_turn() -> None:
     run(drive, Velocity(1.0, 0.0), 3.0)
     run(drive, Velocity(1.0, 1.0), 1.0)
     assert drive.pose.heading > 0.8
-
-
-def test_without_power_nothing_moves() -> None:
-    drive = drive_in(FIELD)
-    drive.enabled = False
-    run(drive, Velocity(1.0, 1.0), 1.0)
-    assert drive.pose == Pose()
 
 
 commands = st.lists(

@@ -12,21 +12,14 @@ from rwt_participant.errors import ParameterRejected
 pytestmark = pytest.mark.anyio
 
 
-async def test_max_speed_limits_the_speed(lab: Any) -> None:
+async def test_the_fastest_speed_and_turn_limit_commands(lab: Any) -> None:
     odometry = lab.watch("/odom")
-    await lab.user.params.set(lab.parameter("max_speed"), 0.2)
-    lab.command(linear=5.0, seconds=1.0)
-    assert odometry[-1].twist.twist.linear.x == pytest.approx(0.2)
-    await lab.user.params.set(lab.parameter("max_speed"), 1)
-    lab.command(linear=5.0, seconds=1.0)
-    assert odometry[-1].twist.twist.linear.x == pytest.approx(1.0)
-
-
-async def test_max_turn_rate_limits_the_turning(lab: Any) -> None:
-    odometry = lab.watch("/odom")
-    await lab.user.params.set(lab.parameter("max_turn_rate"), 0.5)
-    lab.command(angular=-3.0, seconds=1.0)
-    assert odometry[-1].twist.twist.angular.z == pytest.approx(-0.5)
+    for speed, turn in ((0.2, 0.5), (1, 1.5)):
+        await lab.user.params.set(lab.parameter("max_speed"), speed)
+        await lab.user.params.set(lab.parameter("max_turn_rate"), turn)
+        lab.command(linear=5.0, angular=-3.0, seconds=0.8)
+        twist = odometry[-1].twist.twist
+        assert (twist.linear.x, twist.angular.z) == pytest.approx((speed, -turn))
 
 
 async def test_command_timeout_is_how_long_a_command_holds(lab: Any) -> None:

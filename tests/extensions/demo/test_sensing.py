@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from rwt.extensions.demo import DemoRobot
+from rwt.extensions.demo.state import EMPTY_VOLTAGE, FULL_VOLTAGE
 from rwt.extensions.demo.world.lidar import Lidar
 from rwt.extensions.demo.world.map import Pose, draw_map, house
 from rwt_graph import MemoryGraph, Node, SimulatedClock
@@ -73,17 +74,19 @@ def test_an_empty_battery_is_swapped() -> None:
     clock = SimulatedClock()
     graph = MemoryGraph(clock=clock)
     robot, user = DemoRobot(graph), Node(graph, "user")
-    levels: list[float] = []
+    states: list[Any] = []
     lines: list[str] = []
-    user.subscribe("/battery_state", lambda state: levels.append(state.percentage))
+    user.subscribe("/battery_state", states.append)
     user.subscribe("/rosout", lambda line: lines.append(line.msg))
     stick = user.advertise("/cmd_vel", "geometry_msgs/Twist")
     for _ in range(80 * 120):
         stick.publish({"angular": {"z": 2.0}})
         clock.advance(0.5)
     robot.close()
-    assert min(levels) < 0.01
-    assert levels[-1] > 0.9
+    emptiest = min(states, key=lambda state: state.percentage)
+    assert emptiest.percentage < 0.01
+    assert states[-1].percentage > 0.9
+    assert (emptiest.voltage, states[0].voltage) == pytest.approx((EMPTY_VOLTAGE, FULL_VOLTAGE), abs=0.03)
     assert any("swapped" in line for line in lines)
 
 
@@ -132,16 +135,12 @@ async def test_nothing_is_measured_for_nobody(lab: Any, monkeypatch: pytest.Monk
     assert len(cast) == 10
 
 
-async def test_a_closed_robot_leaves_nothing_behind(lab: Any) -> None:
+async def test_a_closed_robot_leaves_nothing_behind_and_its_place_to_another(lab: Any) -> None:
     lab.clock.advance(1.0)
     lab.robot.close()
     assert "/demo_robot" not in {node.name for node in lab.graph.nodes()}
     assert lab.graph.topic("/odom") is None
     assert lab.graph.service("/add_two_ints") is None
     lab.clock.advance(5.0)
-
-
-async def test_another_robot_can_take_its_place(lab: Any) -> None:
-    lab.robot.close()
     DemoRobot(lab.graph)
     assert lab.latest("/odom").pose.pose.position.x == 0.0

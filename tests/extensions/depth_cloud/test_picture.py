@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from rwt.extensions.depth_cloud.depth_image import LEVELS, decode_image, encode_image, read_depths, square
-from rwt.extensions.depth_cloud.errors import DepthsUnreadable, ImageShape
+from rwt.extensions.depth_cloud.errors import DepthCloudError
 from tests.extensions.video.conftest import image, payload
 
 
@@ -103,11 +103,11 @@ def test_any_depths_at_all(depths: Any, tile: float, colour: int) -> None:
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ImageShape, match=r"got \(4, 5\) and \(4, 4, 3\)"):
+    with pytest.raises(DepthCloudError, match=r"got \(4, 5\) and \(4, 4, 3\)"):
         encode_image(np.zeros((4, 5), np.float32), _colours(4))
-    with pytest.raises(ImageShape, match=r"2N x 2N x 3, got \(3, 3, 3\)"):
+    with pytest.raises(DepthCloudError, match=r"2N x 2N x 3, got \(3, 3, 3\)"):
         decode_image(_colours(3))
-    with pytest.raises(ImageShape, match="got"):
+    with pytest.raises(DepthCloudError, match="got"):
         decode_image(_colours(4)[:, :2])
 
 
@@ -133,10 +133,10 @@ def test_depths_in_metres_whatever_their_encoding(big: bool, padding: int) -> No
 
 
 def test_images_without_depths_are_refused() -> None:
-    with pytest.raises(DepthsUnreadable, match='"rgb8" is none of depths; known are 16UC1, mono16, 32FC1'):
+    with pytest.raises(DepthCloudError, match='"rgb8" is none of depths; known are 16UC1, mono16, 32FC1'):
         read_depths(_image(_colours(2), "rgb8"))
     short = image(np.zeros((2, 2), np.uint16), "16UC1")
-    with pytest.raises(DepthsUnreadable):
+    with pytest.raises(DepthCloudError):
         read_depths(cast("Any", payload({**short, "data": b"\0" * 7}).value()))
 
 

@@ -7,11 +7,11 @@ import socket
 import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from urllib.request import urlopen
+from functools import partial
 
 import anyio
 import anyio.lowlevel
-import anyio.to_thread
+import httpx
 import pytest
 from anyio.abc import SocketAttribute, SocketStream
 from hypothesis import given
@@ -355,53 +355,27 @@ async def test_what_speaks_like_no_hub_is_let_go() -> None:
 
 async def test_the_pages_of_a_hub() -> None:
     async with open_hub("ws://127.0.0.1:0", limits=SHORT, hosts=["hub"]) as hub, robot(hub, Program()):
-        host, _, port = hub.url.removeprefix("ws://").partition(":")
-
-        async def get(path: str) -> tuple[bytes, bytes]:
-            async with await anyio.connect_tcp(host, int(port)) as stream:
-                await stream.send(f"GET {path} HTTP/1.1\r\nHost: hub\r\nConnection: close\r\n\r\n".encode())
-                answer = b""
-                with pytest.raises(anyio.EndOfStream):
-                    while True:
-                        answer += await stream.receive()
-            head, _, body = answer.partition(b"\r\n\r\n")
-            return head.split(b" ")[1], body
-
+        get = partial(page_of, hub, host="hub")
         status, page = await get("/")
-        assert status == b"200" and b"ws://hub/rosie" in page
-        status, listed = await get("/robots")
+        assert status == 200 and b"ws://hub/rosie" in page
+        _, listed = await get("/robots")
         assert json.loads(listed) == {"robots": [{"name": "rosie", "path": "/rosie", "clients": 0}]}
-        status, health = await get("/healthz")
+        _, health = await get("/healthz")
         assert json.loads(health) == {"status": "ok", "robots": 1, "clients": 0}
-        assert (await get("/rosie"))[0] == b"308"
+        assert (await get("/rosie"))[0] == 308
         status, text = await get("/marvin")
-        assert status == b"404" and b"GET / lists" in text
+        assert status == 404 and b"GET / lists" in text
 
 
 # -- pages of robots ---------------------------------------------------------------------------------------
 
 
-async def page_of(hub: Hub, path: str, *, method: str = "GET") -> tuple[int, bytes]:
-    """Status and body of a page; of a stream, so much as comes before the other side ends it."""
-    host, _, port = hub.url.removeprefix("ws://").partition(":")
-    async with await anyio.connect_tcp(host, int(port)) as stream:
-        await stream.send(
-            f"{method} {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode()
-        )
-        answer = b""
-        with anyio.fail_after(5):
-            try:
-                while True:
-                    answer += await stream.receive()
-            except anyio.EndOfStream:
-                pass
-    head, _, body = answer.partition(b"\r\n\r\n")
-    whole = b""
-    while b"chunked" in head and body:
-        size, _, rest = body.partition(b"\r\n")
-        whole += rest[: int(size, 16)]
-        body = rest[int(size, 16) + 2 :]
-    return int(head.split(b" ")[1]), whole or body
+async def page_of(hub: Hub, path: str, *, method: str = "GET", host: str = "localhost") -> tuple[int, bytes]:
+    """Status and body of a page."""
+    async with httpx.AsyncClient(timeout=60) as client:
+        url = f"{hub.url.replace('ws', 'http', 1)}{path}"
+        response = await client.request(method, url, headers={"Host": host})
+    return response.status_code, response.content
 
 
 class Endless:
@@ -434,10 +408,13 @@ async def test_a_robots_page_links_to_the_list_of_robots() -> None:
 
     routes = Routes()
     routes.get("/hello", page)
-    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_with(hub, routes):
-        url = f"{hub.url.replace('ws', 'http', 1)}/rosie/hello"
-        with await anyio.to_thread.run_sync(urlopen, url) as response:
-            assert response.headers["Link"] == '</robots>; rel="collection", <a>; rel="next"'
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot_with(hub, routes),
+        httpx.AsyncClient(timeout=60) as client,
+    ):
+        response = await client.get(f"{hub.url.replace('ws', 'http', 1)}/rosie/hello")
+        assert response.headers["Link"] == '</robots>; rel="collection", <a>; rel="next"'
 
 
 async def test_a_page_comes_from_the_robot_with_what_was_asked() -> None:

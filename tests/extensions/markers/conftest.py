@@ -10,7 +10,9 @@ import anyio.lowlevel
 import pytest
 
 from rwt.extensions.markers import Event, InteractiveMarkerServer
+from rwt.extensions.markers.feedback import OnFeedback
 from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_participant.messages import MessageLike
 from tests.conftest import REGISTRIES, START_NS
 
 
@@ -29,14 +31,21 @@ class Lab:
         self.viewer.subscribe(f"/marks/{topic}", heard.append)
         return heard
 
+    def show(self, *markers: MessageLike, on_feedback: OnFeedback | None = None) -> list[Any]:
+        """Show markers. Return a list that grows with each later change."""
+        for marker in markers:
+            self.server.insert(marker, on_feedback)
+        self.server.apply_changes()
+        return self.watch()
+
     async def init(self) -> Any:
         """Send the first request of ros3djs."""
         return (await self.viewer.call("/marks/tunneled/get_init")).msg
 
-    def send(self, event: Event, marker: str = "goal", **fields: object) -> None:
+    def send(self, event: int, marker: str = "goal", **fields: object) -> None:
         """Feedback of a viewer."""
         feedback = self.viewer.advertise("/marks/feedback", "visualization_msgs/InteractiveMarkerFeedback")
-        feedback.publish({"marker_name": marker, "event_type": int(event), **fields})
+        feedback.publish({"marker_name": marker, "event_type": event, **fields})
         feedback.close()
 
     def drag(self, x: float, marker: str = "goal", **fields: object) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
+from typing import Any
 
 import anyio.to_thread
 import pytest
@@ -35,7 +36,7 @@ def x_of(marker: Message) -> float:
 
 
 async def test_changes_show_when_they_are_applied_and_all_at_once(lab: Lab) -> None:
-    updates = lab.watch()
+    updates, tunneled = lab.watch(), lab.watch("tunneled/update")
     lab.server.insert(GOAL)
     lab.server.insert(interactive_marker("other"))
     assert (updates, (await lab.init()).markers) == ([], [])
@@ -44,20 +45,13 @@ async def test_changes_show_when_they_are_applied_and_all_at_once(lab: Lab) -> N
     assert (update.type, update.seq_num) == (1, 1)
     assert [marker.name for marker in update.markers] == ["goal", "other"]
     assert (update.poses, update.erases) == ([], [])
-
-
-async def test_nothing_is_sent_when_nothing_has_changed(lab: Lab) -> None:
-    lab.server.insert(GOAL)
+    assert tunneled == updates
     lab.server.apply_changes()
-    updates = lab.watch()
-    lab.server.apply_changes()
-    assert updates == []
+    assert len(updates) == 1, "nothing has changed"
 
 
 async def test_a_marker_that_moved_is_sent_as_a_pose_alone(lab: Lab) -> None:
-    lab.server.insert(GOAL)
-    lab.server.apply_changes()
-    updates = lab.watch()
+    updates = lab.show(GOAL)
     lab.server.set_pose("goal", pose(5.0))
     lab.server.apply_changes()
     [update] = updates
@@ -74,10 +68,7 @@ async def test_a_marker_can_be_moved_to_another_frame(lab: Lab) -> None:
 
 
 async def test_an_erased_marker_is_named(lab: Lab) -> None:
-    lab.server.insert(GOAL)
-    lab.server.insert(interactive_marker("other"))
-    lab.server.apply_changes()
-    updates = lab.watch()
+    updates = lab.show(GOAL, interactive_marker("other"))
     lab.server.erase("goal")
     assert lab.server.names == ("other",)
     lab.server.apply_changes()
@@ -94,17 +85,14 @@ async def test_one_that_was_erased_before_anybody_saw_it_is_not_named(lab: Lab) 
 
 
 async def test_replacing_a_marker_sends_all_of_it(lab: Lab) -> None:
-    lab.server.insert(GOAL)
-    lab.server.apply_changes()
-    updates = lab.watch()
+    updates = lab.show(GOAL)
     lab.server.insert(interactive_marker("goal", at=(9.0, 0.0, 0.0)))
     lab.server.apply_changes()
     assert [x_of(marker) for marker in updates[-1].markers] == [9.0]
 
 
 async def test_who_begins_later_gets_everything_with_its_number(lab: Lab) -> None:
-    lab.server.insert(GOAL)
-    lab.server.apply_changes()
+    lab.show(GOAL)
     lab.server.set_pose("goal", pose(5.0))
     lab.server.apply_changes()
     everything = await lab.init()
@@ -116,13 +104,6 @@ async def test_who_begins_later_gets_everything_with_its_number(lab: Lab) -> Non
     else:
         answer = await lab.viewer.call("/marks/get_interactive_markers")
         assert (answer.sequence_number, answer.markers) == (2, everything.markers)
-
-
-async def test_ros3djs_has_topics_of_its_own(lab: Lab) -> None:
-    updates, tunneled = lab.watch(), lab.watch("tunneled/update")
-    lab.server.insert(GOAL)
-    lab.server.apply_changes()
-    assert tunneled == updates != []
 
 
 async def test_a_marker_without_a_stamp_stays_with_its_frame(lab: Lab) -> None:
@@ -144,9 +125,7 @@ async def test_ros_1_clients_hear_that_the_server_lives(lab: Lab) -> None:
 
 async def test_dragging_moves_the_marker_for_everybody(lab: Lab) -> None:
     events: list[Feedback] = []
-    lab.server.insert(GOAL, events.append)
-    lab.server.apply_changes()
-    updates = lab.watch()
+    updates = lab.show(GOAL, on_feedback=events.append)
     lab.send(Event.MOUSE_DOWN, control_name="move_plane", mouse_point={"x": 0.5}, mouse_point_valid=True)
     lab.drag(3.0)
     lab.send(Event.MOUSE_UP)
@@ -167,9 +146,7 @@ async def test_what_a_callback_changes_shows_when_it_returns(lab: Lab) -> None:
     def snap(feedback: Feedback) -> None:
         lab.server.set_pose("goal", pose(round(feedback.pose.position.x)))
 
-    lab.server.insert(GOAL, snap)
-    lab.server.apply_changes()
-    updates = lab.watch()
+    updates = lab.show(GOAL, on_feedback=snap)
     lab.drag(3.4)
     assert [x_of(pose) for pose in updates[-1].poses] == [3.0]
     assert len(updates) == 1
@@ -182,9 +159,7 @@ async def test_a_callback_may_be_a_coroutine_function(lab: Lab) -> None:
         await go_on.wait()
         lab.server.erase(feedback.marker)
 
-    lab.server.insert(GOAL, later)
-    lab.server.apply_changes()
-    updates = lab.watch()
+    updates = lab.show(GOAL, on_feedback=later)
     lab.send(Event.BUTTON_CLICK)
     await lab.settle()
     assert updates == []
@@ -233,17 +208,16 @@ async def test_a_marker_that_somebody_drags_is_theirs_for_a_second(lab: Lab) -> 
             {"pose": {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}}},
             "pose.orientation: expected a quaternion, got zeros",
         ),
-        ({"event_type": 6}, "event_type: expected 0 to 5, got 6"),
+        ({"event": 6}, "event_type: expected 0 to 5, got 6"),
         ({"header": {"frame_id": "moon"}, "pose": pose(4.0)}, "its pose is in 'moon', the marker in map"),
     ],
 )
 async def test_feedback_that_means_nothing_is_ignored_and_logged(
-    lab: Lab, caplog: pytest.LogCaptureFixture, wrong: dict[str, object], said: str
+    lab: Lab, caplog: pytest.LogCaptureFixture, wrong: dict[str, Any], said: str
 ) -> None:
     events: list[Feedback] = []
     lab.server.insert(GOAL, events.append)
-    feedback = lab.viewer.advertise("/marks/feedback", "visualization_msgs/InteractiveMarkerFeedback")
-    feedback.publish({"marker_name": "goal", "event_type": 1, **wrong})
+    lab.send(**{"event": 1, **wrong})
     assert events == []
     assert x_of(lab.server.marker("goal")) == 1.0
     [record] = caplog.records
@@ -298,8 +272,7 @@ async def test_markers_may_be_changed_from_any_thread(lab: Lab) -> None:
 
 
 async def test_feedback_cannot_forge_a_line_of_the_log(lab: Lab, caplog: pytest.LogCaptureFixture) -> None:
-    feedback = lab.viewer.advertise("/marks/feedback", "visualization_msgs/InteractiveMarkerFeedback")
-    feedback.publish({"marker_name": "goal\nclient 1 joined" + 1000 * "!", "event_type": 6})
+    lab.send(6, "goal\nclient 1 joined" + 1000 * "!")
     [record] = caplog.records
     assert "\n" not in record.getMessage()
     assert len(record.getMessage()) < 200

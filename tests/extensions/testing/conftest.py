@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from rwt.extensions.testing import ObservedGraph
+from rwt.extensions.testing import ObservedGraph, ObservedWire
+from rwt.extensions.testing.script.control import ScriptControl
 from rwt_graph import SimulatedClock
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
+
+
+def play(graph: ObservedGraph, file: Path, text: str) -> ScriptControl:
+    """Play a script on a graph."""
+    file.write_text(text)
+    return ScriptControl(graph, ObservedWire(graph), file)
 
 
 @pytest.fixture

@@ -188,26 +188,3 @@ def test_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             app.publish("/cmd_vel", {}, "geometry_msgs/Twist")
             assert app.once("/stopped", timeout=60).data is True
             app.call("/rwt_script/reset")
-
-
-ASYNC_PROGRAM = """
-import anyio
-
-async def robot(robot):
-    topic = robot.publishes("/count", "std_msgs/Int32")
-    count = 0
-    while True:
-        count += 1
-        topic.publish({"data": count})
-        await robot.clock.sleep(0.01)
-"""
-
-
-def test_a_coroutine_begins_anew_with_reset(tmp_path: Path) -> None:
-    with served(tmp_path, "robot.py", ASYNC_PROGRAM) as url, connect(url) as app:
-        wait_until(lambda: app.once("/count").data > 20)
-        app.call("/rwt_script/reset")
-        first = app.once("/count").data
-        wait_until(lambda: app.once("/count").data > first)
-        counts = [app.once("/count").data for _ in range(5)]
-        assert counts == sorted(counts), "the one from before has ended"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rwt.extensions.testing import ObservedGraph, ObservedWire, ScriptError
 from rwt.extensions.testing.script.control import ScriptControl
-from rwt.extensions.testing.script.file import Script, dotted, read_recorded, read_script
+from rwt.extensions.testing.script.file import Script, read_recorded, read_script
 
 
 def complaint(tmp_path: Path, text: str) -> str:
@@ -130,7 +130,7 @@ def test_recorded_messages_name_the_line(tmp_path: Path) -> None:
             r'`actions."/x"`: .*sequence',
         ),
         ('name = "a b"', "`name`: "),
-        ("[parameters]\nstart = 2024-05-01", "`parameters.start`: "),
+        ('[parameters]\n"arm.start" = 2024-05-01', '`parameters."arm.start"`: '),
         ('[parameters]\nmixed = [1, "a"]', "`parameters.mixed`: "),
         ("[parameters.table]\ninner = 1", "`parameters.table`: "),
         (
@@ -206,15 +206,3 @@ def _toml(value: object) -> str:
     if isinstance(value, bool | float | int):
         return str(value).lower()
     return '"' + "".join(f"\\U{ord(letter):08x}" for letter in str(value)) + '"'
-
-
-@pytest.mark.parametrize(
-    ("key", "text"),
-    [
-        (("topics", "/odom", "messages", 1), 'topics."/odom".messages[1]'),
-        (("name",), "name"),
-        (("parameters", "arm.gain"), 'parameters."arm.gain"'),
-    ],
-)
-def test_keys_are_written_as_in_the_file(key: tuple[str | int, ...], text: str) -> None:
-    assert dotted(key) == text

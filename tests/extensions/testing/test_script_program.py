@@ -12,16 +12,12 @@ from rwt.extensions.testing import ObservedGraph, ObservedWire, ScriptError
 from rwt.extensions.testing.script.control import ScriptControl
 from rwt.extensions.testing.virtual_time import advance, settle
 from rwt_graph import Node, SimulatedClock
+from tests.extensions.testing.conftest import play
 
 
 @pytest.fixture(autouse=True)
 def own_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", sys.path[:])
-
-
-def play(graph: ObservedGraph, file: Path, text: str) -> ScriptControl:
-    file.write_text(text)
-    return ScriptControl(graph, ObservedWire(graph), file)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rwt.extensions.testing import Faults, ObservedGraph, ObservedWire
-from rwt.extensions.testing.script.control import ScriptControl
+from rwt.extensions.testing import Faults, ObservedGraph
 from rwt.extensions.testing.script.file import FaultScript
 from rwt.extensions.testing.script.robot import inject
 from rwt.extensions.testing.virtual_time import advance, settle
@@ -15,14 +14,9 @@ from rwt.extensions.testing.wire.faults import FaultAction
 from rwt_graph import Node, SimulatedClock
 from rwt_participant.errors import GoalRejected, ServiceFailed
 from rwt_participant.goals import GoalStatus
+from tests.extensions.testing.conftest import play
 
 pytestmark = pytest.mark.anyio
-
-
-def play(graph: ObservedGraph, folder: Path, text: str) -> ScriptControl:
-    file = folder / "robot.toml"
-    file.write_text(text)
-    return ScriptControl(graph, ObservedWire(graph), file)
 
 
 def heard(graph: ObservedGraph, topic: str, clock: SimulatedClock) -> list[tuple[float, int]]:
@@ -40,7 +34,7 @@ async def test_recorded_messages_in_the_script_and_in_a_file(
         inline, filed = heard(graph, "/a", clock), heard(graph, "/b", clock)
         play(
             graph,
-            tmp_path,
+            tmp_path / "robot.toml",
             """
             [topics."/a"]
             type = "std_msgs/Int32"
@@ -62,7 +56,7 @@ async def test_a_sequence_that_is_not_repeated(
     async with graph:
         seen = heard(graph, "/a", clock)
         text = '[topics."/a"]\ntype = "std_msgs/Int32"\nmessages = [{data = 1}, {data = 2}]\nrate = 2\n'
-        play(graph, tmp_path, text + "repeat = false")
+        play(graph, tmp_path / "robot.toml", text + "repeat = false")
         await advance(clock, 9.0)
         assert seen == [(0.0, 1), (0.5, 2)]
 
@@ -71,7 +65,7 @@ async def test_the_first_case_that_matches_answers(tmp_path: Path, graph: Observ
     async with graph:
         play(
             graph,
-            tmp_path,
+            tmp_path / "robot.toml",
             """
             [services."/add"]
             type = "example_interfaces/AddTwoInts"
@@ -100,7 +94,9 @@ async def test_goals_end_as_the_script_says(
     tmp_path: Path, graph: ObservedGraph, clock: SimulatedClock, end: str, status: GoalStatus
 ) -> None:
     async with graph:
-        play(graph, tmp_path, f'[actions."/fib"]\ntype = "example_interfaces/Fibonacci"\n{end}')
+        play(
+            graph, tmp_path / "robot.toml", f'[actions."/fib"]\ntype = "example_interfaces/Fibonacci"\n{end}'
+        )
         goal = await Node(graph, "client").send_goal("/fib")
         await advance(clock, 2.0 if end else 0.0)
         ended, result = await goal.result()
@@ -111,7 +107,7 @@ async def test_goals_that_are_rejected_or_go_on(tmp_path: Path, graph: ObservedG
     async with graph:
         play(
             graph,
-            tmp_path,
+            tmp_path / "robot.toml",
             """
             [actions."/no"]
             type = "example_interfaces/Fibonacci"

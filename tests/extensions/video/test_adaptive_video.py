@@ -10,12 +10,11 @@ import pytest
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.video import KEY_PERCENT, VideoEncoder
 from rwt.media.stream_request import StreamRequest, Video
-from rwt_interfaces import Registry
 from rwt_interfaces.payload import Payload
+from tests.extensions.video.conftest import image, payload
 
 BITS = 1_000_000
 HZ = 20
-_REGISTRY = Registry()
 
 
 def images(count: int) -> Iterator[Payload]:
@@ -24,14 +23,13 @@ def images(count: int) -> Iterator[Payload]:
     scene = rng.integers(60, 190, (15, 20, 3)).repeat(16, axis=0).repeat(16, axis=1)
     for number in range(count):
         pixels = (np.roll(scene, 2 * number, axis=1) + rng.normal(0, 12, scene.shape)).astype(np.uint8)
-        shape = {"height": 240, "width": 320, "encoding": "rgb8", "step": 960, "data": pixels.tobytes()}
-        yield Payload.from_value(_REGISTRY.message("sensor_msgs/Image"), shape)
+        yield payload(image(pixels, "rgb8"))
 
 
 def encode(encoder: VideoEncoder, seconds: float, *, begin: float = 0.0) -> list[Encoded]:
     found = [
-        encoder.encode(payload, round(1000 * (begin + number / HZ)), key=False)
-        for number, payload in enumerate(images(round(seconds * HZ)))
+        encoder.encode(each, round(1000 * (begin + number / HZ)), key=False)
+        for number, each in enumerate(images(round(seconds * HZ)))
     ]
     return [each for each in found if each is not None]
 
@@ -87,6 +85,6 @@ def test_frames_that_are_left_out_do_not_make_the_others_larger() -> None:
 
 
 def test_a_scaled_video_has_a_smaller_size() -> None:
-    (image,) = encode(make("vp8", 0.5), 1 / HZ)
-    assert image.track is not None
-    assert (image.track.width, image.track.height) == (160, 120)
+    (made,) = encode(make("vp8", 0.5), 1 / HZ)
+    assert made.track is not None
+    assert (made.track.width, made.track.height) == (160, 120)

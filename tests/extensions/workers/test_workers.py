@@ -11,14 +11,13 @@ import subprocess
 import sys
 import threading
 import time
-import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
@@ -28,6 +27,7 @@ from tests.processes import ended, start
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers share ports as Linux does")
 
+FOXGLOVE = Subprotocol("foxglove.websocket.v1")
 _LONGEST = 60.0
 _UP = re.compile(r"worker (\d) is up, as process (\d+)")
 
@@ -58,13 +58,6 @@ class Running:
         """Tell it to end; its exit code."""
         self.process.send_signal(how)
         return self.process.wait(_LONGEST)
-
-    def get(self, path: str) -> str:
-        """A page of one of the workers."""
-        url = self.urls[0].replace("ws", "http", 1) + path
-        with urllib.request.urlopen(url, timeout=_LONGEST) as answer:
-            text: str = answer.read().decode()
-        return text
 
 
 @contextmanager
@@ -105,12 +98,13 @@ def ask(wire: ClientConnection, **op: object) -> dict[str, Any]:
 
 
 @contextmanager
-def at_each(server: Running) -> Iterator[dict[str, ClientConnection]]:
+def at_each(server: Running, *protocols: Subprotocol) -> Iterator[dict[str, ClientConnection]]:
     """A client at each worker. Who gets whom is the system's choice, so it takes some tries."""
     with ExitStack() as stack:
         found: dict[str, ClientConnection] = {}
         for count in range(1, 65):
-            wire = stack.enter_context(connect(server.urls[0], max_size=None))
+            opening = connect(server.urls[0], subprotocols=protocols or None, max_size=None)
+            wire = stack.enter_context(opening)
             joined = server.logged(r"^\[(\d)\].* client \d+ joined", count)
             found.setdefault(joined[-1][1], wire)
             if len(found) == 2:
@@ -148,7 +142,7 @@ def test_two_processes_are_one_server_at_one_port() -> None:
 
 def test_the_metrics_are_those_of_all_workers() -> None:
     with workers() as server, at_each(server):
-        page = server.get("/metrics")
+        page = _request(server, "GET", "/metrics").text
         for number in "12":
             assert f'rwt_worker_up{{worker="{number}"}} 1' in page
             clients = re.search(
@@ -162,7 +156,7 @@ def test_the_metrics_are_those_of_all_workers() -> None:
 def test_pages_of_nodes_are_at_every_worker() -> None:
     with workers() as server:
         for _ in range(8):
-            assert "/none" in server.get("/stream_viewer?topic=/none")
+            assert "/none" in _request(server, "GET", "/stream_viewer?topic=/none").text
 
 
 def test_a_worker_that_dies_is_started_again_and_the_others_serve_on() -> None:
@@ -253,21 +247,6 @@ def test_what_several_processes_cannot_do(
     assert text in capsys.readouterr().err
 
 
-@contextmanager
-def _viewer_at_each(server: Running) -> Iterator[list[ClientConnection]]:
-    """A client of Foxglove's protocol at each worker."""
-    with ExitStack() as stack:
-        found: dict[str, ClientConnection] = {}
-        for count in range(1, 65):
-            protocol = [Subprotocol("foxglove.websocket.v1")]
-            wire = stack.enter_context(connect(server.urls[0], subprotocols=protocol, max_size=None))
-            found.setdefault(server.logged(r"^\[(\d)\].* foxglove client \d+ joined", count)[-1][1], wire)
-            if len(found) == 2:
-                yield list(found.values())
-                return
-    raise AssertionError("the system gave all viewers to one worker")
-
-
 def _channel(viewer: ClientConnection, topic: str) -> int:
     while True:
         said = viewer.recv(timeout=_LONGEST)
@@ -283,38 +262,30 @@ def _heard(viewer: ClientConnection) -> bytes:
     return said
 
 
-def _request(server: Running, method: str, path: str, body: object = None, **headers: str) -> tuple[int, Any]:
+def _request(server: Running, method: str, path: str, body: object = None, **headers: str) -> httpx.Response:
     """An answer to a request over a connection of its own."""
-    host, port = server.urls[0].removeprefix("ws://").split(":")
-    connection = HTTPConnection(host, int(port), timeout=_LONGEST)
-    try:
-        data = None if body is None else json.dumps(body)
-        connection.request(method, path, data, {name.replace("_", "-"): it for name, it in headers.items()})
-        answer = connection.getresponse()
-        text = answer.read()
-        return answer.status, json.loads(text) if text.startswith((b"{", b"[")) else text
-    finally:
-        connection.close()
+    url = f"{server.urls[0].replace('ws', 'http', 1)}{path}"
+    return httpx.request(method, url, json=body, headers=headers, timeout=_LONGEST)
 
 
 def test_every_gateway_is_at_every_worker() -> None:
     asked = ("--set", "gateways=foxglove,http,mcp", "--set", "mcp.default_role=admin")
     words = "/api/topics/words?type=std_msgs/String&latch=true"
-    with workers("--demo", *asked) as server, _viewer_at_each(server) as viewers:
-        assert _request(server, "POST", words, {"data": "first"})[0] == 204
-        for viewer in viewers:
+    with workers("--demo", *asked) as server, at_each(server, FOXGLOVE) as viewers:
+        assert _request(server, "POST", words, {"data": "first"}).status_code == 204
+        for viewer in viewers.values():
             wanted = [{"id": 7, "channelId": _channel(viewer, "/words")}]
             viewer.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
             assert b"first" in _heard(viewer)
-        assert _request(server, "POST", words, {"data": "second"})[0] == 204
-        assert all(b"second" in _heard(viewer) for viewer in viewers)
+        assert _request(server, "POST", words, {"data": "second"}).status_code == 204
+        assert all(b"second" in _heard(viewer) for viewer in viewers.values())
 
-        status, goal = _request(server, "POST", "/api/actions/fibonacci/goals", {"order": 3})
-        assert status == 201
+        goal = _request(server, "POST", "/api/actions/fibonacci/goals", {"order": 3})
+        assert goal.status_code == 201
         answers: dict[int, Any] = {}
         for _ in range(64):
-            status, answer = _request(server, "GET", f"/api/actions/fibonacci/goals/{goal['id']}")
-            answers[status] = answer
+            answer = _request(server, "GET", f"/api/actions/fibonacci/goals/{goal.json()['id']}")
+            answers[answer.status_code] = answer.json()
             if len(answers) == 2:
                 break
         assert answers[200]["action"] == "/fibonacci"
@@ -323,7 +294,5 @@ def test_every_gateway_is_at_every_worker() -> None:
         call = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
         accept = "application/json, text/event-stream"
         for _ in range(4):
-            status, said = _request(
-                server, "POST", "/mcp", call, Accept=accept, Content_Type="application/json"
-            )
-            assert status == 200 and "read_topic" in str(said), said
+            said = _request(server, "POST", "/mcp", call, Accept=accept)
+            assert said.is_success and "read_topic" in said.text, said.text

@@ -131,11 +131,6 @@ class CongestionController:
         return self._target
 
     @property
-    def queue_seconds(self) -> float:
-        """Delay of the standing queue."""
-        return self._queue.seconds
-
-    @property
     def has_feedback(self) -> bool:
         """True if the receiver has given transport-wide feedback."""
         return self._state is not _State.ESTIMATED
@@ -227,13 +222,8 @@ class CongestionController:
             self._raise(found)
         return count
 
-    @property
-    def received_rate(self) -> float:
-        """Bits per second that have lately arrived."""
-        return self._received.bits
-
     def _adapt(self, now: float) -> None:
-        received = self.received_rate
+        received = self._received.bits
         long_queue = self._queue.seconds > LONG_QUEUE_SECONDS
         is_overused = self._detector.usage is Usage.OVERUSED and self._queue.seconds > LEAST_QUEUE_SECONDS
         if is_overused or long_queue:
@@ -281,5 +271,5 @@ class CongestionController:
             return
         fraction, inherent = window
         if fraction - inherent > LOSS:
-            self._capacity = self.received_rate
-            self._lower(min(self._target * (1 - 0.5 * fraction), 0.95 * self.received_rate), now)
+            self._capacity = self._received.bits
+            self._lower(min(self._target * (1 - 0.5 * fraction), 0.95 * self._received.bits), now)

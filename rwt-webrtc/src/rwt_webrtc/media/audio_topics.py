@@ -16,6 +16,7 @@ from typing import Final
 import anyio
 import anyio.to_thread
 
+from rwt.extensions.video.server import VisibleTopics
 from rwt.media.broadcast import EncoderThreads, Listener, SharedStream
 from rwt.media.errors import RequestRefused
 from rwt_graph import Graph, InvalidGraphName, Node, Sample
@@ -144,34 +145,27 @@ class AudioTopics:
             name = resolve(topic)
         except InvalidGraphName as error:
             raise RequestRefused(400, str(error)) from error
+        topics = VisibleTopics(self._node.graph, reader)
         for each in topics_of(name):
-            if not reader.may_subscribe(each):
-                raise RequestRefused(403, f"you may not subscribe to {each}")
-        found = self._node.graph.topic(name)
-        if found is None or found.type is None:
-            raise RequestRefused(404, f"there is no topic {name}; sound topics are: {self._known(reader)}")
-        if found.type.name != DATA:
-            raise RequestRefused(400, f"{name} is a {found.type.name}; sound is {DATA}")
-        info = await self._info(name)
+            topics.require(each)
+        kind = topics.type_of(name)
+        if kind is None:
+            known = ", ".join(topics.of_types(DATA)) or "none"
+            raise RequestRefused(404, f"there is no topic {name}; sound topics are: {known}")
+        if kind != DATA:
+            raise RequestRefused(400, f"{name} is a {kind}; sound is {DATA}")
+        info = await self._info(name, topics)
         try:
             return name, read_info(info)
         except AudioUnreadable as error:
             raise RequestRefused(422, f"{name}: {error}") from error
 
-    def _known(self, reader: Reader) -> str:
-        names = (
-            each.name
-            for each in self._node.graph.topics()
-            if each.type is not None and each.type.name == DATA and reader.may_subscribe(each.name)
-        )
-        return ", ".join(sorted(names)) or "none"
-
-    async def _info(self, name: str) -> Message:
+    async def _info(self, name: str, topics: VisibleTopics) -> Message:
         """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
-        found = self._node.graph.topic(topic)
-        if found is not None and found.type is not None and found.type.name != INFO:
-            raise RequestRefused(400, f"{topic} is a {found.type.name}, where {INFO} tells of the sound")
+        kind = topics.type_of(topic)
+        if kind not in (None, INFO):
+            raise RequestRefused(400, f"{topic} is a {kind}, where {INFO} tells of the sound")
         try:
             return await self._node.once(topic, INFO, timeout=PATIENCE)
         except TimedOut:

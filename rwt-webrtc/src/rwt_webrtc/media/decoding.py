@@ -185,8 +185,8 @@ class DecoderQueue(Queue[Any]):
                 self._rejected = True
                 self._reject(str(bad))
                 return
-        if item is not None and self.qsize() >= MOST_WAITING:
-            self._drop()
+            if self.qsize() >= MOST_WAITING:
+                self._drop()
         super().put(item, block, timeout)
 
     def _drop(self) -> None:

@@ -6,10 +6,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from typing import Any, Final
 from urllib.parse import parse_qsl, urlencode
 
@@ -22,7 +21,7 @@ from rwt.media.broadcast import Listener
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video, read_request
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Reader, Route
 from rwt_webrtc.media.audio import AudioFormat
 from rwt_webrtc.media.audio_topics import AudioTopics, topics_of
 from rwt_webrtc.media.opus import check_sections, only_opus
@@ -30,9 +29,8 @@ from rwt_webrtc.media.opus_encoder import RATE, OpusPacket
 from rwt_webrtc.media.video_track import TopicTrack
 from rwt_webrtc.transport.peer import Peer
 from rwt_webrtc.transport.sdp import Description, read_description
-from rwt_webrtc.transport.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
+from rwt_webrtc.transport.signalling import Peers, offer_routes, refuse_channels
 
-PATH: Final = "/whep"
 BITRATE: Final = 1_500_000
 """Default bit rate in bits per second."""
 KEY_EVERY: Final = 300
@@ -49,12 +47,7 @@ def watch_routes(
         video: server with the image encoders; None if images are not served.
         audio: audio topics; None if audio is not served.
     """
-    source = Sources(peers, video, audio)
-
-    def page(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
-        return answering(request, SDP, partial(source.offered, reader))
-
-    return (Route(PATH, page, Audience.ADMITTED, "POST", feature="whep"), *resource_routes(peers, PATH))
+    return offer_routes(peers, "whep", Sources(peers, video, audio).offered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,18 +84,14 @@ class Sources:
                 track.follow(peer.connection.getTransceivers()[0], peer)
             return await peer.describe()
 
-        return opened(
-            PATH, request, *await self.peers.open(refuse_channels, request.address, answer, len(request.body))
-        )
+        return await self.peers.open(request, refuse_channels, answer)
 
     async def _find_video(
         self, given: dict[str, str], description: Description, reader: Reader
     ) -> StreamRequest:
         if self.video is None:
             raise RequestRefused(404, "no pictures are served here: `nodes` of the settings has no video")
-        stream = await self.video.find(read_query(urlencode(given), description), reader)
-        self.video.check_room(stream)
-        return stream
+        return await self.video.find(_read_query(given, description), reader)
 
     async def _find_audio(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
         if self.audio is None:
@@ -163,13 +152,12 @@ class AudioTrack(MediaStreamTrack):
         self._listener.leave()
 
 
-def read_query(query: str, description: Description) -> StreamRequest:
-    """Parse a query; the codec defaults to one of the offer.
+def _read_query(given: dict[str, str], description: Description) -> StreamRequest:
+    """Read the parameters of a query; the codec defaults to one of the offer.
 
     Raises:
         RequestRefused: a value is invalid (400); the text says what is expected.
     """
-    given = dict(parse_qsl(query, keep_blank_values=True))
     type_ = given.setdefault("type", "vp8" if "VP8/90000" in description.text else "h264")
     if type_ not in CODECS:
         raise RequestRefused(400, f"`type` must be one of {', '.join(CODECS)} here, got {type_!r:.100}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -27,16 +27,15 @@ from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Route
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Route
 from rwt_webrtc.media.camera import QUALITY, Camera, CameraRequest
 from rwt_webrtc.media.decoding import bound_decoding
 from rwt_webrtc.media.microphone import RATE, RATES, Microphone, MicrophoneRequest
 from rwt_webrtc.media.opus import check_sections, only_opus
 from rwt_webrtc.transport.peer import Peer
 from rwt_webrtc.transport.sdp import BadDescription, read_description
-from rwt_webrtc.transport.signalling import SDP, Peers, answering, opened, refuse_channels, resource_routes
+from rwt_webrtc.transport.signalling import Peers, offer_routes, refuse_channels
 
-PATH: Final = "/whip"
 NODE: Final = "/whip"
 #: Latched topic of present senders: the recording light of an operator's camera.
 SENDERS_TOPIC: Final = "/whip/senders"
@@ -101,11 +100,7 @@ class IncomingMedia:
 
     def routes(self, peers: Peers) -> tuple[Route[GraphView], ...]:
         """Return the routes of WHIP."""
-
-        def page(request: HttpRequest, reader: GraphView) -> Awaitable[HttpResponse]:
-            return answering(request, SDP, partial(self._offered, peers, reader))
-
-        return (Route(PATH, page, Audience.ADMITTED, "POST", feature="whip"), *resource_routes(peers, PATH))
+        return offer_routes(peers, "whip", partial(self._offered, peers))
 
     async def _offered(self, peers: Peers, reader: GraphView, request: HttpRequest) -> HttpResponse:
         description = read_description(request.body, peers.terms.candidates)
@@ -127,9 +122,7 @@ class IncomingMedia:
             return await peer.describe()
 
         try:
-            return opened(
-                PATH, request, *await peers.open(refuse_channels, request.address, answer, len(request.body))
-            )
+            return await peers.open(request, refuse_channels, answer)
         except BaseException:
             sender.close()
             raise

@@ -17,8 +17,8 @@ from typing import Final
 import anyio
 import anyio.to_thread
 
+from rwt_transports.errors import Refused
 from rwt_webrtc.transport.ice_servers import BadIceServer, IceServer, check_ice_url
-from rwt_webrtc.transport.signalling import NoIceServers
 
 ANSWER_BYTES: Final = 16 * 1024
 SECONDS: Final = 5.0
@@ -26,6 +26,13 @@ SECONDS: Final = 5.0
 REUSED: Final = 0.5
 """Part of the lifetime of a credential in which further peers get it."""
 MOST_SERVERS: Final = 8
+
+
+class NoIceServers(Refused):
+    """The STUN and TURN servers are not available."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(503, reason)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from typing import Final
 
 from aiortc import RTCDataChannel, RTCIceCandidate, RTCSessionDescription
 
+from rwt_transports.background import ignore
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
 from rwt_transports.errors import log_exception
@@ -130,7 +131,7 @@ class Peer:
         largest: maximum size of a message that the other side takes; 0 for any.
         state: state of its life cycle.
         reason: reason of its end.
-        on_feedback: called with transport-wide feedback of the other side; None to ignore it.
+        on_feedback: called with transport-wide feedback of the other side.
     """
 
     def __init__(
@@ -158,14 +159,14 @@ class Peer:
         self.largest = 0
         self.state = PeerState.CONNECTING
         self.reason = ""
-        self.on_feedback: Callable[[Feedback], None] | None = None
+        self.on_feedback: Callable[[Feedback], None] = ignore
         self.connection = GuardedPeerConnection(
             configuration(servers, relay_only=terms.relay_only),
             terms.limits,
             terms.buffers,
             self._guard,
             fail=self.fail,
-            on_feedback=self._received_feedback,
+            on_feedback=lambda feedback: self.on_feedback(feedback),
         )
         self.connection.on("connectionstatechange", self._state_changed)
         self.connection.on("datachannel", self._channel_opened)
@@ -238,10 +239,6 @@ class Peer:
                 f"no path was found within {self._terms.connect_seconds:g} s (webrtc.connect_seconds): "
                 f"{self._candidates} candidates of the other side"
             )
-
-    def _received_feedback(self, feedback: Feedback) -> None:
-        if self.on_feedback is not None:
-            self.on_feedback(feedback)
 
     # -- data channels -------------------------------------------------------------------------------------
 
@@ -341,6 +338,6 @@ class Peer:
             for connection in tuple(listener.connections):
                 connection.abort()
         self._when_ended.clear()
-        self.on_feedback = None
+        self.on_feedback = ignore
         # aiortc's tasks that connect end after the next turns of the loop.
         asyncio.get_running_loop().call_later(RELEASE_SECONDS, self.connection.release)

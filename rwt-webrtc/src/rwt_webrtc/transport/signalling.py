@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -23,9 +22,10 @@ import anyio
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import TICK_SECONDS
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
-from rwt_transports.errors import Refused, TransportError
+from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
+    AnyReader,
     Audience,
     HttpRequest,
     HttpResponse,
@@ -41,12 +41,10 @@ from rwt_webrtc.transport.sdp import BadDescription, read_description, read_frag
 SDP: Final = "application/sdp"
 FRAGMENT: Final = "application/trickle-ice-sdpfrag"
 
-FindIceServers = Callable[[], Awaitable[tuple["IceServer", ...]]]
-"""Finds the STUN and TURN servers of a new peer; their credentials may be temporary."""
-
-
-class NoIceServers(TransportError):
-    """The STUN and TURN servers are not available."""
+FindIceServers = Callable[[], Awaitable[tuple[IceServer, ...]]]
+"""Finds the STUN and TURN servers of a new peer; their credentials may be temporary. Raises Refused if there
+are none.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +78,8 @@ class Peers:
         self._bounds = bounds
         self.find_servers = find_servers
         self._peers: dict[str, Peer] = {}
-        self._reserved = 0
-        self._of_network: Counter[str] = Counter()
+        # Networks of peers that are about to be made.
+        self._reserved: list[str] = []
         self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
         self._refused = 0
         self._closing = False
@@ -95,39 +93,26 @@ class Peers:
         return self._peers.get(identifier)
 
     async def open(
-        self,
-        accept: Accept,
-        address: str,
-        answer: Callable[[Peer], Awaitable[str]],
-        size: int = 0,
-    ) -> tuple[str, str, tuple[IceServer, ...]]:
-        """Open a peer for an offer, and return its answer.
+        self, request: HttpRequest, accept: Accept, answer: Callable[[Peer], Awaitable[str]]
+    ) -> HttpResponse:
+        """Open a peer for a request with an offer, and return the response.
 
         Waits while the maximum number of peers is connecting.
 
         Args:
             accept: makes the endpoint of each data channel.
-            address: address of the client.
             answer: applies the offer to the new peer, and returns the answer.
-            size: bytes of the offer, which count while it waits.
-
-        Returns:
-            The peer's identifier, the answer, and the STUN and TURN servers.
 
         Raises:
             Refused: a limit is reached, or the STUN and TURN servers are not available.
             BadDescription: the offer is not usable.
         """
+        address = request.address
         network = "" if is_local(address) else network_of(address)
-        await self._wait_for_room(network, size)
-        self._reserved += 1
-        if network:
-            self._of_network[network] += 1
+        await self._wait_for_room(network, len(request.body))
+        self._reserved.append(network)
         try:
-            try:
-                servers = await self.find_servers()
-            except NoIceServers as error:
-                raise Refused(503, str(error)) from error
+            servers = await self.find_servers()
             identifier = secrets.token_urlsafe(18)
             peer = Peer(
                 self.terms,
@@ -138,41 +123,36 @@ class Peers:
                 on_closed=lambda peer: self._closed(identifier, peer),
             )
             self._peers[identifier] = peer
-        except BaseException:
-            self._leave(network)
-            raise
         finally:
-            self._reserved -= 1
-        peer.when_ended(partial(self._leave, network))
+            self._reserved.remove(network)
         try:
-            return identifier, await answer(peer), servers
+            text = await answer(peer)
         except BaseException:
             peer.fail("its description could not be used")
             raise
-
-    def _leave(self, network: str) -> None:
-        if network:
-            self._of_network[network] -= 1
-            if not self._of_network[network]:
-                del self._of_network[network]
+        location = f"{request.prefix}{request.path}/{identifier}"
+        headers = {"Location": location, "Cache-Control": "no-store"}
+        if servers:
+            headers["Link"] = ", ".join(server.link for server in servers)
+        return HttpResponse(text.encode(), 201, SDP, headers)
 
     def _shortage(self, network: str) -> tuple[str, str]:
         """Return why there is no room for a peer, and the setting; empty strings if there is room."""
         bounds = self._bounds
-        connecting = [peer.network for peer in self._peers.values() if not peer.connected]
+        peers = tuple(self._peers.values())
+        present = [*self._reserved, *(peer.network for peer in peers)]
+        connecting = [*self._reserved, *(peer.network for peer in peers if not peer.connected)]
         if network:
             for count, most, setting in (
-                (self._of_network[network], bounds.peers, "peers"),
+                (present.count(network), bounds.peers, "peers"),
                 (connecting.count(network), bounds.handshakes, "handshakes"),
             ):
                 if count >= max(1, 3 * most // 4):  # The rest is for other networks.
-                    return (
-                        f"{network} has {count} of at most {most}; the rest is for other networks",
-                        setting,
-                    )
-        if len(self._peers) + self._reserved >= bounds.peers or self._closing:
+                    text = f"{network} has {count} of at most {most}; the rest is for other networks"
+                    return text, setting
+        if len(present) >= bounds.peers or self._closing:
             return f"{bounds.peers} peers are open", "peers"
-        if len(connecting) + self._reserved >= bounds.handshakes:
+        if len(connecting) >= bounds.handshakes:
             return f"{bounds.handshakes} peers are connecting", "handshakes"
         return "", ""
 
@@ -264,29 +244,18 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
             await peer.take_description(offer, "offer")
             return await peer.describe()
 
-        return opened(
-            "/webrtc",
-            request,
-            *await peers.open(_on_behalf(request, accept), request.address, answer, len(request.body)),
-        )
-
-    def posted(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
-        return answering(request, SDP, partial(offered, reader))
+        return await peers.open(request, _on_behalf(request, accept), answer)
 
     async def configured(request: HttpRequest, reader: Reader) -> HttpResponse:
         try:
             servers = await peers.find_servers()
-        except NoIceServers as error:
-            return HttpResponse(f"{error}\n".encode(), 503)
+        except Refused as refused:
+            return HttpResponse.refusing(refused)
         body = {"iceServers": [server.dictionary for server in servers]}
         headers = {"Cache-Control": "no-store"}
         return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
 
-    return (
-        Route("/webrtc", configured, Audience.ADMITTED),
-        Route("/webrtc", posted, Audience.ADMITTED, "POST", feature="webrtc"),
-        *resource_routes(peers, "/webrtc"),
-    )
+    return (Route("/webrtc", configured, Audience.ADMITTED), *offer_routes(peers, "webrtc", offered))
 
 
 def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
@@ -304,13 +273,18 @@ def refuse_channels(sink: Sink, info: PeerInfo) -> Never:
     raise Refused(403, "data channels are offered at /webrtc")
 
 
-def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
-    """Return the routes of the peers that were opened at `path`."""
+def offer_routes(
+    peers: Peers, feature: str, offered: Callable[[AnyReader, HttpRequest], Awaitable[HttpResponse]]
+) -> tuple[Route[AnyReader], ...]:
+    """Return the routes of offers at the path of a feature, and of the peers that they open."""
 
-    def patch(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
-        return answering(request, FRAGMENT, lambda request: _add_candidates(peers, request))
+    def post(request: HttpRequest, reader: AnyReader) -> Awaitable[HttpResponse]:
+        return _answering(request, SDP, partial(offered, reader))
 
-    async def delete(request: HttpRequest, reader: Reader) -> HttpResponse:
+    def patch(request: HttpRequest, reader: AnyReader) -> Awaitable[HttpResponse]:
+        return _answering(request, FRAGMENT, partial(_add_candidates, peers))
+
+    async def delete(request: HttpRequest, reader: AnyReader) -> HttpResponse:
         peer = peers.find(_identifier(request))
         if peer is None:
             return _gone()
@@ -318,8 +292,9 @@ def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
         return HttpResponse(b"ended\n")
 
     return (
-        Route(f"{path}/*", patch, Audience.ADMITTED, "PATCH"),
-        Route(f"{path}/*", delete, Audience.ADMITTED, "DELETE"),
+        Route(f"/{feature}", post, Audience.ADMITTED, "POST", feature=feature),
+        Route(f"/{feature}/*", patch, Audience.ADMITTED, "PATCH"),
+        Route(f"/{feature}/*", delete, Audience.ADMITTED, "DELETE"),
     )
 
 
@@ -344,17 +319,7 @@ def _gone() -> HttpResponse:
     return HttpResponse(b"there is no such peer, or it has ended: POST an offer\n", 404)
 
 
-def opened(
-    path: str, request: HttpRequest, identifier: str, answer: str, servers: tuple[IceServer, ...]
-) -> HttpResponse:
-    """Return the answer to an offer that created a peer."""
-    headers = {"Location": f"{request.prefix}{path}/{identifier}", "Cache-Control": "no-store"}
-    if servers:
-        headers["Link"] = ", ".join(server.link for server in servers)
-    return HttpResponse(answer.encode(), 201, SDP, headers)
-
-
-async def answering(
+async def _answering(
     request: HttpRequest, wanted: str, handler: Callable[[HttpRequest], Awaitable[HttpResponse]]
 ) -> HttpResponse:
     """Return the response of `handler`, or why it failed."""

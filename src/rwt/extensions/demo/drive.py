@@ -87,17 +87,12 @@ class DifferentialDrive:
 
     def step(self, wanted: Velocity, seconds: float) -> None:
         """Follow `wanted` within the limits for `seconds`; obstacles stop the robot."""
-        limits = self.limits
+        limits, now = self.limits, self.velocity
         if not self.enabled:
             wanted = STANDSTILL
-        linear = _approach(
-            self.velocity.linear, _clamp(wanted.linear, limits.speed), limits.acceleration * seconds
-        )
-        angular = _approach(
-            self.velocity.angular,
-            _clamp(wanted.angular, limits.turn_rate),
-            limits.turn_acceleration * seconds,
-        )
+        linear = _approach(now.linear, wanted.linear, limits.speed, limits.acceleration * seconds)
+        turn_change = limits.turn_acceleration * seconds
+        angular = _approach(now.angular, wanted.angular, limits.turn_rate, turn_change)
         self.bumped = False
         if linear or angular:
             self._move(linear, angular, seconds)
@@ -124,11 +119,8 @@ class DifferentialDrive:
         self.right_angle += (linear + apart) / self._chassis.wheel_radius * seconds
 
 
-def _clamp(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
-
-
-def _approach(value: float, target: float, change: float) -> float:
+def _approach(value: float, target: float, limit: float, change: float) -> float:
+    target = max(-limit, min(limit, target))
     # The tolerance is for sums of steps that miss the target by rounding.
     if abs(target - value) <= change + 1e-9:
         return target

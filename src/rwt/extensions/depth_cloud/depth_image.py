@@ -27,7 +27,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.extensions.depth_cloud.errors import DepthsUnreadable, ImageShape
+from rwt.extensions.depth_cloud.errors import DepthCloudError
 from rwt_participant.errors import ImageFormat
 from rwt_participant.images import read_samples
 from rwt_participant.messages import Message
@@ -86,11 +86,11 @@ def encode_image(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) ->
         2N x 2N x 3, red, green and blue.
 
     Raises:
-        ImageShape: the arrays are not square, or differ in shape.
+        DepthCloudError: the arrays are not square, or differ in shape.
     """
     size = depths.shape[0]
     if depths.shape != (size, size) or colours.shape != (size, size, 3):
-        raise ImageShape(
+        raise DepthCloudError(
             f"expected depths of N x N and colours of N x N x 3, got {depths.shape} and {colours.shape}"
         )
     steps, known = _steps(depths, depth_per_tile)
@@ -112,11 +112,11 @@ def decode_image(image: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
         depth_per_tile: range of one tile in metres, as encoded.
 
     Raises:
-        ImageShape: the image does not have that shape.
+        DepthCloudError: the image does not have that shape.
     """
     rows = image.shape[0]
     if image.shape != (rows, rows, 3) or rows % 2:
-        raise ImageShape(f"expected a picture of 2N x 2N x 3, got {image.shape}")
+        raise DepthCloudError(f"expected a picture of 2N x 2N x 3, got {image.shape}")
     size = rows // 2
     near = _gather(image[:size, :size])
     far = _gather(image[:size, size:])
@@ -214,17 +214,17 @@ def read_depths(message: Message) -> Depths:
     """Return a depth image in metres along the optical axis, rows x columns; 0 and NaN are unknown.
 
     Raises:
-        DepthsUnreadable: the image is not a depth image, or there are too few bytes.
+        DepthCloudError: the image is not a depth image, or there are too few bytes.
     """
     unit = METRES.get(message.encoding)
     if unit is None:
-        raise DepthsUnreadable(
+        raise DepthCloudError(
             f'encoding "{message.encoding}" is none of depths; known are {", ".join(METRES)}'
         )
     try:
         samples = read_samples(message)
     except ImageFormat as error:
-        raise DepthsUnreadable(str(error)) from None
+        raise DepthCloudError(str(error)) from None
     return samples[:, :, 0].astype(np.float32) * np.float32(unit)
 
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.extensions.depth_cloud.errors import CloudUnreadable
+from rwt.extensions.depth_cloud.errors import DepthCloudError
 from rwt_participant.messages import Message
 
 Records = NDArray[np.void]
@@ -28,7 +28,7 @@ def read_points(cloud: Message) -> Records:
     """Return the points of a `sensor_msgs/PointCloud2` as records, rows x columns: a view of its bytes.
 
     Raises:
-        CloudUnreadable: the fields do not fit the step, their names are not unique, or there are too few
+        DepthCloudError: the fields do not fit the step, their names are not unique, or there are too few
             bytes.
     """
     step, columns, rows = cloud.point_step, cloud.width, cloud.height
@@ -36,7 +36,7 @@ def read_points(cloud: Message) -> Records:
     row_step = cloud.row_step or step * columns
     needed = row_step * (rows - 1) + step * columns if rows and columns else 0
     if row_step < step * columns or len(cloud.data) < needed:
-        raise CloudUnreadable(
+        raise DepthCloudError(
             f"{len(cloud.data)} bytes are no cloud of {columns}x{rows} points of {step} bytes, "
             f"{cloud.row_step} a row"
         )
@@ -48,17 +48,17 @@ def read_points(cloud: Message) -> Records:
 def _record(cloud: Message) -> np.dtype[np.void]:
     order, step = ">" if cloud.is_bigendian else "<", cloud.point_step
     if not 0 < step <= _LONGEST_POINT:
-        raise CloudUnreadable(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
+        raise DepthCloudError(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
     formats: dict[str, str] = {}
     for field in cloud.fields:
         kind, count = _DATATYPES.get(field.datatype), max(1, field.count)
         if kind is None:
-            raise CloudUnreadable(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
+            raise DepthCloudError(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
         end = field.offset + np.dtype(kind).itemsize * count
         if end > step:
-            raise CloudUnreadable(f"field {field.name} ends at byte {end} of points of {step} bytes")
+            raise DepthCloudError(f"field {field.name} ends at byte {end} of points of {step} bytes")
         if not field.name or field.name in formats:
-            raise CloudUnreadable(f'a field is called "{field.name}": names are not empty, and occur once')
+            raise DepthCloudError(f'a field is called "{field.name}": names are not empty, and occur once')
         formats[field.name] = order + kind if count == 1 else f"({count},){order}{kind}"
     offsets = [field.offset for field in cloud.fields]
     return np.dtype(
@@ -82,11 +82,11 @@ def one_per_voxel(points: Records, size: float) -> Records:
         The remaining points in their order, as one row.
 
     Raises:
-        CloudUnreadable: a field is missing, or is an array.
+        DepthCloudError: a field is missing, or is an array.
     """
     for axis in _AXES:
         if axis not in (points.dtype.names or ()) or points.dtype[axis].shape:
-            raise CloudUnreadable(f"the points have no field {axis} of one number")
+            raise DepthCloudError(f"the points have no field {axis} of one number")
     flat = _as_bytes(points).reshape(-1)
     fields = flat.view(points.dtype)
     places = np.stack([fields[axis].astype(np.float64) for axis in _AXES])

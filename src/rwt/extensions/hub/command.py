@@ -6,7 +6,7 @@ import argparse
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 import anyio
@@ -18,12 +18,11 @@ from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import integer_within
 from rwt.extensions.hub.hub import ADDRESS_BYTES, open_hub
-from rwt.observability.prometheus import PrometheusText
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
-from rwt_transports.http.routes import MetricFamily, Proxies
+from rwt_transports.http.routes import Proxies
 from rwt_transports.limits import Limits
 
 logger = logging.getLogger("rwt.cli.hub")
@@ -180,7 +179,6 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
         hosts=arguments.host,
         proxies=proxies,
         access_log=arguments.access_log,
-        metrics_page=_metrics_page,
     )
     async with opened as hub:
 
@@ -204,10 +202,3 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
         with on_signals(handlers), bounded_log():
             print(f"listening on {hub.url}", flush=True)
             await stop.wait()
-
-
-def _metrics_page(families: Iterable[MetricFamily]) -> bytes:
-    page = PrometheusText()
-    for family in families:
-        page.family(*family)
-    return page.text()

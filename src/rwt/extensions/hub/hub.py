@@ -14,7 +14,7 @@ import logging
 import time
 from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
+from collections.abc import AsyncIterator, Awaitable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from ssl import SSLContext
@@ -33,6 +33,7 @@ from rwt.extensions.hub.relay.protocol import (
     is_robot_name,
     split_client_path,
 )
+from rwt.observability.prometheus import CONTENT_TYPE, PrometheusText
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
@@ -43,7 +44,6 @@ from rwt_transports.http.routes import (
     NO_PROXIES,
     HttpRequest,
     HttpResponse,
-    MetricFamily,
     Proxies,
     Routes,
     is_local,
@@ -568,7 +568,6 @@ async def open_hub(
     grace: float = GRACE_SECONDS,
     proxies: Proxies = NO_PROXIES,
     access_log: bool = False,
-    metrics_page: MetricsPage | None = None,
     waiting_bytes: int = ADDRESS_BYTES,
     page_seconds: float = PAGE_SECONDS,
 ) -> AsyncIterator[Hub]:
@@ -583,7 +582,6 @@ async def open_hub(
         grace: seconds for which a robot without a connection stays listed, and its clients wait.
         proxies: proxies that are trusted to name their clients' addresses.
         access_log: True to log each HTTP request to ``rwt_transports.access``.
-        metrics_page: formatter of ``/metrics``; None: no such page.
         waiting_bytes: limit per client address, see :class:`Hub`.
         page_seconds: timeout of the head of a robot's page.
 
@@ -597,7 +595,7 @@ async def open_hub(
         listen(
             url,
             hub.accept,
-            routes=hub_routes(hub, metrics_page),
+            routes=hub_routes(hub),
             hosts=hosts,
             proxies=proxies,
             access_log=access_log,
@@ -626,13 +624,7 @@ td, th {{ padding: .1em 1em .1em 0; text-align: left }}</style>
 """
 
 
-MetricsPage = Callable[[Iterable[MetricFamily]], bytes]
-"""Formatter of metrics."""
-
-METRICS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
-
-
-def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
+def hub_routes(hub: Hub) -> Routes:
     """Return the routes of a hub.
 
     ``GET /`` is a page, ``/robots`` the same as JSON; also ``/healthz``, ``/metrics``, and pages of robots
@@ -642,38 +634,28 @@ def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
     routes.get("/", lambda request: _index(hub, request))
     routes.get("/robots", lambda request: _robots(hub))
     routes.get("/healthz", lambda request: _health(hub))
-    if metrics_page is not None:
-        routes.get("/metrics", lambda request: _metrics(hub, metrics_page))
+    routes.get("/metrics", lambda request: _metrics(hub))
     for method in ("GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"):
         routes.add("/*", hub.page, method)
     return routes
 
 
-def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
-    robots = hub.robots
-
-    def each(name: str, help: str, value: Callable[[DialedRobot], int]) -> MetricFamily:
-        return MetricFamily(name, "gauge", help, [({"robot": robot.name}, value(robot)) for robot in robots])
-
-    def single(name: str, kind: Literal["counter", "gauge"], help: str, value: int) -> MetricFamily:
-        return MetricFamily(name, kind, help, [({}, value)])
-
-    families = (
-        single("rwt_hub_robots", "gauge", "Robots that have dialled in.", len(robots)),
-        each("rwt_hub_idle_connections", "Connections of a robot that wait.", lambda it: len(it.idle)),
-        each("rwt_hub_used_connections", "Those that serve a client or a page.", lambda it: len(it.pairs)),
-        each("rwt_hub_waiting", "Clients and pages that wait for one.", lambda it: len(it.waiting)),
-        single(
-            "rwt_hub_waiting_bytes",
-            "gauge",
-            "Bytes that one side has sent and the other has not taken.",
-            hub.waiting.total,
-        ),
-        single("rwt_hub_clients_total", "counter", "Clients that came.", hub.clients),
-        single("rwt_hub_pages_total", "counter", "Requests for pages of robots.", hub.pages),
-        single("rwt_hub_passed_bytes_total", "counter", "Bytes passed on, both ways.", hub.bytes),
-    )
-    return HttpResponse(metrics_page(families), content_type=METRICS_TYPE)
+def _metrics(hub: Hub) -> HttpResponse:
+    page, robots = PrometheusText(), hub.robots
+    page.single("rwt_hub_robots", "gauge", "Robots that have dialled in.", len(robots))
+    for name, attribute, help in (
+        ("rwt_hub_idle_connections", "idle", "Connections of a robot that wait."),
+        ("rwt_hub_used_connections", "pairs", "Those that serve a client or a page."),
+        ("rwt_hub_waiting", "waiting", "Clients and pages that wait for one."),
+    ):
+        counts = [({"robot": robot.name}, len(getattr(robot, attribute))) for robot in robots]
+        page.family(name, "gauge", help, counts)
+    text = "Bytes that one side has sent and the other has not taken."
+    page.single("rwt_hub_waiting_bytes", "gauge", text, hub.waiting.total)
+    page.single("rwt_hub_clients_total", "counter", "Clients that came.", hub.clients)
+    page.single("rwt_hub_pages_total", "counter", "Requests for pages of robots.", hub.pages)
+    page.single("rwt_hub_passed_bytes_total", "counter", "Bytes passed on, both ways.", hub.bytes)
+    return HttpResponse(page.text(), content_type=CONTENT_TYPE)
 
 
 def _index(hub: Hub, request: HttpRequest) -> HttpResponse:

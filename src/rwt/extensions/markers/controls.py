@@ -188,17 +188,12 @@ def _ring(axis: Axis, scale: float) -> Shape:
     inner, outer = 0.4 * scale, 0.5 * scale
     corners: list[Point] = []
     for segment in range(_SEGMENTS):
-        here, there = (_direction(segment + step) for step in (0, 1))
-        a, b = _at(here, inner), _at(here, outer)
-        c, d = _at(there, outer), _at(there, inner)
+        a, b = _at(segment, inner), _at(segment, outer)
+        c, d = _at(segment + 1, outer), _at(segment + 1, inner)
         corners += [a, b, c, a, c, d]
     return triangles(corners, _COLOURS[axis], _TURNS[axis])
 
 
-def _direction(segment: int) -> tuple[float, float]:
+def _at(segment: int, radius: float) -> Point:
     angle = math.tau * segment / _SEGMENTS
-    return math.cos(angle), math.sin(angle)
-
-
-def _at(direction: tuple[float, float], radius: float) -> Point:
-    return (0.0, round(radius * direction[0], 4), round(radius * direction[1], 4))
+    return (0.0, round(radius * math.cos(angle), 4), round(radius * math.sin(angle), 4))

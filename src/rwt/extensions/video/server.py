@@ -170,7 +170,7 @@ class WebVideoServer:
         """Return the request with its topic resolved.
 
         Raises:
-            RequestRefused: the topic does not exist, or the reader may not subscribe to it.
+            RequestRefused: the topic does not exist, the reader may not see it, or a limit is reached.
         """
         topics = VisibleTopics(self._node.graph, reader)
         topics.require(stream.topic)
@@ -182,7 +182,7 @@ class WebVideoServer:
         Raises:
             RequestRefused: a limit is reached.
         """
-        self.check_room(stream)
+        self._check_room(stream)
         return self._join(stream, work)
 
     def _section(self, request: HttpRequest, reader: Reader) -> str:
@@ -210,7 +210,6 @@ class WebVideoServer:
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
     ) -> HttpResponse:
         stream = await self._resolved(stream, topics)
-        self.check_room(stream)
         if not isinstance(stream.coding, Video):
             ladder = QualityLadder(stream, self._now())
             images = multipart(partial(self._join_checked, topics.reader), ladder, self._now)
@@ -234,7 +233,6 @@ class WebVideoServer:
         if isinstance(stream.coding, Video):
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
         stream = await self._resolved(stream, topics)
-        self.check_room(stream)
         image = await self._one_image(stream, topics.reader.work)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
         return HttpResponse(image.data, content_type=image.media_type, headers=headers)
@@ -262,9 +260,10 @@ class WebVideoServer:
             if anyio.current_time() >= until:
                 raise topics.not_found(stream.topic)
             await anyio.sleep(_LOOK_EVERY)
+        self._check_room(resolved)
         return resolved
 
-    def check_room(self, stream: StreamRequest) -> None:
+    def _check_room(self, stream: StreamRequest) -> None:
         """Check that there is room for one more viewer of `stream`.
 
         Raises:
@@ -285,8 +284,12 @@ class WebVideoServer:
                 self._check_pixels(stream, _counted(stream, (stream.width or 0) * (stream.height or 0)))
             except ImageUnreadable as error:
                 raise RequestRefused(503, str(error)) from None
-        if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
-            raise self._too_many_streams()
+        self._check_encoders(stream)
+
+    def _check_encoders(self, stream: StreamRequest) -> None:
+        many = len(self._broadcasts)
+        if stream not in self._broadcasts and many >= self._most_encoders:
+            raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
         """Raise ImageUnreadable if a video exceeds `limits.video_pixels` together with the other videos."""
@@ -334,13 +337,8 @@ class WebVideoServer:
         return broadcast.join(work)
 
     def _join_checked(self, reader: Reader, stream: StreamRequest) -> Viewer:
-        if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
-            raise self._too_many_streams()
+        self._check_encoders(stream)
         return self._join_while_allowed(stream, reader)
-
-    def _too_many_streams(self) -> RequestRefused:
-        many = len(self._broadcasts)
-        return RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
         viewer = self._join(stream, reader.work)

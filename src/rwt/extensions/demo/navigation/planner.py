@@ -6,6 +6,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 from rwt.extensions.demo.drive import STANDSTILL, MotorLimits, Velocity
 from rwt.extensions.demo.world.map import Pose, World, wrap_angle
@@ -38,7 +39,6 @@ class Planner:
         self._left, self._bottom = floor.left, floor.bottom
         self._columns = math.ceil((floor.right - floor.left) / _CELL)
         self._rows = math.ceil((floor.top - floor.bottom) / _CELL)
-        self._clearance: list[float] = []
 
     def plan(self, start: Point, goal: Point) -> list[Point]:
         """Return the corners of a path from `start` to exactly `goal`, in metres in the map frame.
@@ -49,8 +49,6 @@ class Planner:
         if self._world.clearance(*goal) < self._needed:
             msg = f"the goal ({goal[0]:.4g}, {goal[1]:.4g}) is within {self._needed:.2f} m of something solid"
             raise NoPath(msg)
-        if not self._clearance:
-            self._measure()
         first, last = self._nearest_free(start), self._nearest_free(goal)
         cells = self._search(first, last) if first is not None and last is not None else None
         if cells is None:
@@ -58,10 +56,9 @@ class Planner:
             raise NoPath(msg)
         return self._straightened([start, *(self._centre(cell) for cell in cells), goal])
 
-    def _measure(self) -> None:
-        self._clearance = [
-            self._world.clearance(*self._centre(cell)) for cell in range(self._columns * self._rows)
-        ]
+    @cached_property
+    def _clearance(self) -> list[float]:
+        return [self._world.clearance(*self._centre(cell)) for cell in range(self._columns * self._rows)]
 
     def _centre(self, cell: int) -> Point:
         row, column = divmod(cell, self._columns)
@@ -131,12 +128,8 @@ class Planner:
 
     def _sees(self, here: Point, there: Point) -> bool:
         pieces = max(1, math.ceil(math.dist(here, there) / (_CELL / 2)))
-        for i in range(1, pieces):
-            part = i / pieces
-            x, y = here[0] + part * (there[0] - here[0]), here[1] + part * (there[1] - here[1])
-            if self._clearance[self._cell_at((x, y))] < self._needed + _CELL / 2:
-                return False
-        return True
+        between = (_between(here, there, i / pieces) for i in range(1, pieces))
+        return all(self._clearance[self._cell_at(point)] >= self._needed + _CELL / 2 for point in between)
 
 
 def _trace(came_from: dict[int, int], last: int) -> list[int]:
@@ -169,7 +162,7 @@ class PathFollower:
     position_tolerance = 0.05
     heading_tolerance = 0.05
 
-    def __init__(self, corners: Sequence[tuple[float, float]], goal: Pose, limits: MotorLimits) -> None:
+    def __init__(self, corners: Sequence[Point], goal: Pose, limits: MotorLimits) -> None:
         self.goal = goal
         self._limits = limits
         self._points = _cut(corners)
@@ -181,7 +174,7 @@ class PathFollower:
 
     def remaining(self, pose: Pose) -> float:
         """Remaining distance in metres."""
-        return self._ahead[self._reached] + pose.distance_to(*self._points[self._reached])
+        return self._ahead[self._reached] + self.off_track(pose)
 
     def off_track(self, pose: Pose) -> float:
         """Distance of the robot from the path in metres."""
@@ -220,16 +213,18 @@ class PathFollower:
         )
         return Velocity(speed, turn)
 
-    def _target(self, pose: Pose) -> tuple[float, float]:
-        for point in self._points[self._reached :]:
-            if pose.distance_to(*point) >= _LOOK_AHEAD:
-                return point
-        return self._points[-1]
+    def _target(self, pose: Pose) -> Point:
+        far = (point for point in self._points[self._reached :] if pose.distance_to(*point) >= _LOOK_AHEAD)
+        return next(far, self._points[-1])
 
 
-def _cut(corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def _cut(corners: Sequence[Point]) -> list[Point]:
     points = [corners[0]]
-    for (x1, y1), (x2, y2) in itertools.pairwise(corners):
-        pieces = max(1, math.ceil(math.dist((x1, y1), (x2, y2)) / _SPACING))
-        points += [(x1 + (x2 - x1) * i / pieces, y1 + (y2 - y1) * i / pieces) for i in range(1, pieces + 1)]
+    for here, there in itertools.pairwise(corners):
+        pieces = max(1, math.ceil(math.dist(here, there) / _SPACING))
+        points += [_between(here, there, i / pieces) for i in range(1, pieces + 1)]
     return points
+
+
+def _between(here: Point, there: Point, part: float) -> Point:
+    return here[0] + part * (there[0] - here[0]), here[1] + part * (there[1] - here[1])

@@ -65,11 +65,6 @@ class _NavigationTask:
     still_since: float | None = None
     last_feedback: float = -math.inf
 
-    def end(self, status: GoalStatus, reason: str = "") -> None:
-        if not self.ended.is_set():
-            self.status, self.reason = status, reason
-            self.ended.set()
-
 
 _MOVE_BASE_TYPES: Final = {"noetic": "move_base_msgs/MoveBase"}
 """Type of `/move_base` by distribution. Nav2 has its own action."""
@@ -138,9 +133,10 @@ class Navigation:
         return task.follower.steer(pose)
 
     def _finish(self, status: GoalStatus, reason: str = "") -> None:
-        if self._task is not None:
-            self._task.end(status, reason)
-            self._task = None
+        task, self._task = self._task, None
+        if task is not None:
+            task.status, task.reason = status, reason
+            task.ended.set()
 
     def _is_stuck(self, task: _NavigationTask) -> bool:
         now = self._node.clock.monotonic()
@@ -209,15 +205,10 @@ class Navigation:
         if now - task.last_feedback < _FEEDBACK_EVERY - 0.025:
             return
         task.last_feedback = now
-        stamp = self._node.clock.time_ns()
-        feedback: messages.Message = {
-            task.interface.pose_field: {
-                "header": messages.header(stamp, frame(self._node, MAP)),
-                "pose": messages.pose(self._drive.pose),
-            },
-        }
+        header = messages.header(self._node.clock.time_ns(), frame(self._node, MAP))
+        pose = {"header": header, "pose": messages.pose(self._drive.pose)}
         progress = self._progress(task, now) if task.interface.has_progress else {}
-        task.goal.publish_feedback({**feedback, **progress})
+        task.goal.publish_feedback({task.interface.pose_field: pose, **progress})
 
     def _progress(self, task: _NavigationTask, now: float) -> messages.Message:
         remaining = task.follower.remaining(self._drive.pose)

@@ -113,18 +113,9 @@ async def dial(
     pool = buffers or chosen.receive_pool()
     connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
     counted = addresses or AddressCount(chosen.connections_per_address)
-    starter = TaskStarter()
-
-    def serve_page(sink: Sink, request: HttpRequest) -> Endpoint:
-        server = PageServer(sink, routes or Routes(), request)
-        starter.start_soon(server.run)
-        return server
-
+    robot = _Robot(status, accept, routes or Routes(), backoff, connect_one, counted, chosen.connections)
     async with background_tasks() as tasks:
-        tasks.start_soon(starter.run, tasks)
-        robot = _Robot(
-            status, _bounded(status, accept, chosen.connections), serve_page, backoff, connect_one, counted
-        )
+        tasks.start_soon(robot.starter.run, tasks)
         tasks.start_soon(robot.run, tasks)
         try:
             yield status
@@ -133,17 +124,8 @@ async def dial(
                 await robot.leave()
 
 
-def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
-    def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
-        if status.clients > most:
-            raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
-        return accept(sink, info)
-
-    return accept_some
-
-
-def check_dial_url(url: str) -> str:
-    """Return the robot's name in a dial-out URL.
+def check_dial_url(url: str) -> None:
+    """Check a dial-out URL.
 
     Raises:
         BadUrl: the URL is invalid; the text gives the fault and an example.
@@ -158,33 +140,39 @@ def check_dial_url(url: str) -> str:
     name = target.path.removeprefix(ROBOTS)
     if not target.path.startswith(ROBOTS) or not is_robot_name(name):
         raise BadUrl(f"cannot dial {url!r}: its path must be {ROBOTS}NAME, {example}; a name is {NAME_RULE}")
-    return name
 
-
-ServePage = Callable[[Sink, HttpRequest], Endpoint]
-"""Function that serves a request for a page over a connection, and returns the endpoint."""
 
 _ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]]
 
 
 class _Robot:
-    """Connections of one dial-out."""
+    """Connections of one dial-out.
+
+    Args:
+        most: maximum number of clients.
+
+    Attributes:
+        starter: starts the tasks that serve pages.
+    """
 
     def __init__(
         self,
         status: RelayStatus,
         accept: Accept,
-        serve_page: ServePage,
+        routes: Routes,
         backoff: Backoff,
         connect_one: _ConnectOne,
         addresses: AddressCount,
+        most: int,
     ) -> None:
+        self.starter = TaskStarter()
         self._status = status
         self._accept = accept
-        self._serve_page = serve_page
+        self._routes = routes
         self._backoff = backoff
         self._connect_one = connect_one
         self._addresses = addresses
+        self._most = most
         self._fewer = anyio.Event()
         self._open: set[OutgoingConnection] = set()
         self._running = anyio.CancelScope()
@@ -220,7 +208,7 @@ class _Robot:
                 self._failed(str(error))
 
     async def _serve(self, *, task_status: TaskStatus[None]) -> None:
-        idle = _IdleConnection(self._accept, self._serve_page, self._assigned, self._addresses)
+        idle = _IdleConnection(self)
         async with self._connect_one(idle.open) as connection:
             opened = anyio.current_time()
             self._opened()
@@ -252,12 +240,26 @@ class _Robot:
         status.failures = 0
         status.error = ""
 
-    def _assigned(self) -> None:
+    def serve(self, sink: Sink, info: PeerInfo | HttpRequest) -> Endpoint:
+        """Return the endpoint of the client or the request that was assigned to a connection.
+
+        Raises:
+            Refused: there are too many clients, or the server refuses this one.
+        """
         status = self._status
         status.idle -= 1
         status.clients += 1
         self._shaky = 0
         self._fewer.set()
+        self._addresses.enter(info.address)
+        self._addresses.check(info.address)
+        if isinstance(info, HttpRequest):
+            page = PageServer(sink, self._routes, info)
+            self.starter.start_soon(page.run)
+            return page
+        if status.clients > self._most:
+            raise Refused(503, f"all {self._most} connections of this robot are taken (limits.connections)")
+        return self._accept(sink, info)
 
     def _failed(self, why: str, *, before: int = 0) -> None:
         status = self._status
@@ -275,14 +277,9 @@ class _IdleConnection:
         code: close code; 0 if a client's endpoint took over.
     """
 
-    def __init__(
-        self, accept: Accept, serve_page: ServePage, assigned: Callable[[], None], addresses: AddressCount
-    ) -> None:
-        self._accept = accept
-        self._serve_page = serve_page
-        self._addresses = addresses
+    def __init__(self, robot: _Robot) -> None:
+        self._robot = robot
         self.address = ""
-        self._assigned = assigned
         self.has_client = False
         self.code = 0
         self.ending = ""
@@ -300,14 +297,8 @@ class _IdleConnection:
             return
         self.has_client = True
         self.address = info.address
-        self._addresses.enter(info.address)
-        self._assigned()
         try:
-            self._addresses.check(info.address)
-            if isinstance(info, HttpRequest):
-                sink.hand_over(self._serve_page(sink, info))
-            else:
-                sink.hand_over(self._accept(sink, info))
+            sink.hand_over(self._robot.serve(sink, info))
         except Refused as refused:
             sink.close(POLICY, refused.reason)
         except Exception:

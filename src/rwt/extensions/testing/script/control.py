@@ -46,7 +46,7 @@ class ScriptControl:
         self._graph = graph
         self._wire = wire
         self._file = file
-        self._faults_of_file: tuple[FaultScript, ...] = ()
+        self._faults_of_file: list[FaultScript] = []
         self._step_services: list[Handle] = []
         self._make = self._maker()
         self._robot = self._make()

@@ -50,15 +50,15 @@ class TopicScript(ScriptTable):
         Fields | None, Field(description="a message that every subscriber gets, however late it comes")
     ] = None
     messages: Annotated[
-        tuple[Fields, ...],
+        list[Fields],
         Field(description="messages published one after the other: by `rate`, or by `/rwt_script/next`"),
-    ] = ()
+    ] = []
     rate: Annotated[
         PositiveNumber | None, Field(description="of `messages`, how many are published each second")
     ] = None
     recorded: Annotated[
-        tuple[Recorded, ...], Field(description="messages at their own times: `{ at = 0.5, msg = {…} }`")
-    ] = ()
+        list[Recorded], Field(description="messages at their own times: `{ at = 0.5, msg = {…} }`")
+    ] = []
     file: Annotated[
         str | None,
         Field(
@@ -85,7 +85,7 @@ class AnswerScript(ScriptTable):
     """Answer to a call."""
 
     returns: Annotated[
-        Fields | tuple[Fields, ...] | None,
+        Fields | list[Fields] | None,
         Field(description="the response, or several, for one call after the other"),
     ] = None
     fails: Annotated[str | None, Field(description="fail, with this text")] = None
@@ -110,8 +110,8 @@ class ServiceScript(AnswerScript):
 
     type: Annotated[str, Field(description="service type, for example `std_srvs/SetBool`")]
     when: Annotated[
-        tuple[CaseScript, ...], Field(description="answers to some requests, each with a `request`")
-    ] = ()
+        list[CaseScript], Field(description="answers to some requests, each with a `request`")
+    ] = []
 
     @model_validator(mode="after")
     def _answered(self) -> Self:
@@ -124,7 +124,7 @@ class ActionScript(ScriptTable):
     """Action and the course of its goals. By default they succeed with a default result."""
 
     type: Annotated[str, Field(description="action type, for example `example_interfaces/Fibonacci`")]
-    feedback: Annotated[tuple[Fields, ...], Field(description="sent to each goal, in this order")] = ()
+    feedback: Annotated[list[Fields], Field(description="sent to each goal, in this order")] = []
     every: Annotated[Seconds, Field(description="seconds before each feedback")] = 0.1
     after: Annotated[Seconds, Field(description="seconds before the end")] = 0.0
     succeeds: Annotated[Fields | None, Field(description="the result of a goal that succeeds")] = None
@@ -178,9 +178,9 @@ class Script(ScriptTable):
     services: Annotated[Mapping[str, ServiceScript], Field(description="services by name")] = {}
     actions: Annotated[Mapping[str, ActionScript], Field(description="actions by name")] = {}
     faults: Annotated[
-        tuple[FaultScript, ...],
+        list[FaultScript],
         Field(description="what goes wrong from the start; `/rwt_script/faults` switches it off and on"),
-    ] = ()
+    ] = []
 
 
 def read_script(file: Path) -> Script:
@@ -197,19 +197,19 @@ def read_script(file: Path) -> Script:
     except ValueError as error:  # TOMLDecodeError, or a number with thousands of digits.
         raise ScriptError(f"{file}: not TOML: {error}") from None
     try:
-        return Script.model_validate(_as_tuples(values))
+        return Script.model_validate(values)
     except ValidationError as error:
         raise ScriptError(f"{file}: {_explain(error)}") from None
 
 
-def read_recorded(file: Path) -> tuple[Recorded, ...]:
+def read_recorded(file: Path) -> list[Recorded]:
     """Read recorded messages, one JSON object per line; empty lines are skipped.
 
     Raises:
         ScriptError: the file cannot be read, or a line is invalid.
     """
     lines = _text(file).splitlines()
-    return tuple(_line(file, number, line) for number, line in enumerate(lines, 1) if line.strip())
+    return [_line(file, number, line) for number, line in enumerate(lines, 1) if line.strip()]
 
 
 def _text(file: Path) -> str:
@@ -242,13 +242,6 @@ def dotted(key: Sequence[str | int]) -> str:
         bare = part.isascii() and part.replace("-", "_").isidentifier()
         text += ("." if text else "") + (part if bare else json.dumps(part, ensure_ascii=False))
     return text
-
-
-def _as_tuples(value: object) -> object:
-    """Convert lists to tuples: the models are strict and immutable."""
-    if isinstance(value, dict):
-        return {key: _as_tuples(inner) for key, inner in value.items()}
-    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
 
 
 def _explain(error: ValidationError, model: type[BaseModel] = Script) -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rwt.extensions.testing.errors import ScriptError
 from rwt.extensions.testing.journal import ObservedGraph
@@ -13,6 +12,7 @@ from rwt.extensions.testing.script.file import (
     ActionScript,
     AnswerScript,
     FaultScript,
+    Fields,
     Script,
     ServiceScript,
     TopicScript,
@@ -29,7 +29,7 @@ from rwt_participant.errors import RobotError
 class SteppedTopic:
     """Topic whose messages are published one at a time, by :meth:`step`."""
 
-    def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
+    def __init__(self, topic: ScriptedTopic, messages: list[Fields]) -> None:
         self.name = topic.name
         self.messages = messages
         self.done = 0
@@ -71,7 +71,7 @@ class TomlRobot:
     def _do(self, script: Script) -> None:
         for name, value in script.parameters.items():
             with self._saying("parameters", name):
-                self.node.has_parameter(name, _as_lists(value))
+                self.node.has_parameter(name, value)
         for name, service in script.services.items():
             self._service(name, service)
         for name, action in script.actions.items():
@@ -100,18 +100,16 @@ class TomlRobot:
             recorded = read_recorded(self._file.parent / script.file)
         for index, message in enumerate(script.messages):
             with self._saying("topics", name, "messages", index):
-                topic.check((_as_lists(message),))
+                topic.check((message,))
         with self._saying("topics", name):
             if script.latched is not None:
-                topic.publish(_as_lists(script.latched))
+                topic.publish(script.latched)
             elif script.rate is not None:
-                messages = [_as_lists(message) for message in script.messages]
-                topic.repeat(messages, script.rate, again=script.repeat is not False)
+                topic.repeat(script.messages, script.rate, again=script.repeat is not False)
             elif script.messages:
-                self.stepped.append(SteppedTopic(topic, tuple(map(_as_lists, script.messages))))
+                self.stepped.append(SteppedTopic(topic, script.messages))
             elif recorded:
-                timed = [(each.at, _as_lists(each.msg)) for each in recorded]
-                topic.play(timed, repeat=script.repeat is True)
+                topic.play([(each.at, each.msg) for each in recorded], repeat=script.repeat is True)
 
     def _service(self, name: str, script: ServiceScript) -> None:
         with self._saying("services", name):
@@ -120,41 +118,34 @@ class TomlRobot:
         # In a script the first matching case answers, in a scripted service the last: reverse them.
         for index, case in reversed(tuple(enumerate(script.when))):
             with self._saying("services", name, "when", index):
-                _answer(service.when(_as_lists(case.request)), case)
+                _answer(service.when(case.request), case)
 
     def _action(self, name: str, script: ActionScript) -> None:
         action = self.node.on_action(name, script.type)
-        action.feedback(*map(_as_lists, script.feedback), every=script.every)
+        action.feedback(*script.feedback, every=script.every)
         if script.ignores_cancel:
             action.ignores_cancel()
         if script.rejects is not None:
             action.rejects(script.rejects)
         elif script.aborts is not None:
-            action.aborts(_as_lists(script.aborts), after=script.after)
+            action.aborts(script.aborts, after=script.after)
         elif script.never_ends:
             action.never_ends()
         else:
-            action.succeeds(_as_lists(script.succeeds), after=script.after)
+            action.succeeds(script.succeeds, after=script.after)
 
 
 def _answer(service: ScriptedService | Case, script: AnswerScript) -> None:
     if script.returns is not None:
-        several = script.returns if isinstance(script.returns, tuple) else (script.returns,)
-        service.returns(*map(_as_lists, several), after=script.after)
+        several = script.returns if isinstance(script.returns, list) else (script.returns,)
+        service.returns(*several, after=script.after)
     elif script.fails is not None:
         service.raises(script.fails, after=script.after)
     elif script.never_answers:
         service.never_answers()
 
 
-def _as_lists(value: Any) -> Any:
-    """Convert tuples to lists: ROS arrays are lists, the models have tuples."""
-    if isinstance(value, Mapping):
-        return {key: _as_lists(inner) for key, inner in value.items()}
-    return [_as_lists(inner) for inner in value] if isinstance(value, tuple | list) else value
-
-
-def inject(faults: Faults, scripts: tuple[FaultScript, ...]) -> None:
+def inject(faults: Faults, scripts: Iterable[FaultScript]) -> None:
     """Inject the faults of a script."""
     for each in scripts:
         scope: Scope = {"op": each.op, "to": each.to, "count": each.count, "every": each.every}

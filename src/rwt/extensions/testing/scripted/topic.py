@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rwt.extensions.testing.errors import ScriptError, check_messages
@@ -66,7 +66,7 @@ class ScriptedTopic:
             playing = self._playing = _Playing(
                 self._graph.clock, self._publisher, tuple(messages), repeat, length
             )
-            self._run(playing.begin)
+            self._graph.soon(playing.begin)
 
     def repeat(self, messages: Sequence[MessageLike], rate: float, *, again: bool = True) -> None:
         """Publish messages in turn, `rate` per second, from the first again after the last.
@@ -84,7 +84,7 @@ class ScriptedTopic:
         playing, self._playing = self._playing, None
         if playing is not None:
             playing.over = True
-            self._run(playing.end)
+            self._graph.soon(playing.end)
 
     @property
     def subscriber_count(self) -> int:
@@ -110,12 +110,6 @@ class ScriptedTopic:
     def check(self, messages: Sequence[MessageLike | None]) -> None:
         """Raise :exc:`ScriptError` if a message does not fit the topic's type."""
         check_messages(self._publisher.type, messages, self._publisher.now_ns, self.name)
-
-    def _run(self, call: Callable[[], None]) -> None:
-        if self._graph.on_graph_thread():
-            call()
-        else:
-            self._graph.run_on_graph(call)
 
     def _nobody(self, within: float) -> str:
         return f"{self.name} has no subscriber within {within:g} s"

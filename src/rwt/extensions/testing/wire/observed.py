@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.access.settings import SettingsError
-from rwt.extensions.testing.wire.faults import PASS, FaultAction, Faults, Subject
+from rwt.extensions.testing.wire.faults import PASS, Faults, Subject
 from rwt.extensions.testing.wire.transcript import Transcript, shown_bytes, shown_frame
 from rwt_protocol.codecs import bson_codec
 from rwt_protocol.errors import EncodingUnavailable
@@ -71,11 +71,7 @@ class ObservedWire:
 
     def middleware(self, accept: Accept) -> Accept:
         """Wrap the accept function of a listener."""
-
-        def accept_observed(sink: Sink, info: PeerInfo) -> Endpoint:
-            return self._accept(accept, sink, info)
-
-        return accept_observed
+        return partial(self._accept, accept)
 
     def _accept(self, accept: Accept, sink: Sink, info: PeerInfo) -> Endpoint:
         status = self.faults.refusal()
@@ -147,17 +143,15 @@ class _ObservedEndpoint:
         subjects = _subjects(self._session.decode(data, binary, time.monotonic()))
         action = wire.faults.action_for("server", subjects) if wire.faults else PASS
         wire.transcript.message(self._number, "→", shown_bytes(data, binary), action.remark)
-        if action is PASS:
-            self.inner.receive(data, binary)
-            return
-        kept = bytes(data)
         for _ in range(action.copies):
             if action.delay <= 0:
-                self.inner.receive(kept, binary)
+                self.inner.receive(data, binary)
             else:
-                wire.clock.call_later(
-                    action.delay, lambda: None if self._over else self.inner.receive(kept, binary)
-                )
+                wire.clock.call_later(action.delay, partial(self._receive_late, bytes(data), binary))
+
+    def _receive_late(self, data: bytes, binary: bool) -> None:
+        if not self._over:
+            self.inner.receive(data, binary)
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         self._wire.transcript.message(self._number, "→", f"<{size} bytes: too large, skipped>")
@@ -208,12 +202,6 @@ class _ObservedSink:
             return
         action = self.wire.faults.action_for("client", subjects) if self.wire.faults else PASS
         self.wire.transcript.message(self.number, "←", shown_frame(frame), action.remark)
-        if action is PASS:
-            self._now(flow, send)
-        else:
-            self._act(action, flow, send)
-
-    def _act(self, action: FaultAction, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
         for _ in range(action.copies):
             if action.delay <= 0:
                 self._now(flow, send)
@@ -225,10 +213,8 @@ class _ObservedSink:
             return
         if self.slow_reader.idle and self.wire.faults.read_rate is None:
             send()
-        elif flow is None:
-            self.slow_reader.put(send)
         else:
-            self.slow_reader.put(send, flow, flow.rules.depth, flow.on_drop)
+            self.slow_reader.put(send, flow)
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.slow_reader.flush()
@@ -283,15 +269,6 @@ class _ObservedFlow:
 MOST_WAITING = 10_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _QueuedMessage:
-    """Queued message; `flow` is None for a reply, which is never dropped."""
-
-    send: Callable[[], None]
-    flow: object
-    on_drop: Callable[[DropReason], None] | None
-
-
 class SlowReader:
     """Sends messages at the rate of a slow reader, in order.
 
@@ -303,7 +280,7 @@ class SlowReader:
     def __init__(self, clock: Clock, read_rate: Callable[[], float | None]) -> None:
         self._clock = clock
         self._read_rate = read_rate
-        self._waiting: deque[_QueuedMessage] = deque()
+        self._waiting: deque[tuple[Callable[[], None], _ObservedFlow | None]] = deque()
         self._ticking = False
 
     @property
@@ -311,36 +288,29 @@ class SlowReader:
         """True if the queue is empty."""
         return not self._waiting
 
-    def put(
-        self,
-        send: Callable[[], None],
-        flow: object = None,
-        depth: int | None = None,
-        on_drop: Callable[[DropReason], None] | None = None,
-    ) -> None:
+    def put(self, send: Callable[[], None], flow: _ObservedFlow | None) -> None:
         """Queue a message; it is sent at once if the queue is empty.
 
         Args:
-            flow: key of the topic's flow; None for a message that is never dropped.
-            depth: maximum number of queued messages of the flow.
-            on_drop: called with the reason when a message of the flow is dropped.
+            flow: flow of the topic, whose oldest messages may be dropped; None for a reply, which never is.
         """
-        if flow is not None and depth is not None:
-            while sum(each.flow is flow for each in self._waiting) >= max(1, depth):
-                self._drop_oldest(lambda each: each.flow is flow, DropReason.QUEUE)
-        if flow is not None and len(self._waiting) >= MOST_WAITING:
-            self._drop_oldest(lambda each: each.flow is not None, DropReason.BACKLOG)
-        self._waiting.append(_QueuedMessage(send, flow, on_drop))
+        if flow is not None:
+            if flow.rules.depth is not None:
+                while sum(each is flow for _, each in self._waiting) >= max(1, flow.rules.depth):
+                    self._drop_oldest(DropReason.QUEUE, flow)
+            if len(self._waiting) >= MOST_WAITING:
+                self._drop_oldest(DropReason.BACKLOG)
+        self._waiting.append((send, flow))
         if not self._ticking:
             self._tick()
 
-    def _drop_oldest(self, is_meant: Callable[[_QueuedMessage], bool], reason: DropReason) -> None:
-        oldest = next((each for each in self._waiting if is_meant(each)), None)
-        if oldest is None:
-            return
-        self._waiting.remove(oldest)
-        if oldest.on_drop is not None:
-            oldest.on_drop(reason)
+    def _drop_oldest(self, reason: DropReason, only: _ObservedFlow | None = None) -> None:
+        for item in self._waiting:
+            flow = item[1]
+            if flow is not None and only in (None, flow):
+                self._waiting.remove(item)
+                flow.on_drop(reason)
+                return
 
     def _tick(self) -> None:
         self._ticking = False
@@ -350,9 +320,9 @@ class SlowReader:
         elif self._waiting:
             self._ticking = True
             self._clock.call_later(1.0 / read_rate, self._tick)
-            self._waiting.popleft().send()
+            self._waiting.popleft()[0]()
 
     def flush(self) -> None:
         """Send all queued messages now."""
         while self._waiting:
-            self._waiting.popleft().send()
+            self._waiting.popleft()[0]()
