@@ -135,6 +135,7 @@ async def dial(
 
 def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
     def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
+        # `clients` includes this one: it is counted on its assignment, before it is accepted.
         if status.clients > most:
             raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
         return accept(sink, info)
