@@ -35,7 +35,7 @@ from websockets.typing import Subprotocol
 
 from rwt_client import connect
 from tests.browser.driver import Page, find_browser, opened_browser
-from tests.core.access.driver import Asker
+from tests.core.access.driver import mcp_session
 from tests.extensions.ros2.live.domains import free_domain
 from tests.processes import running
 from tests.statements import Program
@@ -235,20 +235,16 @@ async def _foxglove(url: str, scene: Scene, topics: list[str]) -> None:
 
 async def _agent(url: str, scene: Scene) -> None:
     """Look at the robot and drive it for a moment, every few seconds."""
-    asker = Asker(url)
-    about = {"name": "agent", "version": "1"}
-    opening = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": about}
     tools: list[tuple[str, dict[str, Any]]] = [
         ("read_topic", {"topic": "/odom"}),
         ("get_image", {"topic": "/camera"}),
         ("publish", {"topic": "/cmd_vel", "message": {"linear": {"x": 0.2}}, "seconds": 0.3}),
     ]
-    await anyio.to_thread.run_sync(asker.rpc, "initialize", opening)
-    await anyio.to_thread.run_sync(asker.rpc, "notifications/initialized", {})
+    rpc = await anyio.to_thread.run_sync(mcp_session, url)
     while True:
         for name, arguments in tools:
             call = {"name": name, "arguments": arguments}
-            await anyio.to_thread.run_sync(asker.rpc, "tools/call", call, abandon_on_cancel=True)
+            await anyio.to_thread.run_sync(rpc, "tools/call", call, abandon_on_cancel=True)
             scene.received["agent"] += 1
         await anyio.sleep(3)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import sys
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,6 +53,39 @@ def test_transforms_travel_and_move_points(rclpy_graph: VirtualDomain) -> None:
     )
     with pytest.raises(tf2_ros.LookupException, match="nowhere"):
         buffer.lookup_transform("map", "nowhere", rclpy.time.Time())
+
+
+def test_threads_may_add_the_same_transform(
+    rclpy_graph: VirtualDomain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import rclpy
+    import tf2_ros
+
+    errors: list[BaseException | None] = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: errors.append(args.exc_value))
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(20):
+            buffer, barrier = tf2_ros.Buffer(), threading.Barrier(4)
+            futures = [buffer.wait_for_transform_async("a", "b", rclpy.time.Time()) for _ in range(200)]
+            transform: Any = message_class("geometry_msgs/TransformStamped")()
+            transform.header.frame_id, transform.child_frame_id = "a", "b"
+            transform.transform.rotation.w = 1.0
+
+            def add(buffer: Any = buffer, barrier: Any = barrier, transform: Any = transform) -> None:
+                barrier.wait()
+                buffer.set_transform(transform, "")
+
+            threads = [threading.Thread(target=add) for _ in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert all(future.done() for future in futures)
+    finally:
+        sys.setswitchinterval(interval)
+    assert errors == []
 
 
 def test_a_listener_fills_the_buffer_that_it_has_now(rclpy_graph: VirtualDomain) -> None:

@@ -161,6 +161,21 @@ def test_modules_of_messages() -> None:
         _ = package.Strin
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "action/Fibonacci_Goal",
+        "action/Fibonacci_FeedbackMessage",
+        "action/Fibonacci_SendGoal_Request",
+        "action/Fibonacci_SendGoal_Event",
+        "srv/AddTwoInts_Event",
+    ],
+)
+def test_parts_of_interfaces_by_type_name(name: str) -> None:
+    found = classes().by_type_name(f"example_interfaces/{name}")
+    assert found is message_class(f"example_interfaces/{name.partition('/')[2]}")
+
+
 def test_services_are_not_made() -> None:
     service: Any = importlib.import_module("std_srvs.srv").SetBool
     with pytest.raises(NotImplementedError, match="Request"):

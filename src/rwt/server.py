@@ -401,13 +401,14 @@ class Server:
         Raises:
             NotRunning: the server does not run.
         """
+        ends = self._ends()  # Raises; a task group would wrap the error.
         async with anyio.create_task_group() as tasks:
 
             async def watch(wait: Callable[[], Awaitable[object]]) -> None:
                 await wait()
                 tasks.cancel_scope.cancel()
 
-            for wait in self._ends():
+            for wait in ends:
                 tasks.start_soon(watch, wait)
             await anyio.sleep_forever()
 

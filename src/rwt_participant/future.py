@@ -60,7 +60,7 @@ class Future(Generic[T]):
     async def wait(self) -> T:
         """Return the value, or raise the error, once it is set."""
         if not self._values and _HAS_NO_TASK.get():
-            await _for_a_task()
+            await _for_a_task()  # Within :func:`run_until_it_waits`: the rest runs in a task.
         if not self._values:  # It may be set before the task continues.
             if self._event is None:
                 self._event = anyio.Event()

@@ -299,7 +299,10 @@ def comparable(value: object) -> object:
 
 
 def _equal(one: RawPayload, other: RawPayload) -> bool:
-    """Return True if two payloads hold the same value; invalid JSON equals only its own bytes."""
+    """Return True if two payloads hold the same value; False if one is invalid JSON.
+
+    For the latter, :meth:`RawJson.__eq__` compares the bytes before.
+    """
     try:
         return comparable(one.plain()) == comparable(other.plain())
     except MalformedPayload:

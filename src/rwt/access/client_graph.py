@@ -265,7 +265,7 @@ class ClientGraph(GraphView):
     def take_role(self, role: Role) -> None:
         """Switch to another role. What is open stays open; callers must request publishers again."""
         self.role = role
-        self._named_at = -1
+        self._names_version = -1
         if self._gate is not None:
             self._gate.take_role(role)
 

@@ -46,8 +46,9 @@ class GraphView(GraphListings):
         self._keep = keep
         self.work = work
         self._graph = graph
+        # Names of the visible nodes, and the version of the graph that they were read from.
         self._node_names: frozenset[str] = frozenset()
-        self._named_at = -1
+        self._names_version = -1
         self.distro: Distro = graph.distro
         self.registry: Registry = graph.registry
         self.clock: Clock = graph.clock
@@ -125,12 +126,13 @@ class GraphView(GraphListings):
     def sees_node(self, name: str) -> bool:
         """Return True if a node is visible."""
         version = self._graph.version
-        if self._named_at != version:
+        if self._names_version != version:
             self._node_names = frozenset(node.name for node in self.nodes())
-            self._named_at = version
+            self._names_version = version
         return name in self._node_names
 
     def _shows(self, node: NodeInfo) -> bool:
+        # Not `role.sees_service`: a client's view also shows the gate's own services.
         return (
             any(map(self.role.sees_topic, (*node.publishing, *node.subscribing)))
             or any(map(self.sees_service, node.services))

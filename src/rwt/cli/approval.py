@@ -40,12 +40,14 @@ class ApprovalProgress:
         self.state: Literal["", "waiting", "approved", "denied"] = ""
         self.why = ""
         self._robot = robot
+        # The last request: its id, the roles that may approve it, and when it expires on anyio's clock.
         self._id = self._roles = ""
         self._until = 0.0
+        # The command in :meth:`run`: its arguments, and the scope that ends it.
         self._timeout = inf
         self._extends = False
         self._scope: anyio.CancelScope | None = None
-        self._decided: anyio.Event
+        self._decided: anyio.Event  # Made anew by each :meth:`run`.
         self._is_live = sys.stderr.isatty()
 
     async def run(

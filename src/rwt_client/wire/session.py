@@ -192,7 +192,7 @@ class ReconnectingSession:
             return
         self._sink = None
         text = reason or f"closed with code {code}"
-        self._notify_all(ConnectionLost(f"the connection to the server was lost: {text}"), False)
+        self._notify_all(ConnectionLost(f"the connection to the server was lost: {text}"), final=False)
         if self._closed is None:
             self.events.publish(ConnectionEvent("lost", text))
         self._ended.set()
@@ -201,12 +201,12 @@ class ReconnectingSession:
         """Accept no more connections, because of `error`."""
         if self._closed is None:
             self._closed = error
-            self._notify_all(error, True)
+            self._notify_all(error, final=True)
             self._restorables.clear()
             text = "" if isinstance(error, ConnectionClosed) else str(error)
             self.events.publish(ConnectionEvent("closed", text))
 
-    def _notify_all(self, error: ConnectionLost, final: bool) -> None:
+    def _notify_all(self, error: ConnectionLost, *, final: bool) -> None:
         for restorable in tuple(self._restorables.values()):
             restorable.lost(error, final)
 

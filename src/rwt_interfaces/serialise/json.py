@@ -193,7 +193,10 @@ def parse(raw: RawText) -> object:
 
 
 def begins_too_deep(raw: RawText) -> bool:
-    """Return True if the beginning of a text is nested too deeply for any message, and to be skipped."""
+    """Return True if the beginning of a rejected text is nested too deeply, which its error then states.
+
+    The rest is not parsed, to save time; the cut itself counts as valid.
+    """
     try:
         _skip(memoryview(raw)[:_BEGINNING])
     except RecursionError:

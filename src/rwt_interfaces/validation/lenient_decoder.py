@@ -234,14 +234,15 @@ def _time(type: field_types.Time, stamped: bool) -> LenientDecoder:
             raise InvalidMessage("", unknown_field(str(type), type.keys, given.keys()))
         defaults = divmod(now(), NANOSECONDS) if stamped else (0, 0)
         return struct(
-            _half(given, _SECONDS_KEYS, type.seconds, defaults[0]),
-            _half(given, _NANOSECONDS_KEYS, type.nanoseconds, defaults[1]),
+            _time_part(given, _SECONDS_KEYS, type.seconds, defaults[0]),
+            _time_part(given, _NANOSECONDS_KEYS, type.nanoseconds, defaults[1]),
         )
 
     return complete
 
 
-def _half(given: Mapping[str, object], keys: Sequence[str], type: field_types.Int, default: int) -> int:
+def _time_part(given: Mapping[str, object], keys: Sequence[str], type: field_types.Int, default: int) -> int:
+    """Return the seconds or nanoseconds of a time, under the first of the keys that it has."""
     for key in keys:
         if key in given:
             try:

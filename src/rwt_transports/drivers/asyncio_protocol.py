@@ -275,7 +275,7 @@ class _SocketLink(asyncio.BufferedProtocol):
 
     def resume_writing(self) -> None:
         self._writable = True
-        self._resuming = True
+        self._resuming = True  # Defers a close, see :meth:`_close`.
         try:
             self._callbacks.progress()
             if self._tls:

@@ -80,7 +80,7 @@ class ReceiveBufferPool:
             self._kept = buffer
 
     def hold(self, holder: Incomplete, size: int) -> None:
-        """Set the bytes of an incomplete message of `holder`."""
+        """Set the bytes of an incomplete message of `holder`; give up the oldest ones over the limit."""
         self._held += size - self._incomplete.get(holder, 0)
         self._incomplete[holder] = size
         while self._held > self._most and len(self._incomplete) > 1:

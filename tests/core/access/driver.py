@@ -63,8 +63,8 @@ def by_http(url: str, speed: float) -> Callable[[], object]:
     return lambda: client.post("/api/topics/cmd_vel", json={"linear": {"x": speed}}).raise_for_status()
 
 
-def by_mcp(url: str, speed: float) -> Callable[[], object]:
-    """Return a function that drives for a moment as an agent does."""
+def mcp_session(url: str) -> Callable[[str, dict[str, Any]], None]:
+    """Open a session of an agent; return a function that makes its requests and sends its notifications."""
     accepted = {"Accept": "application/json, text/event-stream"}
     client = httpx.Client(base_url=url.replace("ws", "http", 1), headers=accepted, timeout=None)
     numbers = count(1)
@@ -79,9 +79,14 @@ def by_mcp(url: str, speed: float) -> Callable[[], object]:
             client.headers["Mcp-Session-Id"] = session
 
     program = {"name": "driver", "version": "1"}
-    about = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": program}
-    rpc("initialize", about)
+    rpc("initialize", {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": program})
     rpc("notifications/initialized", {})
+    return rpc
+
+
+def by_mcp(url: str, speed: float) -> Callable[[], object]:
+    """Return a function that drives for a moment as an agent does."""
+    rpc = mcp_session(url)
     asked = {"topic": "/cmd_vel", "message": {"linear": {"x": speed}}, "rate": 20, "seconds": MCP_SECONDS}
     return lambda: rpc("tools/call", {"name": "publish", "arguments": asked})
 

@@ -55,6 +55,8 @@ async def test_what_there_is_only_while_it_runs_says_so() -> None:
     for name in ("urls", "bridge", "dials", "metrics"):
         with pytest.raises(NotRunning, match="async with server:"):
             getattr(server, name)
+    with pytest.raises(NotRunning, match="async with server:"):
+        await server.ended()
     async with server:
         pass
     with pytest.raises(NotRunning, match="entered only once"):

@@ -117,7 +117,7 @@ class TrajectoryController:
         self._finish(reason, _INVALID_GOAL)
 
     def step(self, seconds: float) -> Angles | None:
-        """Advance by so many seconds, and return the setpoint."""
+        """Advance by `seconds`, and return the setpoint; it moves at most at the speed of each joint."""
         run = self._run
         if run is None or self.setpoint is None or self._measured is None:
             return self.setpoint

@@ -176,11 +176,17 @@ class Buffer(BufferInterface):
     def _new_data(self) -> None:
         with self._condition:
             self._condition.notify_all()
-        for entry in tuple(self._waiting):
-            future, ready = entry
-            if ready():
-                self._waiting.remove(entry)
-                future.set_result(True)
+        # Several threads may add transforms: only one of them sets each future.
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+            found: list[Future] = []
+            for future, ready in waiting:
+                if ready():
+                    found.append(future)
+                else:
+                    self._waiting.append((future, ready))
+        for future in found:
+            future.set_result(True)
 
     # Asking
 
@@ -265,10 +271,12 @@ class Buffer(BufferInterface):
 
     def _when(self, ready: Callable[[], bool]) -> Future:
         future = Future()
-        if ready():
+        with self._lock:  # Otherwise the transform could come between check and append.
+            is_ready = ready()
+            if not is_ready:
+                self._waiting.append((future, ready))
+        if is_ready:
             future.set_result(True)
-        else:
-            self._waiting.append((future, ready))
         return future
 
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:

@@ -45,6 +45,7 @@ def description_of_file(path: Path) -> LaunchDescription:
 
     Raises:
         LaunchError: the file is not valid; the text gives the reason.
+        Exception: exception of the file's own code.
     """
     if not path.is_file():
         raise LaunchError(f"{path}: no such launch file")

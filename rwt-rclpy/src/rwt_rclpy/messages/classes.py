@@ -144,7 +144,8 @@ class MessageClasses:
         return self._once(self._actions, name, lambda: self._make_action(self.registry.action(name)))
 
     def by_type_name(self, name: str) -> type:
-        """Return the class of ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``.
+        """Return the class of ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``, or of a part of the
+        latter two, such as ``pkg/srv/Name_Request``.
 
         Raises:
             UnknownType: the registry has no such interface.
@@ -152,9 +153,9 @@ class MessageClasses:
         kind = name.split("/")[1] if name.count("/") == 2 else "msg"
         short = f"{name.split('/')[0]}/{name.rpartition('/')[2]}"
         if kind == "srv" or (kind == "action" and short.endswith(("_SendGoal", "_GetResult"))):
-            with_parts = short.endswith(("_Request", "_Response", "_Event"))
-            return self.message(short) if with_parts else self.service(short)
-        parts = ("_Goal", "_Result", "_Feedback", "_FeedbackMessage", "_Request", "_Response")
+            is_part = short.endswith(("_Request", "_Response", "_Event"))
+            return self.message(short) if is_part else self.service(short)
+        parts = ("_Goal", "_Result", "_Feedback", "_FeedbackMessage", "_Request", "_Response", "_Event")
         if kind == "action" and not short.endswith(parts):
             return self.action(short)
         return self.message(short)

@@ -403,6 +403,7 @@ def _bytes_of(value: Any) -> bytes:
 
 
 def _list_or_numpy(value: Any) -> Any:
+    """Return a copy of numbers for the graph: a list if there are few, otherwise a numpy array."""
     if len(value) < _SHORT:
         return value.tolist()
     if isinstance(value, array):

@@ -234,6 +234,7 @@ class HttpCall(Kept):
         if self.outcome is None and self.approval is not None:
             with anyio.move_on_after(seconds):
                 await self._answered.wait()
+        # Not required, or approved meanwhile: the call ends at the latest with the timeout given to `send`.
         if self.outcome is None and self.approval is None:
             await self._answered.wait()
 

@@ -116,7 +116,7 @@ class TopicPages:
                 publisher.publish(payload)
             publisher.counts.received += 1
             publisher.counts.received_bytes += len(request.body)
-            # Report a command that the gate has changed.
+        # Report a command that the gate has changed.
         return value_response(request, {"gate": notices}) if notices else HttpResponse(status=204)
 
 

@@ -455,6 +455,7 @@ class _RelayEnd(ABC):
         return self
 
     def closed(self, code: int, reason: str) -> None:
+        """End the other connection as well; the waiting bytes of both no longer count."""
         self.hub.waiting.give_back(self)
         self._early.clear()
         other, self.other = self.other, None

@@ -288,9 +288,14 @@ class McpGateway(Gateway):
         return answer
 
     def _role(self, info: PeerInfo) -> Role:
-        """Return the role of an agent, from its token or the default for agents without one."""
+        """Return the role of an agent: that of its token, or else `mcp.default_role`.
+
+        Raises:
+            Refused: it has no token, and the server admits no client without one.
+        """
         admission = self.access.admission
         role = admission.role_of_token(info)
+        # `auth.default_role` decides only whether clients need a token; the role itself is that for agents.
         if role is None and admission.default_role is not None:
             role = admission.roles.get(self.settings.default_role)
         if role is None:

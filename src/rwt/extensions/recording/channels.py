@@ -125,7 +125,7 @@ def _profile(qos: QoS) -> str:
         "durability": _DURABILITIES[qos.durability],
         "deadline": _duration(qos.deadline),
         "lifespan": _duration(qos.lifespan),
-        "liveliness": 1,
+        "liveliness": 1,  # automatic
         "liveliness_lease_duration": _duration(None),
         "avoid_ros_namespace_conventions": "false",
     }

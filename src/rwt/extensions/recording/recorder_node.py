@@ -167,7 +167,7 @@ class RecorderNode:
         return {"success": True, "message": "", "file": path.name}
 
     async def _stop(self, request: Message) -> dict[str, object]:
-        recorder = self._forget("")
+        recorder = self._forget()
         if recorder is None:
             return _refusal("nothing is being recorded")
         try:
@@ -205,7 +205,12 @@ class RecorderNode:
             recorder.writer.finish_soon()
             self._ending = [each for each in self._ending if each.is_writing] + [recorder.writer]
 
-    def _forget(self, problem: str) -> Recorder | None:
+    def _forget(self, problem: str = "") -> Recorder | None:
+        """Stop the recorder, and return it, for its writer to be closed.
+
+        Args:
+            problem: why it stops, for the state; empty if that was requested.
+        """
         recorder, self._recorder = self._recorder, None
         if self._timer is not None:
             self._timer.cancel()
@@ -227,7 +232,7 @@ class RecorderNode:
 
     def close(self) -> None:
         """End what is being recorded, and leave the graph."""
-        recorder = self._forget("")
+        recorder = self._forget()
         for writer in [*self._ending, *([] if recorder is None else [recorder.writer])]:
             try:
                 writer.close()

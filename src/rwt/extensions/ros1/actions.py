@@ -184,6 +184,7 @@ class ActionClient:
             self._is_watching = False
 
     def _lose_goals(self, why: str) -> None:
+        """Drop what waits to be sent, and abort all goals."""
         self._unsent.clear()
         for goal in tuple(self._goals.values()):
             goal.end(GoalStatus.ABORTED, ProviderGone(why))

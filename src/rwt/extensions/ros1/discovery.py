@@ -58,8 +58,10 @@ T = TypeVar("T")
 
 
 async def _in_steps(items: Iterable[T]) -> AsyncIterator[T]:
-    """Yield items; the event loop goes on after each `_AT_ONCE` of them, and what changes then must be copied
-    for this."""
+    """Yield items; the event loop runs after each `_AT_ONCE` of them.
+
+    Pass a copy of a collection that may change meanwhile.
+    """
     for number, item in enumerate(items, 1):
         yield item
         if number % _AT_ONCE == 0:

@@ -111,6 +111,7 @@ class MasterParameters(ParameterTree):
                 await self._wake.wait()
 
     async def _send(self, session: Session, method: str, name: str) -> None:
+        """Carry out one request. A value is set as it is now; nothing is set if it was deleted meanwhile."""
         if method == "getParam":
             self._apply(name, await session.try_master(method, name))
         elif method == "deleteParam":

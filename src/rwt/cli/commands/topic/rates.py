@@ -152,6 +152,13 @@ async def _measure(
     value: Callable[[RemoteSubscription, Any], float],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> None:
+    """Listen to the topics, and report on them at intervals.
+
+    Args:
+        measure: makes the report on one topic from its samples.
+        value: what is sampled of each message.
+        between: called after each report.
+    """
     names = [absolute_name(name) for name in dict.fromkeys(arguments.topic)]
     measured = {name: await _listen(robot, name, arguments.window, value) for name in names}
     due = anyio.current_time()

@@ -257,6 +257,7 @@ class _Robot:
             page = PageServer(sink, self._routes, info)
             self.starter.start_soon(page.run)
             return page
+        # `clients` includes this one: it is counted on its assignment, before it is accepted.
         if status.clients > self._most:
             raise Refused(503, f"all {self._most} connections of this robot are taken (limits.connections)")
         return self._accept(sink, info)

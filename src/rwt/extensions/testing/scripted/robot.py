@@ -83,7 +83,7 @@ class ScriptedRobot(Node):
     def on_service(self, service: str, type: str) -> ScriptedService:
         """Offer a service; the methods of the result script its answers.
 
-        A second call for the same service scripts other answers.
+        A second call with the same type returns the same service: its methods change further answers.
 
         Raises:
             UnknownType: the type is unknown; also raises what :meth:`Node.advertise_service` raises.
@@ -99,7 +99,7 @@ class ScriptedRobot(Node):
     def on_action(self, action: str, type: str) -> ScriptedAction:
         """Offer an action; the methods of the result script its goals.
 
-        A second call for the same action scripts another course.
+        A second call with the same type returns the same action: its methods change how further goals run.
 
         Raises:
             UnknownType: the type is unknown; also raises what :meth:`Node.advertise_action` raises.
