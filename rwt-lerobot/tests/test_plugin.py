@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,11 +86,16 @@ def _rest(device: Any) -> dict[str, Any]:
 
 
 def _until(condition: Callable[[], bool], step: Callable[[], object]) -> None:
-    """Repeat a step until a condition holds, or for too long."""
+    """Repeat a step until a condition holds."""
     end = time.monotonic() + 20
-    while not condition() and time.monotonic() < end:
+    while not condition():
+        assert time.monotonic() < end, "the condition does not become true"
         step()
         time.sleep(0.02)
+
+
+def _has_action(teleoperator: Any, degrees: Any) -> bool:
+    return bool(teleoperator.get_action()["pan.pos"] == degrees)
 
 
 def _error(device: Any, action: dict[str, Any] | None = None) -> Exception:
@@ -299,12 +305,11 @@ def test_a_teleoperator_repeats_the_last_command(bench: Bench, tmp_path: Path) -
     for points, degrees in (([{"positions": [math.pi / 4]}], 45.0), ([], 10.0)):
         trajectory = {"joint_names": ["pan"], "points": points}
         # Again and again: the first ones may precede the subscription.
-        _until(
-            lambda degrees=degrees: teleoperator.get_action()["pan.pos"] == pytest.approx(degrees),
-            lambda trajectory=trajectory: bench.robot.publish(
-                "/teleop/joint_trajectory", trajectory, "trajectory_msgs/JointTrajectory"
-            ),
+        command = partial(
+            bench.robot.publish, "/teleop/joint_trajectory", trajectory, "trajectory_msgs/JointTrajectory"
         )
+        wanted = pytest.approx(degrees)
+        _until(partial(_has_action, teleoperator, wanted), command)
         assert teleoperator.get_action()["pan.pos"] == pytest.approx(degrees)
     assert teleoperator.get_action().keys() == teleoperator.action_features.keys()
     teleoperator.disconnect()
