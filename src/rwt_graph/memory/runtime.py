@@ -22,6 +22,8 @@ logger = logging.getLogger(__name__)
 
 Task = Callable[[], Awaitable[None]]
 
+Spawned = tuple[Task, str, Context, int]
+"""A task to start, with its name, the context of its caller, and the ID of that thread."""
 
 CallSoon = Callable[[Callable[[], object]], object]
 """Runs a call on the event loop's thread, soon."""
@@ -77,7 +79,7 @@ class Runtime:
         self._call_soon: CallSoon | None = None
         self._thread: int | None = None
         self._group: anyio.abc.TaskGroup | None = None
-        self._waiting: list[tuple[Task, str, Context]] = []
+        self._waiting: list[Spawned] = []
         self._wake: anyio.Event | None = None
 
     def _become(self, state: _RuntimeState) -> None:
@@ -138,19 +140,35 @@ class Runtime:
     def spawn(self, task: Task, name: str) -> None:
         if self._state in (_RuntimeState.STOPPING, _RuntimeState.OVER):
             raise NotRunning(f"{name} cannot start: the graph was closed")
-        self._waiting.append((task, name, copy_context()))  # The task runs in a copy of the caller's context.
+        spawned = (task, name, copy_context(), threading.get_ident())
+        if self.on_graph_thread():
+            self._start_soon(spawned)
+        else:
+            self.run_on_graph(partial(self._start_soon, spawned))
+
+    def _start_soon(self, spawned: Spawned) -> None:
+        if self._state is _RuntimeState.OVER:
+            logger.warning("%s cannot start: the graph was closed", spawned[1])
+            return
+        self._waiting.append(spawned)
         if self._wake is not None:
             self._wake.set()
 
     async def _start_tasks(self, group: anyio.abc.TaskGroup) -> None:
         """Start the spawned tasks, in a task of its own.
 
-        Most callers of `spawn` are callbacks of the event loop, where a task group cannot start anything.
+        Most callers of `spawn` are callbacks of the event loop, where a task group cannot start anything. A
+        task runs in a copy of its caller's context, except that of another thread, which may name another
+        event loop.
         """
         while True:
             waiting, self._waiting = self._waiting, []
-            for task, name, context in waiting:
-                context.run(partial(group.start_soon, _guarded, task, name, name=name))
+            for task, name, context, thread in waiting:
+                start = partial(group.start_soon, _guarded, task, name, name=name)
+                if thread == self._thread:
+                    context.run(start)
+                else:
+                    start()
             wake = self._wake = anyio.Event()
             if not self._waiting:
                 await wake.wait()
@@ -192,7 +210,7 @@ class Runtime:
                 with anyio.CancelScope() as scope:
                     # Like a task group with what is started after its end: waiting tasks receive an error.
                     scope.cancel()
-                    for task, name, _ in waiting:
+                    for task, name, *_ in waiting:
                         await _guarded(task, name)
 
 

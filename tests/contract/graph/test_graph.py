@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import anyio
+import anyio.lowlevel
 import pytest
 
 from rwt_graph import InvalidGraphName
@@ -165,3 +166,19 @@ async def test_a_task_that_fails_ends_nothing_else(
     harness.graph.spawn(work, "the working task")
     await ran.wait()
     assert "the failing task failed" in caplog.text
+
+
+@pytest.mark.parametrize("backend", ["asyncio", "trio"])
+async def test_a_task_of_another_event_loop_runs_on_the_graphs(harness: Harness, backend: str) -> None:
+    threads: list[int] = []
+
+    async def work() -> None:
+        await anyio.lowlevel.checkpoint()
+        threads.append(threading.get_ident())
+
+    async def spawn() -> None:
+        harness.graph.spawn(work, "the task of another loop")
+
+    await anyio.to_thread.run_sync(partial(anyio.run, spawn, backend=backend))
+    await harness.settle()
+    assert threads == [threading.get_ident()]
