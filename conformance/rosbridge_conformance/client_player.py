@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
+from itertools import count
 
 from rosbridge_conformance.case_player import CasePlayer, Connection, Fault, Played, Raw, Stop
 from rosbridge_conformance.program import Driven, ProgramEnded
@@ -56,6 +57,8 @@ class _ClientPlayer(CasePlayer):
         self._listener = listener
         self._events: deque[dict[str, Json]] = deque()
         self._asides: dict[str, deque[dict[str, Json]]] = {name: deque() for name in ASIDE}
+        # Each mark is used once: a connection may be opened again under its name.
+        self._probe_numbers = count(1)
         self._probes_heard: set[str] = set()
         self._subscribed: set[str] = set()
         self._rosapi = any("rosapi/" in str(step) for step in case.steps)
@@ -155,7 +158,7 @@ class _ClientPlayer(CasePlayer):
     async def _probe(self, connection: Connection) -> None:
         """Probe the client with a subscription and a message, sent after everything else."""
         connection.probes += 1
-        topic, mark = f"/@/probe_{connection.name}", f"{connection.name}{connection.probes}"
+        topic, mark = f"/@/probe_{connection.name}", f"{connection.name}{next(self._probe_numbers)}"
         if connection.probes == 1:
             handle = f"probe_{connection.name}"
             kind: dict[str, Json] = {"topic": topic, "type": "std_msgs/String"}
