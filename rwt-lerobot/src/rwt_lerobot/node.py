@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import partial
 from typing import Any, Final, Protocol
 
@@ -24,6 +23,7 @@ from rwt_participant.images import compressed_image
 from rwt_participant.messages import Message, MessageLike
 from rwt_participant.qos import LATCHED
 from rwt_participant.timers import Watchdog
+from rwt_protocol.states import StateEnum
 
 #: Features of a mobile base, as LeKiwi names them: metres and degrees per second.
 _BASE: Final = ("x.vel", "y.vel", "theta.vel")
@@ -126,17 +126,10 @@ def motor_joints(
     return tuple(found)
 
 
-class _NodeState(Enum):
-    RUNNING = "running"
-    FAILED = "failed"
-    CLOSED = "closed"
-
-
-_TRANSITIONS: Final = {
-    _NodeState.RUNNING: {_NodeState.FAILED, _NodeState.CLOSED},
-    _NodeState.FAILED: {_NodeState.RUNNING, _NodeState.FAILED, _NodeState.CLOSED},
-    _NodeState.CLOSED: {_NodeState.CLOSED},
-}
+class _NodeState(StateEnum):
+    RUNNING = "FAILED", "CLOSED"
+    FAILED = "RUNNING", "FAILED", "CLOSED"
+    CLOSED = "CLOSED"
 
 
 class LeRobotNode:
@@ -224,13 +217,9 @@ class LeRobotNode:
         if isinstance(api, Robot):
             api.on_event(self._on_event)
 
-    def _become(self, state: _NodeState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     def close(self) -> None:
         """Stop reading and commanding. The robot stays connected, and its motors hold their position."""
-        self._become(_NodeState.CLOSED)
+        self._state = self._state.become(_NodeState.CLOSED)
         self._timer.cancel()
         self.controller.close()
         if self._watchdog is not None:
@@ -271,14 +260,14 @@ class LeRobotNode:
         if self._state is _NodeState.CLOSED:  # Meanwhile.
             return
         if self._state is _NodeState.FAILED:
-            self._become(_NodeState.RUNNING)
+            self._state = self._state.become(_NodeState.RUNNING)
             self.error = ""
             warn(self._api, self._name, "the robot answers again, and holds its position")
         with suppress(NotConnected):  # Nobody hears it until the client has restored the connection.
             self._publish(observation, images)
 
     def _fail(self, reason: str) -> None:
-        self._become(_NodeState.FAILED)
+        self._state = self._state.become(_NodeState.FAILED)
         if reason != self.error:
             logger.exception("the robot failed")
             self.error = reason

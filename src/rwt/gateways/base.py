@@ -13,7 +13,6 @@ import logging
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from enum import Enum
 from functools import partial
 from itertools import chain
 from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
@@ -27,6 +26,7 @@ from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph, scheduler_of
 from rwt_graph.api import Graph
 from rwt_graph.clock import Clock
+from rwt_protocol.states import StateEnum
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
@@ -252,19 +252,12 @@ class UnreadFrame(NamedTuple):
     binary: bool
 
 
-class _ClientState(Enum):
-    READING = "reading"
-    HELD = "held"
-    RELEASING = "releasing"
-    GONE = "gone"
+class _ClientState(StateEnum):
+    READING = "HELD", "RELEASING"
+    HELD = "READING", "RELEASING"
+    RELEASING = "GONE"
+    GONE = ()
 
-
-_TRANSITIONS: Final = {
-    _ClientState.READING: {_ClientState.HELD, _ClientState.RELEASING},
-    _ClientState.HELD: {_ClientState.READING, _ClientState.RELEASING},
-    _ClientState.RELEASING: {_ClientState.GONE},
-    _ClientState.GONE: set[_ClientState](),
-}
 
 _READING: Final = _ClientState.READING
 
@@ -342,10 +335,6 @@ class ConnectedClient(ABC, Generic[T, W]):
         self._is_beyond = self._needs_turn = graph.work.excess > 0.0
         self._began = 0.0
         self._waiting: deque[T | W | UnreadFrame | Arriving] = deque()
-
-    def _become(self, state: _ClientState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
 
     @property
     def _is_held(self) -> bool:
@@ -504,7 +493,7 @@ class ConnectedClient(ABC, Generic[T, W]):
             return
         self._waiting.append(what)
         if self._state is _READING:
-            self._become(_ClientState.HELD)
+            self._state = self._state.become(_ClientState.HELD)
             if self._flow_control is not None:
                 self._flow_control.pause()
             self._ask_for_turn()
@@ -554,7 +543,7 @@ class ConnectedClient(ABC, Generic[T, W]):
             else:
                 if self._is_held:
                     # Before the connection is resumed, which delivers what it has kept within this call.
-                    self._become(_READING)
+                    self._state = self._state.become(_READING)
                 if self._flow_control is not None:
                     self._flow_control.resume()
                 if self._is_over:
@@ -590,7 +579,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         """Called when the connection has ended: release everything (DIS-01 … DIS-07)."""
         if not self._is_held:  # Else the next turn resumes the connection first.
             self._flow_control = None  # Break the cycle: the connection refers to this client.
-        self._become(_ClientState.RELEASING)
+        self._state = self._state.become(_ClientState.RELEASING)
         self._waiting.clear()
         steps = self.graph.leave()
         self._gateway.left(self)
@@ -615,7 +604,7 @@ class ConnectedClient(ABC, Generic[T, W]):
                 if self._turns.is_full or not self._has_time():
                     self._turns.wait(partial(self._release_in_turns, steps))
                     return
-            self._become(_ClientState.GONE)
+            self._state = self._state.become(_ClientState.GONE)
         finally:
             self._worked += self._monotonic() - self._began
             self._count_work()

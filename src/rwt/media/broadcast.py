@@ -12,7 +12,6 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import Enum
 from typing import Any, Final, Generic, TypeVar
 
 import anyio
@@ -26,6 +25,7 @@ from rwt_graph import Node
 from rwt_graph.api import Sample
 from rwt_interfaces.payload import Payload
 from rwt_participant.handles import Handle
+from rwt_protocol.states import StateEnum
 from rwt_transports.http.routes import WorkAccount
 
 T = TypeVar("T")
@@ -94,17 +94,10 @@ class Listener(Generic[T]):
 AnyListener = TypeVar("AnyListener", bound=Listener[Any])
 
 
-class _StreamState(Enum):
-    STARTING = "starting"
-    RUNNING = "running"
-    ENDED = "ended"
-
-
-_TRANSITIONS: Final = {
-    _StreamState.STARTING: {_StreamState.RUNNING, _StreamState.ENDED},
-    _StreamState.RUNNING: {_StreamState.ENDED},
-    _StreamState.ENDED: set[_StreamState](),
-}
+class _StreamState(StateEnum):
+    STARTING = "RUNNING", "ENDED"
+    RUNNING = "ENDED"
+    ENDED = ()
 
 
 class SharedStream(Generic[AnyListener]):
@@ -134,10 +127,6 @@ class SharedStream(Generic[AnyListener]):
         self._woken = anyio.Event()
         self._state = _StreamState.STARTING
 
-    def _become(self, state: _StreamState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     @property
     def is_over(self) -> bool:
         """True once the stream has ended."""
@@ -146,7 +135,7 @@ class SharedStream(Generic[AnyListener]):
     def note_encoded(self) -> None:
         """Note that a message was encoded: the first one begins the stream."""
         if self._state is _StreamState.STARTING:
-            self._become(_StreamState.RUNNING)
+            self._state = self._state.become(_StreamState.RUNNING)
 
     def leave(self, listener: AnyListener) -> None:
         """Remove a listener; the last one stops the encoder and the subscriptions."""
@@ -160,7 +149,7 @@ class SharedStream(Generic[AnyListener]):
         """Stop, and end every listener's stream."""
         if self.is_over:
             return
-        self._become(_StreamState.ENDED)
+        self._state = self._state.become(_StreamState.ENDED)
         for subscription in self._subscriptions:
             subscription.close()
         for listener in self.listeners:

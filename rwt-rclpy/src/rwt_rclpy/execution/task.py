@@ -11,8 +11,9 @@ import threading
 import warnings
 import weakref
 from collections.abc import Callable, Coroutine, Generator, Mapping, Sequence
-from enum import Enum
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
+
+from rwt_protocol.states import StateEnum
 
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
@@ -34,17 +35,10 @@ class _Awaited(threading.local):
 _awaited = _Awaited()
 
 
-class _FutureState(Enum):
-    PENDING = "pending"
-    CANCELLED = "cancelled"
-    DONE = "done"
-
-
-_TRANSITIONS: Final = {
-    _FutureState.PENDING: {_FutureState.CANCELLED, _FutureState.DONE},
-    _FutureState.CANCELLED: {_FutureState.CANCELLED, _FutureState.DONE},
-    _FutureState.DONE: {_FutureState.DONE},
-}
+class _FutureState(StateEnum):
+    PENDING = "CANCELLED", "DONE"
+    CANCELLED = "CANCELLED", "DONE"
+    DONE = "DONE"
 
 
 class Future:
@@ -76,10 +70,6 @@ class Future:
         if self._exception is not None and not self._exception_fetched:
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201 - the same output as rclpy
 
-    def _become(self, state: _FutureState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     def __await__(self) -> Generator[None, None, Any]:
         while self._state is not _FutureState.DONE:
             _awaited.future = self
@@ -90,7 +80,7 @@ class Future:
         """Cancel the future, unless it is done."""
         with self._lock:
             if self._state is not _FutureState.DONE:
-                self._become(_FutureState.CANCELLED)
+                self._state = self._state.become(_FutureState.CANCELLED)
         self._tell()
 
     def cancelled(self) -> bool:
@@ -117,7 +107,7 @@ class Future:
         """Set the result, and call the callbacks."""
         with self._lock:
             self._result = result
-            self._become(_FutureState.DONE)
+            self._state = self._state.become(_FutureState.DONE)
         self._tell()
 
     def set_exception(self, exception: BaseException) -> None:
@@ -125,7 +115,7 @@ class Future:
         with self._lock:
             self._exception = exception
             self._exception_fetched = False
-            self._become(_FutureState.DONE)
+            self._state = self._state.become(_FutureState.DONE)
         self._tell()
 
     def _tell(self) -> None:
@@ -284,7 +274,7 @@ class CallbackTask(Task):
         else:
             self._end()
             self._result = result
-            self._become(_FutureState.DONE)
+            self._state = self._state.become(_FutureState.DONE)
             if self._callbacks or self._resume:
                 self._tell()
 

@@ -11,9 +11,9 @@ import os
 import shlex
 import signal
 from collections.abc import Callable, Iterable, Mapping
-from enum import Enum
 from typing import Any, Final
 
+from rwt_protocol.states import StateEnum
 from rwt_rclpy.launch.entities import (
     Action,
     LaunchContext,
@@ -47,21 +47,12 @@ _SIGTERM_TIMEOUT: Final = LaunchConfiguration("sigterm_timeout", default=5)
 _SIGKILL_TIMEOUT: Final = LaunchConfiguration("sigkill_timeout", default=5)
 
 
-class _ProcessState(Enum):
-    NEW = "new"
-    STARTING = "starting"
-    RUNNING = "running"
-    WAITING = "waiting"
-    ENDED = "ended"
-
-
-_TRANSITIONS: Final = {
-    _ProcessState.NEW: {_ProcessState.STARTING},
-    _ProcessState.STARTING: {_ProcessState.RUNNING, _ProcessState.ENDED},
-    _ProcessState.RUNNING: {_ProcessState.WAITING, _ProcessState.ENDED},
-    _ProcessState.WAITING: {_ProcessState.STARTING, _ProcessState.ENDED},
-    _ProcessState.ENDED: set[_ProcessState](),
-}
+class _ProcessState(StateEnum):
+    NEW = "STARTING"
+    STARTING = "RUNNING", "ENDED"
+    RUNNING = "WAITING", "ENDED"
+    WAITING = "STARTING", "ENDED"
+    ENDED = ()
 
 
 class ExecuteProcess(Action):
@@ -141,10 +132,6 @@ class ExecuteProcess(Action):
         self._is_to_end = asyncio.Event()
         self._state = _ProcessState.NEW
 
-    def _become(self, state: _ProcessState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     @property
     def cmd(self) -> list[SomeText]:
         """Program and arguments, as given."""
@@ -205,7 +192,7 @@ class ExecuteProcess(Action):
             self._on_request(SignalProcess, lambda event, _: self._signal(event.signal)),
         ):
             context.register_event_handler(handler)
-        self._become(_ProcessState.STARTING)
+        self._state = self._state.become(_ProcessState.STARTING)
         self._task = context.asyncio_loop.create_task(self._run(context))
         return None
 
@@ -258,13 +245,13 @@ class ExecuteProcess(Action):
             if not self._respawns or self._is_to_end.is_set() or not self._respawn_left:
                 break
             self._respawn_left -= 1
-            self._become(_ProcessState.WAITING)
+            self._state = self._state.become(_ProcessState.WAITING)
             try:
                 await asyncio.wait_for(self._is_to_end.wait(), self._respawn_delay or 0.0)
                 break
             except TimeoutError:
-                self._become(_ProcessState.STARTING)
-        self._become(_ProcessState.ENDED)
+                self._state = self._state.become(_ProcessState.STARTING)
+        self._state = self._state.become(_ProcessState.ENDED)
 
     async def _once(self, context: LaunchContext) -> int:
         """Start the process, and read its output until its end; return the exit code."""
@@ -286,9 +273,9 @@ class ExecuteProcess(Action):
                 else asyncio.create_subprocess_exec(*command, **pipes)
             )
         except OSError as error:
-            self._become(_ProcessState.ENDED)
+            self._state = self._state.become(_ProcessState.ENDED)
             raise LaunchError(f"{self.name}: {command[0]} cannot be started: {error}") from error
-        self._become(_ProcessState.RUNNING)
+        self._state = self._state.become(_ProcessState.RUNNING)
         log.info(f"process started with pid [{process.pid}]")
         context.emit_event_sync(ProcessStarted(**self._described, pid=process.pid))
         readers = [

@@ -7,9 +7,9 @@ receiver without transport-wide feedback reports an estimate of its own (REMB).
 from __future__ import annotations
 
 import math
-from enum import Enum
 from typing import Final
 
+from rwt_protocol.states import StateEnum
 from rwt_webrtc.congestion.delay import OveruseDetector, QueueDelay, Usage
 from rwt_webrtc.congestion.feedback import Feedback
 from rwt_webrtc.congestion.packets import LossWindow, ReceivedRate, SentPackets
@@ -55,21 +55,12 @@ DRAINED_SECONDS: Final = 0.005
 """Standing queue that counts as none."""
 
 
-class _State(Enum):
-    ESTIMATED = "estimated"
-    REPORTED = "reported"
-    AWAITING = "awaiting"
-    LATE = "late"
-    SILENT = "silent"
-
-
-_TRANSITIONS: Final = {
-    _State.ESTIMATED: {_State.REPORTED, _State.AWAITING},
-    _State.REPORTED: {_State.REPORTED, _State.AWAITING},
-    _State.AWAITING: {_State.REPORTED, _State.AWAITING, _State.LATE},
-    _State.LATE: {_State.REPORTED, _State.AWAITING, _State.SILENT},
-    _State.SILENT: {_State.REPORTED, _State.AWAITING},
-}
+class _State(StateEnum):
+    ESTIMATED = "REPORTED", "AWAITING"
+    REPORTED = "REPORTED", "AWAITING"
+    AWAITING = "REPORTED", "AWAITING", "LATE"
+    LATE = "REPORTED", "AWAITING", "SILENT"
+    SILENT = "REPORTED", "AWAITING"
 
 
 class CongestionController:
@@ -122,8 +113,7 @@ class CongestionController:
         self._prober = Prober(now)
 
     def _become(self, state: _State, now: float) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state, self._since = state, now
+        self._state, self._since = self._state.become(state), now
 
     @property
     def target(self) -> float:

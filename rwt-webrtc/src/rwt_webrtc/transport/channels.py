@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from enum import Enum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
+from rwt_protocol.states import StateEnum
 from rwt_transports.wires.whole_messages import BINARY, HEADER, MessageCutter
 from rwt_webrtc.packets.reassembly import Truncated
 
@@ -17,17 +17,10 @@ if TYPE_CHECKING:
     from rwt_webrtc.upstream.association import Association
 
 
-class _LinkState(Enum):
-    OPEN = "open"
-    CLOSING = "closing"
-    CLOSED = "closed"
-
-
-_TRANSITIONS: Final = {
-    _LinkState.OPEN: {_LinkState.CLOSING, _LinkState.CLOSED},
-    _LinkState.CLOSING: {_LinkState.CLOSING, _LinkState.CLOSED},
-    _LinkState.CLOSED: set[_LinkState](),
-}
+class _LinkState(StateEnum):
+    OPEN = "CLOSING", "CLOSED"
+    CLOSING = "CLOSING", "CLOSED"
+    CLOSED = ()
 
 
 class ChannelLink:
@@ -67,10 +60,6 @@ class ChannelLink:
         channel.on("close", self._closed)
         association.register(self)
 
-    def _become(self, state: _LinkState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     # -- the association's side ----------------------------------------------------------------------------
 
     def message(self, data: bytes, binary: bool) -> None:
@@ -102,7 +91,7 @@ class ChannelLink:
     def _closed(self) -> None:
         if self._state is _LinkState.CLOSED:
             return
-        self._become(_LinkState.CLOSED)
+        self._state = self._state.become(_LinkState.CLOSED)
         self._association.unregister(self)
         self._drop_unread()
         callbacks, self._callbacks, self._cutter = self._callbacks, None, None
@@ -131,7 +120,7 @@ class ChannelLink:
 
     def close(self) -> None:
         if self._state is not _LinkState.CLOSED:
-            self._become(_LinkState.CLOSING)
+            self._state = self._state.become(_LinkState.CLOSING)
             self.wake()
 
     def abort(self) -> None:

@@ -6,13 +6,13 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import partial
 from time import monotonic
 from typing import Final
 
 from aiortc import RTCDataChannel, RTCIceCandidate, RTCSessionDescription
 
+from rwt_protocol.states import StateEnum
 from rwt_transports.background import ignore
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
@@ -79,21 +79,13 @@ class PeerTerms:
         return min(reach_of(address), Reach.PRIVATE) if self.announce_private else reach_of(address)
 
 
-class PeerState(Enum):
+class PeerState(StateEnum):
     """State of a peer connection; :class:`Peer` has the drawing."""
 
-    CONNECTING = "connecting"
-    CONNECTED = "connected"
-    FAILED = "failed"
-    LOST = "lost"
-
-
-_TRANSITIONS: Final = {
-    PeerState.CONNECTING: {PeerState.CONNECTED, PeerState.FAILED},
-    PeerState.CONNECTED: {PeerState.LOST},
-    PeerState.FAILED: set[PeerState](),
-    PeerState.LOST: set[PeerState](),
-}
+    CONNECTING = "CONNECTED", "FAILED"
+    CONNECTED = "LOST"
+    FAILED = ()
+    LOST = ()
 
 
 class Peer:
@@ -180,10 +172,6 @@ class Peer:
     def closed(self) -> bool:
         """True if it has ended."""
         return self.state in (PeerState.FAILED, PeerState.LOST)
-
-    def _become(self, state: PeerState) -> None:
-        assert state in _TRANSITIONS[self.state], f"{self.state} -> {state}"
-        self.state = state
 
     # -- descriptions --------------------------------------------------------------------------------------
 
@@ -299,7 +287,7 @@ class Peer:
     def _state_changed(self) -> None:
         state = self.connection.connectionState
         if state == "connected" and self.state is PeerState.CONNECTING:
-            self._become(PeerState.CONNECTED)
+            self.state = self.state.become(PeerState.CONNECTED)
             logger.info("a peer of %s is connected %s", self._address or "?", self.way)
         elif state in ("failed", "closed"):
             self.fail("the peer is gone" if self.connected else "no path was found, or the handshake failed")
@@ -307,7 +295,7 @@ class Peer:
     def fail(self, reason: str) -> None:
         """End it, without waiting for the other side."""
         if not self.closed:
-            self._become(PeerState.LOST if self.connected else PeerState.FAILED)
+            self.state = self.state.become(PeerState.LOST if self.connected else PeerState.FAILED)
             self.reason = reason
             logger.info("a peer of %s has ended: %s", self._address or "?", reason)
             self._ending = asyncio.get_running_loop().create_task(self._end())

@@ -33,7 +33,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
-from enum import Enum
 from time import time
 from typing import TYPE_CHECKING, Final, cast
 
@@ -59,6 +58,7 @@ from aiortc.rtcsctptransport import (
     ShutdownChunk,
 )
 
+from rwt_protocol.states import StateEnum
 from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
 from rwt_webrtc.packets.reassembly import Reassembly, Truncated, is_later
@@ -98,17 +98,10 @@ BURST_BYTES: Final = 4 * USERDATA_MAX_LENGTH
 """Maximum bytes that aiortc sends at once (RFC 9260 section 6.1 D)."""
 
 
-class _Filling(Enum):
-    IDLE = "idle"
-    COLLECTING = "collecting"
-    SENDING = "sending"
-
-
-_TRANSITIONS: Final = {
-    _Filling.IDLE: {_Filling.IDLE, _Filling.COLLECTING},
-    _Filling.COLLECTING: {_Filling.SENDING, _Filling.IDLE},
-    _Filling.SENDING: {_Filling.COLLECTING, _Filling.IDLE},
-}
+class _Filling(StateEnum):
+    IDLE = "IDLE", "COLLECTING"
+    COLLECTING = "SENDING", "IDLE"
+    SENDING = "COLLECTING", "IDLE"
 
 
 _OPEN: Final = bytes([DATA_CHANNEL_OPEN])
@@ -224,23 +217,19 @@ class Association(RTCSctpTransport):
                 self._fail("internal error")
                 return
 
-    def _become(self, filling: _Filling) -> None:
-        assert filling in _TRANSITIONS[self._filling], f"{self._filling} -> {filling}"
-        self._filling = filling
-
     async def _fill(self) -> None:
         """Take messages while all taken ones are sent."""
         if self._filling is not _Filling.IDLE:
             return
         try:
             while not self._outbound_queue and not self._data_channel_queue and self._window_is_open():
-                self._become(_Filling.COLLECTING)
+                self._filling = self._filling.become(_Filling.COLLECTING)
                 if not await self._collect():
                     return
-                self._become(_Filling.SENDING)
+                self._filling = self._filling.become(_Filling.SENDING)
                 await self._transmit()
         finally:
-            self._become(_Filling.IDLE)
+            self._filling = self._filling.become(_Filling.IDLE)
 
     async def _collect(self) -> bool:
         """Collect data to send now, at least one message if there is one."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from enum import Enum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
@@ -12,6 +11,7 @@ from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
+from rwt_protocol.states import StateEnum
 from rwt_transports.limits import RateLimit
 
 if TYPE_CHECKING:
@@ -70,19 +70,12 @@ class _RoleRules(NamedTuple):
     rates: tuple[tuple[Rule, RateLimit], ...]
 
 
-class TopicState(Enum):
+class TopicState(StateEnum):
     """State of a topic with gate rules; see :class:`GuardedTopic`."""
 
-    OPEN = "open"
-    STOPPING = "stopping"
-    CLOSED = "closed"
-
-
-_TRANSITIONS: Final = {
-    TopicState.OPEN: {TopicState.STOPPING, TopicState.CLOSED},
-    TopicState.STOPPING: {TopicState.STOPPING, TopicState.OPEN, TopicState.CLOSED},
-    TopicState.CLOSED: {TopicState.CLOSED},
-}
+    OPEN = "STOPPING", "CLOSED"
+    STOPPING = "STOPPING", "OPEN", "CLOSED"
+    CLOSED = "CLOSED"
 
 
 class GuardedTopic:
@@ -176,10 +169,6 @@ class GuardedTopic:
             # Before it is needed: over a network, discovery by the subscribers takes a while.
             self._publisher = gate.participant.advertise(name, type)
 
-    def _become(self, state: TopicState) -> None:
-        assert state in _TRANSITIONS[self.state], f"{self.state} -> {state}"
-        self.state = state
-
     def _compile(self, rule: Rule) -> _CompiledRule:
         checks = FieldChecks(rule, self.type, self._motion, self._neutral)
         limit = rule.settings.messages_per_second
@@ -270,7 +259,7 @@ class GuardedTopic:
         if rules.lease is not None:
             rules.lease.renew(client)
         if self.state is TopicState.STOPPING:
-            self._become(TopicState.OPEN)
+            self.state = self.state.become(TopicState.OPEN)
             gate.stop_path.end_repeats(self)
         if self.driven_in != gate.presses:
             self.driven_in = gate.presses
@@ -426,7 +415,7 @@ class GuardedTopic:
         self._motion.reset()
         self._repeat_until = self._gate.clock.monotonic() + self._repeat_for + _ROUNDING
         # First, so that a failure is repaired by the next repetition.
-        self._become(TopicState.STOPPING)
+        self.state = self.state.become(TopicState.STOPPING)
         self._gate.stop_path.repeat(self)
         self.publish_stop()
 
@@ -434,7 +423,7 @@ class GuardedTopic:
         """Return True if the stop message has to be published once more; otherwise the repetition is over."""
         must = self.is_stopped or self._gate.clock.monotonic() <= self._repeat_until
         if not must:
-            self._become(TopicState.OPEN)
+            self.state = self.state.become(TopicState.OPEN)
         return must
 
     def publish_stop(self) -> None:
@@ -473,7 +462,7 @@ class GuardedTopic:
             gate.stop_path.note_topic(self)
         if before.state is TopicState.STOPPING and self._publisher is not None:
             self._repeat_until = before._repeat_until
-            self._become(TopicState.STOPPING)
+            self.state = self.state.become(TopicState.STOPPING)
             gate.stop_path.repeat(self)
         if before.lease is None:
             return
@@ -495,7 +484,7 @@ class GuardedTopic:
 
     def close(self) -> None:
         """Close the topic's publisher."""
-        self._become(TopicState.CLOSED)
+        self.state = self.state.become(TopicState.CLOSED)
         self._gate.stop_path.forget_topic(self)
         self._gate.stop_path.end_repeats(self)
         for client in tuple(self.users):

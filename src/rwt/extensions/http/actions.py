@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from enum import Enum
 from typing import Final
 
 from rwt.access.errors import QuotaExceeded
@@ -20,6 +19,7 @@ from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 from rwt_participant.spelling import did_you_mean
+from rwt_protocol.states import StateEnum
 from rwt_transports.endpoint import DropReason
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 
@@ -36,19 +36,11 @@ _EVENTS: Final = 100
 _RESULT_ID: Final = "result"
 
 
-class _GoalState(Enum):
-    ACTIVE = "active"
-    ENDED = "ended"
-    REJECTED = REJECTED
-    LOST = LOST
-
-
-_TRANSITIONS: Final = {
-    _GoalState.ACTIVE: {_GoalState.ENDED, _GoalState.REJECTED, _GoalState.LOST},
-    _GoalState.ENDED: set[_GoalState](),
-    _GoalState.REJECTED: set[_GoalState](),
-    _GoalState.LOST: set[_GoalState](),
-}
+class _GoalState(StateEnum):
+    ACTIVE = "ENDED", "REJECTED", "LOST"
+    ENDED = ()
+    REJECTED = ()
+    LOST = ()
 
 
 class HttpGoal(Kept):
@@ -96,10 +88,6 @@ class HttpGoal(Kept):
             self._sent = self.client.graph.send_goal(self.action, goal_of, events)
         self.id = self._sent.id
 
-    def _become(self, state: _GoalState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     @property
     def ended(self) -> bool:
         """See :attr:`Kept.ended`."""
@@ -107,7 +95,7 @@ class HttpGoal(Kept):
 
     def _state_name(self) -> str:
         if self.failure is not None:
-            return self._state.value
+            return REJECTED if self._state is _GoalState.REJECTED else LOST
         sent = self._sent if self._state is _GoalState.ACTIVE else None
         return (self._status if sent is None else sent.status).name.lower()
 
@@ -138,11 +126,13 @@ class HttpGoal(Kept):
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         if isinstance(outcome, CallFailed):
-            self._become(_GoalState.REJECTED if isinstance(outcome, GoalRejected) else _GoalState.LOST)
+            self._state = self._state.become(
+                _GoalState.REJECTED if isinstance(outcome, GoalRejected) else _GoalState.LOST
+            )
             self.failure = outcome
             self._reason = str(outcome)
         else:
-            self._become(_GoalState.ENDED)
+            self._state = self._state.become(_GoalState.ENDED)
             self._status = status
             self._reason = "" if self._sent is None else self._sent.reason
             if self._keep("result", outcome):

@@ -6,7 +6,6 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import partial
 from itertools import islice
 from typing import Any, Final
@@ -28,6 +27,7 @@ from rwt_graph.topic_selection import EVERYTHING, TopicSelection
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.timers import Timer
+from rwt_protocol.states import StateEnum
 
 logger = logging.getLogger(__name__)
 
@@ -69,17 +69,10 @@ class PlayOptions:
     answer_services: bool = True
 
 
-class _PlayerState(Enum):
-    PAUSED = "paused"
-    PLAYING = "playing"
-    CLOSED = "closed"
-
-
-_TRANSITIONS: Final = {
-    _PlayerState.PAUSED: {_PlayerState.PLAYING, _PlayerState.CLOSED},
-    _PlayerState.PLAYING: {_PlayerState.PAUSED, _PlayerState.CLOSED},
-    _PlayerState.CLOSED: {_PlayerState.CLOSED},
-}
+class _PlayerState(StateEnum):
+    PAUSED = "PLAYING", "CLOSED"
+    PLAYING = "PAUSED", "CLOSED"
+    CLOSED = "CLOSED"
 
 
 class Player(Playback):
@@ -154,10 +147,6 @@ class Player(Playback):
         if not options.paused:
             self.resume()
 
-    def _become(self, state: _PlayerState) -> None:
-        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
-        self._state = state
-
     @property
     def paused(self) -> bool:
         """True unless it is playing."""
@@ -201,14 +190,14 @@ class Player(Playback):
         """Resume playback; no-op after :meth:`close`."""
         if self._state is _PlayerState.PAUSED:
             self._place(self._anchor_ns)
-            self._become(_PlayerState.PLAYING)
+            self._state = self._state.become(_PlayerState.PLAYING)
             self._arm()
 
     def pause(self) -> None:
         """Pause playback."""
         if not self.paused:
             self._place(self.position_ns)
-            self._become(_PlayerState.PAUSED)
+            self._state = self._state.become(_PlayerState.PAUSED)
             self._disarm()
 
     def toggle_paused(self) -> None:
@@ -271,7 +260,7 @@ class Player(Playback):
 
     def close(self) -> None:
         """Stop and leave the graph; the caller closes the recording. Idempotent."""
-        self._become(_PlayerState.CLOSED)
+        self._state = self._state.become(_PlayerState.CLOSED)
         self._next = None
         self._disarm()
         if self._ahead is not None:
@@ -347,7 +336,7 @@ class Player(Playback):
             return
         self._place(self.end_ns)
         if not self.paused:
-            self._become(_PlayerState.PAUSED)
+            self._state = self._state.become(_PlayerState.PAUSED)
         self._disarm()
         self.finished.set()
 
