@@ -135,7 +135,7 @@ async def watchers(count: int = 1) -> AsyncIterator[list[MediaPeer]]:
 
 def metric(server: Server, name: str) -> float:
     """The sum over all labels."""
-    page = server._while_running.metrics.text().decode().splitlines()
+    page = server.metrics.text().decode().splitlines()
     return sum(float(line.rpartition(" ")[2]) for line in page if line.startswith(name))
 
 
