@@ -98,7 +98,7 @@ BURST_BYTES: Final = 4 * USERDATA_MAX_LENGTH
 """Maximum bytes that aiortc sends at once (RFC 9260 section 6.1 D)."""
 
 
-class _Filling(StateEnum):
+class _FillingState(StateEnum):
     IDLE = "IDLE", "COLLECTING"
     COLLECTING = "SENDING", "IDLE"
     SENDING = "COLLECTING", "IDLE"
@@ -165,7 +165,7 @@ class Association(RTCSctpTransport):
         self._channels: dict[int, ChannelLink] = {}
         self._turns: ChannelTurns[ChannelLink] = ChannelTurns()
         self._peer_window = WINDOW_BYTES
-        self._filling = _Filling.IDLE
+        self._filling = _FillingState.IDLE
         self._bundle: Bundle | None = None
         self._acknowledgement = Acknowledgement()
         self._wakeup = asyncio.Event()
@@ -219,17 +219,17 @@ class Association(RTCSctpTransport):
 
     async def _fill(self) -> None:
         """Take messages while all taken ones are sent."""
-        if self._filling is not _Filling.IDLE:
+        if self._filling is not _FillingState.IDLE:
             return
         try:
             while not self._outbound_queue and not self._data_channel_queue and self._window_is_open():
-                self._filling = self._filling.become(_Filling.COLLECTING)
+                self._filling = self._filling.become(_FillingState.COLLECTING)
                 if not await self._collect():
                     return
-                self._filling = self._filling.become(_Filling.SENDING)
+                self._filling = self._filling.become(_FillingState.SENDING)
                 await self._transmit()
         finally:
-            self._filling = self._filling.become(_Filling.IDLE)
+            self._filling = self._filling.become(_FillingState.IDLE)
 
     async def _collect(self) -> bool:
         """Collect data to send now, at least one message if there is one."""
@@ -277,7 +277,7 @@ class Association(RTCSctpTransport):
     # -- aiortc's side -------------------------------------------------------------------------------------
 
     async def _transmit(self) -> None:
-        if self._filling is _Filling.COLLECTING or self._bundle is not None:
+        if self._filling is _FillingState.COLLECTING or self._bundle is not None:
             return
         # aiortc sends each chunk in a packet of its own. Here small messages share packets, since the cost is
         # that of a packet, here and on the other side, which acknowledges each one.
