@@ -223,7 +223,7 @@ class _ClientPlayer(CasePlayer):
                 self._arrived.set()
                 return
         if event.get("event") == "uncaught":
-            self._remarks.append(f"an exception that nobody caught: {shorten(_word(event, 'text'))}")
+            self._remarks.append(f"an uncaught exception: {shorten(_word(event, 'text'))}")
         self._asides.get(_word(event, "event"), self._events).append(event)
         self._arrived.set()
 

@@ -6,7 +6,7 @@ A backend is a :class:`DistributedGraph`. Nodes of this process meet in its tabl
 | table | this process → others | others → this process |
 |---|---|---|
 | `topic_table` (:class:`Topics`) | :class:`RemoteTopics` is told of each change of a :class:`Topic`; `on_publish_remote` of a :class:`MemoryPublisher` gets its samples | `remote_joined` and `remote_left` with a :class:`RemoteEndpoint`; `deliver` of each :class:`MemorySubscription` |
-| `service_table` (:class:`Services`) | :class:`RemoteServices` is told what is `offered` and `withdrawn`; :class:`OfferedServices` keeps that; `call` of the table carries out a call from outside | :class:`RemoteServices` finds and calls; :class:`RemoteServiceTable` keeps the providers |
+| `service_table` (:class:`Services`) | :class:`RemoteServices` receives what is `offered` and `withdrawn`; :class:`OfferedServices` stores it; `call` of the table carries out a call from outside | :class:`RemoteServices` finds and calls; :class:`RemoteServiceTable` keeps the providers |
 | `action_table` (:class:`Actions`) | :class:`Ros2ActionServer`, as services and topics | :class:`RemoteActions`; :class:`Ros2Actions` makes them from services and topics |
 | nodes | `participant` and `left` are overridden | `node_joined` and `node_left` |
 

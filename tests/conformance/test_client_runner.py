@@ -80,7 +80,7 @@ def test_a_program_that_goes_wrong_fails_the_case_and_is_started_anew(
 def test_an_exception_that_nobody_caught_is_not_strict(strict: bool, verdict: str) -> None:
     run = _play("throws", "messages/plain", strict=strict)
     assert [result.verdict for result in run.results] == [verdict]
-    assert "nobody caught: oh" in run.results[0].remarks[0]
+    assert "an uncaught exception: oh" in run.results[0].remarks[0]
 
 
 @pytest.mark.parametrize("kind", ["dead", "silent"])

@@ -47,7 +47,7 @@ class ApprovalProgress:
         self._timeout = inf
         self._extends = False
         self._scope: anyio.CancelScope | None = None
-        self._decided: anyio.Event  # Made anew by each :meth:`run`.
+        self._decided: anyio.Event  # Created by each :meth:`run`.
         self._is_live = sys.stderr.isatty()
 
     async def run(

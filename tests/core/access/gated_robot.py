@@ -55,7 +55,7 @@ class GatedRobot:
     Attributes:
         heard: the velocities forwards, each with the node that published it.
         samples: all of them whole.
-        level: from which its clients are told of statuses.
+        level: minimum severity of the `status` messages to its clients.
     """
 
     level = "warning"
