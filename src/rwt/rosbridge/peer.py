@@ -16,7 +16,7 @@ from rwt.rosbridge.ops.services import PeerServices
 from rwt.rosbridge.ops.topics import PeerTopics
 from rwt.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
-from rwt_protocol.errors import ProtocolError, Refused
+from rwt_protocol.errors import Misread, ProtocolError, Refused
 from rwt_protocol.ops import OPS, Auth, Op, Status
 from rwt_protocol.session import Refusal, Session
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
@@ -118,7 +118,11 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
         if isinstance(message, Refusal):
             self._reject(message)
         else:
-            answer = self._dispatch(self, message)
+            try:
+                answer = self._dispatch(self, message)
+            except Misread as misread:
+                self._run(self._session.decode_again(misread, now), now)
+                return
             if answer is not None or self._session.level == "info":
                 self._after(message, answer)
 
