@@ -1,4 +1,4 @@
-"""`rwt hub`: relay for robots behind a NAT, each reachable under its own path."""
+"""`rwt hub`: hub for robots behind a NAT, each reachable under its own path."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from rwt.access.settings import SettingsError, TlsSettings
 from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import integer_within
-from rwt.extensions.hub.hub import ADDRESS_BYTES, open_hub
+from rwt.extensions.hub.ends import ADDRESS_BYTES
+from rwt.extensions.hub.hub import MAX_ROBOTS, open_hub
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_transports.drivers.sockets import raise_descriptor_limit
@@ -96,8 +97,9 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
 
 def _add_bounds(parser: argparse.ArgumentParser) -> None:
     for option, metavar, least, most, default, help in (
+        ("--robots", "COUNT", 1, 1_000_000, MAX_ROBOTS, "robots that have dialled in"),
         ("--connections", "COUNT", 1, 1_000_000, _LIMITS.connections,
-         "open connections, including robots and plain HTTP"),
+         "open connections of clients, including plain HTTP"),
         ("--connections-per-address", "COUNT", 0, 1_000_000, _LIMITS.connections_per_address,
          "connections of clients per address, other than this machine; 0 for no limit"),
         ("--message-bytes", "BYTES", _KIB, 1 << 30, _LIMITS.message_bytes,
@@ -175,6 +177,7 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
             incoming_bytes=arguments.waiting_bytes,
         ),
         waiting_bytes=arguments.waiting_bytes,
+        max_robots=arguments.robots,
         tls=context,
         hosts=arguments.host,
         proxies=proxies,

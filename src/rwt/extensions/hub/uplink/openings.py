@@ -1,24 +1,22 @@
-"""Relay protocol: messages of a hub and a robot before a client's messages flow.
+"""How a stream of an uplink begins: the client or the request for a page that the hub opens it for.
 
-A robot opens WebSocket connections to ``/robots/NAME`` of a hub and keeps a few that wait. When a client
-arrives the hub gives it one of these and says so in a first text message, the *assignment*::
+The opening of a client::
 
     {"client": {"address": "192.0.2.7", "port": 50123, "path": "/", "headers": {"origin": "…"}}}
 
-From then on every message of the connection is the client's or for the client, until either side closes.
+Every message of the stream is then the client's or for the client, until either side ends it.
 
-A request for a page takes a connection in the same way. Its assignment has ``request`` in place of
-``client``, with ``method``, ``path``, ``query``, ``prefix``, ``address``, ``headers`` and, where there is
-one, ``body`` in base64; the robot answers with a head,
-``{"status": 200, "content_type": "…", "headers": {…}}``, and the body
-(:mod:`rwt.extensions.hub.relay.pages`).
+The opening of a request has ``request`` in place of ``client``, with ``method``, ``path``, ``query``,
+``prefix``, ``address``, ``headers`` and ``body``: the size of a body, which follows as one message; 0 for
+none. The robot answers with a head, ``{"status": 200, "content_type": "…", "headers": {…}}``, and the body
+(:mod:`rwt.extensions.hub.uplink.pages`).
 """
 
 from __future__ import annotations
 
 import re
 from http import HTTPStatus
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
@@ -30,6 +28,9 @@ ROBOTS: Final = "/robots/"
 
 INSTANCE: Final = "rwt-instance"
 """Request header with a random id of the program, which distinguishes two that use the same robot's name."""
+
+MAX_BODY_BYTES: Final = 64 * 1024 * 1024
+"""Maximum size of the body of a request."""
 
 REPLACED: Final = 4009
 """Close code for a robot whose name another program has taken."""
@@ -46,8 +47,8 @@ NAME_RULE: Final = "a letter or digit, then up to 63 of A-Z a-z 0-9 _ . -, and n
 )
 
 
-class BadAssignment(ValueError):
-    """The first message of the hub is not an assignment."""
+class BadOpening(ValueError):
+    """The opening of a stream, or the head of a page, is invalid."""
 
 
 class _Client(msgspec.Struct):
@@ -55,6 +56,7 @@ class _Client(msgspec.Struct):
     port: int = 0
     path: str = "/"
     headers: dict[str, str] = {}
+    subprotocol: str = ""
 
 
 class _Request(msgspec.Struct):
@@ -64,10 +66,10 @@ class _Request(msgspec.Struct):
     prefix: str = ""
     address: str = ""
     headers: dict[str, str] = {}
-    body: bytes | msgspec.UnsetType = msgspec.UNSET
+    body: Annotated[int, msgspec.Meta(ge=0, le=MAX_BODY_BYTES)] = 0
 
 
-class _Assignment(msgspec.Struct, omit_defaults=True):
+class _Opening(msgspec.Struct, omit_defaults=True):
     client: _Client | None = None
     request: _Request | None = None
 
@@ -78,38 +80,49 @@ class _PageHead(msgspec.Struct):
     headers: dict[str, str] = {}
 
 
-_decoder = msgspec.json.Decoder(_Assignment)
+_decoder = msgspec.json.Decoder(_Opening)
 _head_decoder = msgspec.json.Decoder(_PageHead)
 
 
-def encode_assignment(client: PeerInfo, path: str) -> bytes:
-    """Return the assignment of a client that requested `path` below the robot's own."""
-    return msgspec.json.encode(_Assignment(_Client(client.address, client.port, path, dict(client.headers))))
+def encode_client(client: PeerInfo, path: str) -> bytes:
+    """Return the opening for a client that requested `path` below the robot's own."""
+    headers = dict(client.headers)
+    opened = _Client(client.address, client.port, path, headers, client.subprotocol)
+    return msgspec.json.encode(_Opening(opened))
 
 
 def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
-    """Return the assignment of a request for a page at `path`, which the hub serves below `prefix`."""
-    headers = dict(request.headers)
-    body = request.body or msgspec.UNSET
-    asked = _Request(request.method, path, request.query, prefix, request.address, headers, body)
-    return msgspec.json.encode(_Assignment(request=asked))
+    """Return the opening for a request for a page at `path`, which the hub serves below `prefix`."""
+    headers, size = dict(request.headers), len(request.body)
+    asked = _Request(request.method, path, request.query, prefix, request.address, headers, size)
+    return msgspec.json.encode(_Opening(request=asked))
 
 
-def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
-    """Return the client or the page request of an assignment; raises BadAssignment."""
+class PageRequest(NamedTuple):
+    """Request for a page, whose body follows if its size is not 0."""
+
+    request: HttpRequest
+    body_size: int
+
+
+def decode_opening(data: bytes) -> PeerInfo | PageRequest:
+    """Return the client or the request of an opening; raises BadOpening."""
     try:
-        assignment = _decoder.decode(data)
+        opening = _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        raise BadAssignment("expected the assignment of a client as the first message") from None
-    client, asked = assignment.client, assignment.request
+        raise BadOpening("expected a client or a request in the opening of a stream") from None
+    client, asked = opening.client, opening.request
     if client is not None:
-        return PeerInfo(TRANSPORT, client.address, client.port, client.path, client.headers)
+        return PeerInfo(
+            TRANSPORT, client.address, client.port, client.path, client.headers,
+            subprotocol=client.subprotocol,
+        )  # fmt: skip
     if asked is None:
-        raise BadAssignment("expected the assignment of a client as the first message")
-    body = b"" if asked.body is msgspec.UNSET else asked.body
-    return HttpRequest(
-        asked.method, asked.path, asked.query, asked.headers, body, asked.address, asked.prefix
+        raise BadOpening("expected a client or a request in the opening of a stream")
+    request = HttpRequest(
+        asked.method, asked.path, asked.query, asked.headers, b"", asked.address, asked.prefix
     )
+    return PageRequest(request, asked.body)
 
 
 def encode_head(status: int, content_type: str, headers: dict[str, str]) -> bytes:
@@ -121,19 +134,19 @@ def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
     """Return status, content type and headers of a page.
 
     Raises:
-        BadAssignment: the message is something else, or a header has a line break.
+        BadOpening: the message is something else, or a header has a line break.
     """
     try:
         head = _head_decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        raise BadAssignment("expected the head of a page") from None
+        raise BadOpening("expected the head of a page") from None
     texts = (head.content_type, *head.headers.values())
     if not all(text.isascii() and text.isprintable() and text == text.strip() for text in texts):
-        raise BadAssignment("expected headers of printable ASCII, without spaces around them")
+        raise BadOpening("expected headers of printable ASCII, without spaces around them")
     if not all(_HEADER_NAME.fullmatch(name) for name in head.headers):
-        raise BadAssignment("expected the names of headers (RFC 9110 section 5.6.2)")
+        raise BadOpening("expected the names of headers (RFC 9110 section 5.6.2)")
     if head.status not in _STATUSES:
-        raise BadAssignment(f"{head.status} is no status of HTTP")
+        raise BadOpening(f"{head.status} is no status of HTTP")
     return head.status, head.content_type, head.headers
 
 
