@@ -10,7 +10,9 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt.extensions.hub.hub import Hub, hub_routes
+from rwt.extensions.hub.hub import Hub
+from rwt.extensions.hub.listing import hub_routes
+from rwt.extensions.hub.uplink.frames import SUBPROTOCOL, Hello, encode_hello
 from rwt_transports.api import Attach, BindAddress, Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers import sockets
@@ -25,6 +27,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from tests.contract.transports import test_listen
+from tests.core.transports.rfc6455.frames import frame
 from tests.core.transports.rfc6455.handshake import REQUEST
 from tests.memory_pipe import MemoryPipe
 
@@ -149,9 +152,12 @@ def test_a_hub_counts_clients_and_not_the_connections_that_serve_them() -> None:
     addresses = AddressCount(1)
     hub = Hub(addresses=addresses)
     state = ListenerState(
-        hub.accept, WebSocketWire, Limits(), partial(HttpConnection, Routes()), "ws", addresses=addresses
-    )
-    robots = [_comes(state.attach, NEAR, _upgrade(b"/robots/rosie")) for _ in range(4)]
+        hub.accept, WebSocketWire, Limits(), partial(HttpConnection, Routes()), "ws", addresses=addresses,
+        subprotocols=frozenset({SUBPROTOCOL}),
+    )  # fmt: skip
+    dialing = _upgrade(b"/robots/%b").replace(b"\r\n\r\n", b"\r\nSec-WebSocket-Protocol: rwt-uplink.1\r\n\r\n")
+    hello = frame(2, encode_hello(Hello()))
+    robots = [_comes(state.attach, NEAR, dialing % name + hello) for name in (b"rosie", b"a", b"b", b"c")]
     assert all(b" 101 " in robot.receive() for robot in robots)
     assert b" 101 " in _comes(state.attach, NEAR, _upgrade(b"/rosie")).receive()
     assert b" 429 " in _comes(state.attach, NEAR, _upgrade(b"/rosie")).receive()

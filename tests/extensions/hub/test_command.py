@@ -14,9 +14,12 @@ import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
+from rwt.extensions.hub.uplink.frames import SUBPROTOCOL as NAME
 from tests.processes import ended, running
 
+SUBPROTOCOL = Subprotocol(NAME)
 _TOKEN = "0123456789abcdef"
 
 
@@ -164,7 +167,7 @@ def test_pages_and_pictures_of_a_robot_go_through_the_hub(robot_with_roles: str)
     missing = _page(robot_with_roles, f"/rosie/nothing?{owner}")
     assert missing.status_code == 404 and "/snapshot" in missing.text
     hub_metrics = _page(robot_with_roles, "/metrics").text
-    assert re.search(r'^rwt_hub_used_connections\{robot="rosie"\} [1-9]$', hub_metrics, re.MULTILINE)
+    assert re.search(r'^rwt_hub_robot_streams\{robot="rosie"\} [0-9]+$', hub_metrics, re.MULTILINE)
     assert "\nrwt_hub_robots 1\n" in hub_metrics and "\nrwt_hub_clients_total 1\n" in hub_metrics
 
 
@@ -213,7 +216,8 @@ def test_a_hangup_reads_tokens_again_and_a_bad_file_keeps_the_old(tmp_path: Path
 
     def dials_in(url: str, token: str) -> bool:
         try:
-            with connect(f"{url}/robots/r", additional_headers={"Authorization": f"Bearer {token}"}):
+            headers = {"Authorization": f"Bearer {token}"}
+            with connect(f"{url}/robots/r", additional_headers=headers, subprotocols=[SUBPROTOCOL]):
                 return True
         except InvalidStatus:
             return False
@@ -227,7 +231,7 @@ def test_a_hangup_reads_tokens_again_and_a_bad_file_keeps_the_old(tmp_path: Path
 
     with running("hub", "ws://127.0.0.1:0", "--token-file", str(tokens)) as (hub, url):
         stays = {"Authorization": f"Bearer {_TOKEN}"}
-        with connect(f"{url}/robots/stays", additional_headers=stays) as wire:
+        with connect(f"{url}/robots/stays", additional_headers=stays, subprotocols=[SUBPROTOCOL]) as wire:
             tokens.write_text("short\n")
             hub.send_signal(signal.SIGHUP)
             assert dials_in(url, _TOKEN)

@@ -33,6 +33,7 @@ from rwt_transports.connect import connect
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import ConnectError
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
+from tests.extensions.hub.raw_robot import end, raw_robot, text
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -243,7 +244,7 @@ async def test_a_robot_that_goes_closes_its_clients() -> None:
                 pass
 
 
-async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
+async def test_a_robot_that_stays_away_closes_its_clients_with_1012() -> None:
     endings: list[tuple[int, str]] = []
 
     async def stay(hub: Hub, opened: anyio.Event) -> None:
@@ -252,17 +253,19 @@ async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
             endings.append(await box.ended())
 
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, anyio.create_task_group() as tasks:
-        async with upgraded(hub, "/robots/rosie"):
-            await until(lambda: hub.robots)
-            # The first has the only connection that there is, the second waits for one.
-            for _ in range(2):
-                opened = anyio.Event()
-                tasks.start_soon(stay, hub, opened)
-                await opened.wait()
-        await until(lambda: len(endings) == 2)
-    assert {code for code, _ in endings} == {1012}
-    without, within = sorted(text for _, text in endings)
-    assert without == "the robot rosie is gone" and within.removeprefix(f"{without}: ") in CUT_OFF
+        async with raw_robot(hub) as rosie:
+            opened = anyio.Event()
+            tasks.start_soon(stay, hub, opened)
+            await opened.wait()
+            await until(lambda: rosie.opened)
+            rosie.sink.close(1000, "on purpose")
+            await until(lambda: not hub.robots[0].is_reachable)
+            with pytest.raises(ConnectError, match="503: the robot rosie is unreachable"):
+                async with client(hub, "/rosie"):
+                    pass
+        await until(lambda: endings)
+        await until(lambda: not hub.robots)
+    assert endings == [(1012, "the robot rosie is gone: its connection was lost")]
 
 
 async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
@@ -436,15 +439,26 @@ async def test_a_page_comes_from_the_robot_with_what_was_asked() -> None:
         assert await page_of(hub, "/rosie/hello?a=1") == (203, b"hello" * 50_000)
         (request,) = asked
         assert (request.method, request.path, request.query) == ("GET", "/hello", "a=1")
-        assert (request.prefix, request.address, request.headers["host"]) == (
-            "/rosie",
-            "127.0.0.1",
-            "localhost",
-        )
+        assert (request.prefix, request.address) == ("/rosie", "127.0.0.1 at 127.0.0.1")
+        assert request.headers["host"] == "localhost"
         assert (await page_of(hub, "/rosie/nothing"))[0] == 404
         assert await page_of(hub, "/rosie/hello", method="HEAD") == (203, b"")
         assert (await page_of(hub, "/rosie/hello", method="POST"))[0] == 405
         assert (await page_of(hub, "/rosie/fails"))[0] == 503
+
+
+@pytest.mark.parametrize("size", [1, 5_000, 700_000])
+async def test_the_body_of_a_request_comes_out_as_it_went_in(size: int) -> None:
+    routes = Routes()
+    routes.add("/put", lambda request: HttpResponse(request.body), "POST")
+    body = bytes(range(256)) * (size // 256 + 1)
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot_with(hub, routes),
+        httpx.AsyncClient(timeout=60) as asking,
+    ):
+        answer = await asking.post(f"{hub.url.replace('ws', 'http', 1)}/rosie/put", content=body[:size])
+        assert answer.content == body[:size]
 
 
 async def test_a_stream_ends_at_the_robot_when_its_reader_leaves_and_is_held_back_meanwhile() -> None:
@@ -466,23 +480,12 @@ async def test_a_stream_ends_at_the_robot_when_its_reader_leaves_and_is_held_bac
 
 
 async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page() -> None:
-    class Nonsense(Mailbox):
-        def receive(self, data: bytes, binary: bool) -> None:
-            super().receive(data, binary)
-            self.sink.send(Frame(b'{"status": 7}'))
-
-    class Leaves(Mailbox):
-        def receive(self, data: bytes, binary: bool) -> None:
-            self.sink.close(1001, "gone")
-
-    for endpoint, status in ((Nonsense, 502), (Leaves, 503)):
+    for answer, status in ((text, 502), (end, 503)):
+        parts = (b'{"status": 7}',) if answer is text else (1001, "gone")
         async with (
             open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
-            connect(f"{hub.url}/robots/rosie", endpoint, limits=SHORT),
+            raw_robot(hub, answer=lambda stream, answer=answer, parts=parts: [answer(stream, *parts)]),
         ):
-            with anyio.fail_after(5):
-                while not hub.robots:
-                    await anyio.lowlevel.checkpoint()
             assert (await page_of(hub, "/rosie/x"))[0] == status
 
 

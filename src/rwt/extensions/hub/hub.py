@@ -45,7 +45,7 @@ from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import NO_PROXIES, HttpRequest, HttpResponse, Proxies
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
-from rwt_transports.scheduler import MESSAGES, Scheduler
+from rwt_transports.scheduler import MESSAGES, WRITING, Scheduler
 from rwt_transports.websocket.close_codes import (
     ABNORMAL,
     GOING_AWAY,
@@ -111,6 +111,7 @@ class Hub:
         waiting_bytes: limit per client address, see :class:`WaitingBytes`.
         page_seconds: timeout of the head of a robot's page.
         scheduler: scheduler of the messages that are passed on, shared by all connections.
+        writing: scheduler of the frames that are sent.
         max_robots: maximum number of robots.
 
     Attributes:
@@ -125,13 +126,16 @@ class Hub:
         tokens: Collection[str] = (),
         limits: Limits | None = None,
         addresses: AddressCount | None = None,
+        *,
         waiting_bytes: int = ADDRESS_BYTES,
         page_seconds: float = PAGE_SECONDS,
         scheduler: Scheduler | None = None,
+        writing: Scheduler | None = None,
         max_robots: int = MAX_ROBOTS,
     ) -> None:
         self.url = ""
         self.scheduler = scheduler or Scheduler.immediate(MESSAGES)
+        self.writing = writing or Scheduler.immediate(WRITING)
         self._limits = limits or Limits()
         self._buffers = self._limits.receive_pool()
         self._page_seconds = page_seconds
@@ -177,7 +181,7 @@ class Hub:
             if robot.carrier is not None:
                 robot.carrier.check(now)
             elif not robot.uplink.tick(now):
-                self._forget(robot, ABNORMAL, f"the robot {robot.name} is gone")
+                self._forget(robot, ABNORMAL, "its connection was lost")
 
     async def watch(self) -> None:
         """Call :meth:`tick` several times a second, until cancelled."""
@@ -357,7 +361,7 @@ class RobotCarrier(Carrier):
     """
 
     def __init__(self, hub: Hub, sink: Sink, info: PeerInfo, name: str) -> None:
-        super().__init__(sink)
+        super().__init__(sink, hub.writing)
         self._hub = hub
         self.name = name
         self.instance = info.headers.get(INSTANCE, "")[:64]
@@ -412,7 +416,16 @@ async def open_hub(
     """
     chosen = limits or Limits()
     addresses = AddressCount(chosen.connections_per_address)
-    hub = Hub(tokens, chosen, addresses, waiting_bytes, page_seconds, Scheduler.of_loop(MESSAGES), max_robots)
+    hub = Hub(
+        tokens,
+        chosen,
+        addresses,
+        waiting_bytes=waiting_bytes,
+        page_seconds=page_seconds,
+        scheduler=Scheduler.of_loop(MESSAGES),
+        writing=Scheduler.of_loop(WRITING),
+        max_robots=max_robots,
+    )
     async with (
         listen(
             url,

@@ -12,14 +12,17 @@ from rwt_protocol.frames import Frame
 from rwt_protocol.states import StateEnum
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Sink
-from rwt_transports.scheduler import WRITING, Scheduler
-from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TRY_AGAIN_LATER
+from rwt_transports.scheduler import Scheduler
+from rwt_transports.websocket.close_codes import POLICY, PROTOCOL_ERROR, TRY_AGAIN_LATER
 
 PUMP_BYTES: Final = 256 * 1024
 """Bytes of frames that are handed to the connection in one turn."""
 
 FULL_BYTES: Final = 64 * 1024
 """Bytes that may wait in the connection before it gets more."""
+
+GREETING_SECONDS: Final = 10.0
+"""Timeout of the greeting."""
 
 
 class _CarrierState(StateEnum):
@@ -39,18 +42,23 @@ class Carrier(ABC):
     * **CARRYING**: frames pass between the connection and an uplink.
     * **OVER**: the connection has ended, or is given up; the uplink is told.
 
+    Args:
+        sink: the connection.
+        scheduler: scheduler of the event loop for `WRITING`.
+
     Attributes:
         sink: the connection.
         uplink: the carried uplink; None before the greeting.
     """
 
-    def __init__(self, sink: Sink) -> None:
+    def __init__(self, sink: Sink, scheduler: Scheduler) -> None:
         self.sink = sink
         self.uplink: Uplink | None = None
         self._state = _CarrierState.GREETING
-        self._scheduler = Scheduler.of_loop(WRITING)
+        self._scheduler = scheduler
         self._flow_control: FlowControl | None = None
         self._is_scheduled = self._is_full = False
+        self._opened: float | None = None
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Set the flow control of the connection."""
@@ -122,7 +130,11 @@ class Carrier(ABC):
 
     def check(self, now: float) -> None:
         """Give up a silent connection."""
-        if self._state is _CarrierState.CARRYING and self.uplink is not None and not self.uplink.tick(now):
+        if self._opened is None:
+            self._opened = now
+        if self._state is _CarrierState.GREETING and now - self._opened >= GREETING_SECONDS:
+            self.give_up(POLICY, f"no HELLO within {GREETING_SECONDS:g} s")
+        elif self._state is _CarrierState.CARRYING and self.uplink is not None and not self.uplink.tick(now):
             self.give_up(TRY_AGAIN_LATER, "no sign of life")
 
     def give_up(self, code: int, reason: str) -> None:

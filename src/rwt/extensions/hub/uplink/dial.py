@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import secrets
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
@@ -39,6 +40,7 @@ from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import Routes, is_local
 from rwt_transports.limits import Limits
+from rwt_transports.scheduler import WRITING, Scheduler
 from rwt_transports.schemes import parse_connect_url
 from rwt_transports.websocket.close_codes import (
     ABNORMAL,
@@ -167,10 +169,10 @@ class _Robot:
 
     Attributes by purpose:
 
-    * Clients: ``_accept``, ``_routes``, ``_addresses``, ``_starter`` (starts the tasks that serve pages).
+    * Clients: ``_accept``, ``_routes``, ``_addresses``, ``starter`` (starts the tasks that serve pages).
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
       None without one).
-    * Connecting: ``_status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
+    * Connecting: ``scheduler`` (of writing), ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
       ``_ended`` (code of the last connection's end).
     """
 
@@ -186,6 +188,7 @@ class _Robot:
         buffers: ReceiveBufferPool,
     ) -> None:
         self.starter = TaskStarter()
+        self.scheduler = Scheduler.of_loop(WRITING)
         self.status = status
         self.uplink: Uplink | None = None
         self._carrier: _HubCarrier | None = None
@@ -238,7 +241,7 @@ class _Robot:
 
     async def _connected(self) -> None:
         """Serve over one connection, until it ends."""
-        opened = anyio.current_time()
+        opened = time.monotonic()
         async with self._connect_one(partial(_HubCarrier, self)):
             carrier = self._carrier
             assert carrier is not None
@@ -250,7 +253,7 @@ class _Robot:
             self._ended = carrier.code
         if self._is_leaving:
             await anyio.sleep_forever()
-        lasted = anyio.current_time() - opened
+        lasted = time.monotonic() - opened
         if lasted >= STEADY_SECONDS:
             self.status.failures = 0
         self._failed(f"the hub closed the connection: {carrier.ending}")
@@ -258,7 +261,7 @@ class _Robot:
     async def _watch(self) -> None:
         while True:
             await anyio.sleep(TICK_SECONDS)
-            now = anyio.current_time()
+            now = time.monotonic()
             if self._carrier is not None:
                 self._carrier.check(now)
             uplink, status = self.uplink, self.status
@@ -285,7 +288,7 @@ class _Robot:
                 repeats=True,
                 opened=self._opened,
                 closed=self._closed,
-                now=anyio.current_time(),
+                now=time.monotonic(),
             )
         if not carrier.carry(self.uplink, hello.received):
             self._end_session("the hub has not received what was sent")
@@ -371,7 +374,7 @@ class _HubCarrier(Carrier):
     """
 
     def __init__(self, robot: _Robot, sink: Sink, info: PeerInfo) -> None:
-        super().__init__(sink)
+        super().__init__(sink, robot.scheduler)
         self._robot = robot
         self.code = 0
         self.ending = ""
