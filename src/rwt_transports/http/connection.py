@@ -16,7 +16,7 @@ from rwt_protocol.frames import Buffer
 from rwt_protocol.states import StateEnum
 from rwt_transports.api import DeliveryAware, Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
-from rwt_transports.endpoint import PeerInfo
+from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Routes, joined_headers
 from rwt_transports.outbox import Outbox
@@ -310,11 +310,34 @@ class HttpConnection(UnbufferedCallbacks):
         if answer.status != 101:
             self._respond_text(answer.status, f"{answer.reason}\n", {"Sec-WebSocket-Version": "13"})
             return
-        refusal = self._open(request, target, answer)
+        peer = PeerInfo(
+            self._listener.transport,
+            self.address,
+            self._port,
+            target,
+            request.headers,
+            subprotocol=answer.subprotocol,
+        )
+        if self._listener.admit is not None:
+            self._respond(self._admitted(self._listener.admit(peer), peer, answer))
+            return
+        refusal = self._open(peer, answer)
         if refusal is not None:
             self._respond(refusal)
 
-    def _open(self, request: HttpRequest, target: str, answer: HandshakeAnswer) -> HttpResponse | None:
+    async def _admitted(
+        self, admission: Awaitable[Accept], peer: PeerInfo, answer: HandshakeAnswer
+    ) -> HttpResponse | None:
+        """Become a WebSocket once it is admitted. Returns a response if it is refused."""
+        try:
+            accept = await admission
+        except Refused as refused:
+            return HttpResponse.refusing(refused)
+        return self._open(peer, answer, accept)
+
+    def _open(
+        self, peer: PeerInfo, answer: HandshakeAnswer, accept: Accept | None = None
+    ) -> HttpResponse | None:
         """Become a WebSocket. Returns a response if the listener or the accept function refuses."""
         state = self._listener
         if state.closing:
@@ -324,14 +347,6 @@ class HttpConnection(UnbufferedCallbacks):
                 f"all {state.limits.connections} connections of this server are taken (limits.connections)\n"
             )
             return HttpResponse(text.encode(), 503)
-        peer = PeerInfo(
-            state.transport,
-            self.address,
-            self._port,
-            target,
-            request.headers,
-            subprotocol=answer.subprotocol,
-        )
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
         # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
@@ -342,7 +357,7 @@ class HttpConnection(UnbufferedCallbacks):
         for data in (*unsent, answer.head):
             connection.outbox.push(data)
         try:
-            connection.open(peer)
+            connection.open(peer, accept)
         except Refused as refused:
             refusal = HttpResponse.refusing(refused)
         except Exception:
@@ -358,6 +373,8 @@ class HttpConnection(UnbufferedCallbacks):
             self.outbox.discard()  # Break the cycle: it refers to this connection.
             if rest:
                 connection.receive(rest)
+            if self._half_closed:
+                connection.eof()  # It arrived while the admission was awaited.
             return None
         # Taken for the WebSocket that was refused: earlier answers still come before the refusal.
         for data in unsent:
@@ -373,7 +390,7 @@ class HttpConnection(UnbufferedCallbacks):
             logger.exception("the handler of %s %s failed", request.method, request.path)
             return _INTERNAL_ERROR
 
-    def _respond(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+    def _respond(self, response: HttpResponse | Awaitable[HttpResponse | None]) -> None:
         if isinstance(response, HttpResponse) and isinstance(response.body, bytes):
             self._send_whole(response, response.body)
             if self.outbox.room > 0 and not self._h11.trailing_data[0]:
@@ -398,7 +415,7 @@ class HttpConnection(UnbufferedCallbacks):
             self._become(_HttpState.WAITING)
             self._listener.requests.wait(self._take_waiting)
 
-    async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+    async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse | None]) -> None:
         with anyio.CancelScope() as self._scope:
             # Ended between start_soon() and the start of the task: nothing else would cancel it.
             if self._is_over:
@@ -407,13 +424,16 @@ class HttpConnection(UnbufferedCallbacks):
                 await self._respond_later(response)
         self._scope = None
 
-    async def _respond_later(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
-        if not isinstance(response, HttpResponse):
+    async def _respond_later(self, awaited: HttpResponse | Awaitable[HttpResponse | None]) -> None:
+        response: HttpResponse | None = awaited if isinstance(awaited, HttpResponse) else None
+        if not isinstance(awaited, HttpResponse):
             try:
-                response = await response
+                response = await awaited
             except Exception:
                 logger.exception("a route's handler failed")
                 response = _INTERNAL_ERROR
+        if response is None:
+            return  # The connection is a WebSocket now.
         if isinstance(response.body, bytes):
             self._send_whole(response, response.body)
             if self.outbox.room <= 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 
 from rwt.extensions.hub.hub import Hub
@@ -12,6 +12,7 @@ from rwt.extensions.hub.uplink.frames import (
     Lane,
     Open,
     decode_frame,
+    encode_accept,
     encode_data,
     encode_end,
     encode_hello,
@@ -74,17 +75,21 @@ class RawRobot:
 
 @asynccontextmanager
 async def raw_robot(
-    hub: Hub, name: str = "rosie", answer: Answer = lambda stream: (), hello: Hello | None = None
+    hub: Hub,
+    name: str = "rosie",
+    answer: Answer = lambda stream: [encode_accept(stream)],
+    hello: Hello | None = None,
+    headers: Mapping[str, str] | None = None,
 ) -> AsyncIterator[RawRobot]:
-    """Dial in with a greeting, and answer each opening."""
+    """Dial in with a greeting, and answer each opening, by default by admitting the client."""
     robots: list[RawRobot] = []
 
     def accept(sink: Sink, info: PeerInfo) -> Endpoint:
         robots.append(RawRobot(sink, answer))
         return robots[0]
 
-    url, headers = f"{hub.url}/robots/{name}", {"Sec-WebSocket-Protocol": SUBPROTOCOL}
-    async with connect(url, accept, headers=headers, limits=Limits(close_seconds=0.5)):
+    url, given = f"{hub.url}/robots/{name}", {"Sec-WebSocket-Protocol": SUBPROTOCOL, **(headers or {})}
+    async with connect(url, accept, headers=given, limits=Limits(close_seconds=0.5)):
         robots[0].send(encode_hello(hello or Hello()))
         await until(lambda: robots[0].frames or robots[0].ending)
         yield robots[0]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from functools import partial
 
 import anyio
@@ -32,8 +34,8 @@ from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import ConnectError
-from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
-from tests.extensions.hub.raw_robot import end, raw_robot, text
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Proxies, Routes
+from tests.extensions.hub.raw_robot import Answer, end, raw_robot, text
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -285,6 +287,94 @@ async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
             await until(lambda: not status.connected and status.failures)
 
 
+class Middle:
+    """Proxy between a robot and its hub, whose connections can be cut."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._host, _, port = hub.url.removeprefix("ws://").partition(":")
+        self._port = int(port)
+        self._scopes: set[anyio.CancelScope] = set()
+        self.connections = 0
+
+    async def serve(self, near: SocketStream) -> None:
+        self.connections += 1
+        with anyio.CancelScope() as scope:
+            self._scopes.add(scope)
+            async with (
+                near,
+                await anyio.connect_tcp(self._host, self._port) as far,
+                anyio.create_task_group() as tasks,
+            ):
+                tasks.start_soon(self._pass, near, far, scope)
+                await self._pass(far, near, scope)
+        self._scopes.discard(scope)
+
+    async def _pass(self, source: SocketStream, to: SocketStream, scope: anyio.CancelScope) -> None:
+        with contextlib.suppress(anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError):
+            while True:
+                await to.send(await source.receive())
+        scope.cancel()
+
+    def has_more_than(self, connections: int) -> bool:
+        """Return True if the robot has opened more connections than that."""
+        return self.connections > connections
+
+    def cut(self) -> None:
+        for scope in self._scopes:
+            scope.cancel()
+
+
+@asynccontextmanager
+async def robot_behind(hub: Hub, program: Program) -> AsyncIterator[tuple[Middle, UplinkStatus]]:
+    """Return a robot that reaches the hub through a proxy."""
+    middle = Middle(hub)
+    async with (
+        await anyio.create_tcp_listener(local_host="127.0.0.1") as listener,
+        anyio.create_task_group() as tasks,
+    ):
+        tasks.start_soon(listener.serve, middle.serve)
+        port = listener.extra(SocketAttribute.local_port)
+        url = f"ws://127.0.0.1:{port}/robots/rosie"
+        async with dial(url, program, limits=SHORT, backoff=AT_ONCE) as status:
+            await until(lambda: status.connected and hub.robots)
+            yield middle, status
+        tasks.cancel_scope.cancel()
+
+
+async def test_a_viewer_notices_nothing_of_a_short_loss() -> None:
+    program = Program()
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot_behind(hub, program) as (middle, _),
+        client(hub, "/rosie") as viewer,
+    ):
+        await until(lambda: program.clients)
+        sent = 0
+        for connections in range(1, 6):
+            for _ in range(100):
+                program.clients[0].sink.send(Frame(b"%d" % sent + bytes(10_000)))
+                sent += 1
+            middle.cut()
+            await until(partial(middle.has_more_than, connections))
+        await until(lambda: len(viewer.heard) == sent)
+        assert [int(heard.rstrip(b"\0")) for heard in viewer.heard] == list(range(sent))
+        assert viewer.ending is None and len(program.clients) == 1
+
+
+async def test_who_sends_while_the_robot_is_unreachable_is_told() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_behind(hub, program) as (middle, _):
+        async with client(hub, "/rosie") as driver:
+            await until(lambda: program.clients)
+            middle.cut()
+            await until(lambda: not hub.robots[0].is_reachable)
+            driver.sink.send(Frame(b"move"))
+            code, reason = await driver.ended()
+            assert code == 1012 and "unreachable: the message was not delivered" in reason
+        await until(lambda: program.clients[0].ending)
+        assert program.clients[0].heard == []
+
+
 async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixture) -> None:
     old, new = Program(), Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
@@ -308,9 +398,24 @@ async def test_the_robot_decides_which_clients_it_takes() -> None:
     program = Program()
     program.refuse = "a bearer token is needed"
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as status:
-        async with client(hub, "/rosie") as box:
-            assert await box.ended() == (1008, "a bearer token is needed")
+        with pytest.raises(ConnectError, match="401: a bearer token is needed"):
+            async with client(hub, "/rosie"):
+                pass
         await until(lambda: status.clients == 0)
+
+
+async def test_a_hub_counts_clients_and_not_the_connections_of_robots() -> None:
+    limits = replace(SHORT, connections_per_address=1)
+    near = {"X-Forwarded-For": "192.0.2.7"}
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=limits, proxies=Proxies(["127.0.0.1"])) as hub,
+        raw_robot(hub, "one", headers=near),
+        raw_robot(hub, "two", headers=near),
+        client(hub, "/one", **near),
+    ):
+        with pytest.raises(ConnectError, match="429: 1 connections from"):
+            async with client(hub, "/two", **near):
+                pass
 
 
 async def test_a_robot_needs_the_hubs_token() -> None:
@@ -479,14 +584,17 @@ async def test_a_stream_ends_at_the_robot_when_its_reader_leaves_and_is_held_bac
         await until(lambda: not hub.robots[0].clients)
 
 
-async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page() -> None:
-    for answer, status in ((text, 502), (end, 503)):
-        parts = (b'{"status": 7}',) if answer is text else (1001, "gone")
-        async with (
-            open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
-            raw_robot(hub, answer=lambda stream, answer=answer, parts=parts: [answer(stream, *parts)]),
-        ):
-            assert (await page_of(hub, "/rosie/x"))[0] == status
+@pytest.mark.parametrize(
+    ("answer", "status"),
+    [
+        (lambda stream: [text(stream, b'{"status": 7}')], 502),
+        (lambda stream: [end(stream, 1001, "gone")], 503),
+    ],
+    ids=["nonsense", "an end"],
+)
+async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page(answer: Answer, status: int) -> None:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, raw_robot(hub, answer=answer):
+        assert (await page_of(hub, "/rosie/x"))[0] == status
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from tests.faults.peers.datagram_attacks import flood, ports_of
 from tests.waiting import until
 from tests.webrtc.peers import Side, other_side
 
-
 WEBRTC = WebRtcSettings(enabled=True, addresses="all")
 """With private addresses: the robot does not believe a hub that its client is on the robot's machine."""
 

@@ -7,10 +7,15 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
+import anyio
+
+from rwt.extensions.hub.uplink.frames import Refusal
+from rwt.extensions.hub.uplink.openings import BadOpening, check_headers
 from rwt.extensions.hub.uplink.streams import STOP_BYTES, Stream
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Sink
+from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import MIB
@@ -28,6 +33,9 @@ ADDRESS_BYTES: Final = 64 * MIB
 
 TOTAL_FACTOR: Final = 4
 """Limit for all addresses together, as a multiple of the limit of one."""
+
+PATIENCE_SECONDS: Final = 10.0
+"""Maximum time that a client waits for its robot's answer."""
 
 STOP_SECONDS: Final = 1.0
 """Minimum time between two messages of a client that go ahead of all others, because they may press the
@@ -229,7 +237,55 @@ class ClientEnd(HubEnd):
             self.hang_up(SERVICE_RESTART, f"the robot {self.robot.name} is gone: {reason}")
 
 
+class Admission:
+    """Endpoint of a stream whose client the robot has not admitted yet. Messages of the robot wait."""
+
+    holds_wire: ClassVar[Literal[True]] = True
+
+    def __init__(self, stream: Stream, robot: str) -> None:
+        self._robot = robot
+        self._answered = anyio.Event()
+        self._refused: Refused | None = None
+        stream.on_admission = self._answer
+        stream.begin(self)
+        stream.pause()
+
+    async def granted(self) -> None:
+        """Wait for the robot's answer.
+
+        Raises:
+            Refused: the robot refuses the client, does not answer within `PATIENCE_SECONDS`, or is gone.
+        """
+        with anyio.move_on_after(PATIENCE_SECONDS):
+            await self._answered.wait()
+        if not self._answered.is_set():
+            raise Refused(503, f"the robot {self._robot} does not answer", {"Retry-After": "5"})
+        if self._refused is not None:
+            raise self._refused
+
+    def _answer(self, refusal: Refusal | None) -> None:
+        if refusal is not None:
+            try:
+                check_headers(refusal.headers)
+            except BadOpening as error:
+                self._refused = Refused(502, f"the robot's answer cannot be read: {error}")
+            else:
+                self._refused = Refused(refusal.status, refusal.reason, refusal.headers)
+        self._answered.set()
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """No-op: the stream is paused."""
+
+    def closed(self, code: int, reason: str) -> None:
+        """Refuse the client of a robot that is gone."""
+        if not self._answered.is_set():
+            text = f"the robot {self._robot} is gone: {reason}"
+            self._refused = Refused(503, text, {"Retry-After": "1"})
+            self._answered.set()
+
+
 def join(client: ClientEnd, robot: RobotEnd) -> None:
     """Pass messages between two ends from now on."""
     client.other, robot.other = robot, client
-    robot.stream.begin(robot)
+    robot.stream.hand_over(robot)
+    robot.stream.resume()

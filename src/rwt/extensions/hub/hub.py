@@ -19,7 +19,7 @@ from typing import Final
 
 import anyio
 
-from rwt.extensions.hub.ends import ADDRESS_BYTES, ClientEnd, RobotEnd, WaitingBytes, join
+from rwt.extensions.hub.ends import ADDRESS_BYTES, Admission, ClientEnd, RobotEnd, WaitingBytes, join
 from rwt.extensions.hub.listing import hub_routes
 from rwt.extensions.hub.uplink.carrier import Carrier
 from rwt.extensions.hub.uplink.dial import SOFTWARE
@@ -39,7 +39,7 @@ from rwt.extensions.hub.uplink.streams import Stream
 from rwt.extensions.hub.uplink.uplink import Uplink
 from rwt_protocol.frames import Frame
 from rwt_transports.background import background_tasks
-from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import NO_PROXIES, HttpRequest, HttpResponse, Proxies
@@ -160,18 +160,36 @@ class Hub:
         """Robots that have a connection or had one a moment ago, by name."""
         return tuple(self._robots[name] for name in sorted(self._robots))
 
-    def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """Accept a robot, or a client of one.
+    async def admit(self, info: PeerInfo) -> Accept:
+        """Decide about a robot, or let the robot decide about a client.
 
         Raises:
-            Refused: there is no such robot (404), or it is unreachable (503); or a robot without the token
-                (401), from a browser (403), with an invalid name (400), with a program that does not speak
-                the uplink (426), or beyond the number of robots (503).
+            Refused: there is no such robot (404), it is unreachable or does not answer (503), or it refuses
+                the client; or a robot without the token (401), from a browser (403), with an invalid name
+                (400), with a program that does not speak the uplink (426), or beyond the number of robots
+                (503).
         """
         path = info.path.partition("?")[0]
         if path.startswith(ROBOTS):
-            return self._accept_robot(sink, info, path.removeprefix(ROBOTS))
-        return self._accept_client(sink, info)
+            name = path.removeprefix(ROBOTS)
+            self._check_robot(info, name)
+            return lambda sink, _: self._accept_robot(sink, info, name)
+        name, path = split_client_path(info.path)
+        robot = self._robot(name)
+        if info.subprotocol == SUBPROTOCOL:
+            raise Refused(400, f"a robot dials in at {ROBOTS}NAME")
+        stream = robot.uplink.open(encode_client(info, path), info.address)
+        try:
+            await Admission(stream, robot.name).granted()
+        except BaseException:
+            stream.close(GOING_AWAY, "the client was not admitted")
+            stream.resume()
+            raise
+        return lambda sink, _: self._accept_client(sink, info, robot, stream)
+
+    def refuse(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        """Refuse a connection that is no WebSocket."""
+        raise Refused(400, "a hub is reached by WebSocket or HTTP")
 
     def tick(self, now: float) -> None:
         """Check the timeouts of robots; `now` is monotonic, in seconds."""
@@ -192,7 +210,6 @@ class Hub:
     # -- robots --------------------------------------------------------------------------------------------
 
     def _accept_robot(self, sink: Sink, info: PeerInfo, name: str) -> Endpoint:
-        self._check_robot(info, name)
         if info.subprotocol != SUBPROTOCOL:
             raise Refused(
                 426,
@@ -306,12 +323,7 @@ class Hub:
             raise Refused(503, f"the robot {name} is unreachable at the moment", {"Retry-After": "1"})
         return robot
 
-    def _accept_client(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        name, path = split_client_path(info.path)
-        robot = self._robot(name)
-        if info.subprotocol == SUBPROTOCOL:
-            raise Refused(400, f"a robot dials in at {ROBOTS}NAME")
-        stream = robot.uplink.open(encode_client(info, path), info.address)
+    def _accept_client(self, sink: Sink, info: PeerInfo, robot: DialedRobot, stream: Stream) -> Endpoint:
         client = ClientEnd(self, robot, sink, info.address)
         join(client, RobotEnd(self, robot, stream, info.address))
         self.clients += 1
@@ -429,12 +441,13 @@ async def open_hub(
     async with (
         listen(
             url,
-            hub.accept,
+            hub.refuse,
             routes=hub_routes(hub),
             hosts=hosts,
             proxies=proxies,
             access_log=access_log,
             subprotocols=_SUBPROTOCOLS,
+            admit=hub.admit,
             addresses=addresses,
             limits=replace(chosen, connections=chosen.connections + max_robots),
             tls=tls,

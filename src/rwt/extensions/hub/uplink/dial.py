@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import anyio
 
 from rwt.extensions.hub.uplink.carrier import Carrier
-from rwt.extensions.hub.uplink.frames import SUBPROTOCOL, BadFrame, Hello
+from rwt.extensions.hub.uplink.frames import SUBPROTOCOL, BadFrame, Hello, Refusal
 from rwt.extensions.hub.uplink.openings import (
     INSTANCE,
     NAME_RULE,
@@ -45,8 +45,6 @@ from rwt_transports.schemes import parse_connect_url
 from rwt_transports.websocket.close_codes import (
     ABNORMAL,
     GOING_AWAY,
-    INTERNAL_ERROR,
-    POLICY,
     PROTOCOL_ERROR,
 )
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -110,9 +108,8 @@ async def dial(
 
     Args:
         url: ``wss://HUB/robots/NAME`` or ``ws://HUB/robots/NAME``; NAME is what clients call the robot.
-        accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, and the
-            client is closed with 1008 and the reason, since it is connected to the hub already. The address
-            of a client is the hub's word, and never one of this machine.
+        accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, which the
+            hub answers. The address of a client is the hub's word, and never one of this machine.
         token: token of the robot for the hub.
         addresses: counts the clients of each address that the hub names; one of its own by default.
         buffers: what large messages of all clients are received in; of its own by default.
@@ -171,9 +168,9 @@ class _Robot:
 
     * Clients: ``_accept``, ``_routes``, ``_addresses``, ``starter`` (starts the tasks that serve pages).
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
-      None without one).
-    * Connecting: ``scheduler`` (of writing), ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
-      ``_ended`` (code of the last connection's end).
+      None without one), ``scheduler`` (of writing).
+    * Connecting: ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
+      ``_is_leaving``, ``_ended`` (code of the last connection's end), ``_hub`` (its host).
     """
 
     def __init__(
@@ -319,12 +316,14 @@ class _Robot:
             stream.address = address
             self._addresses.enter(address)
             self._addresses.check(address)
-            stream.begin(self.serve(stream, info))
+            endpoint = self.serve(stream, info)
+            stream.admit()
+            stream.begin(endpoint)
         except Refused as refused:
-            stream.close(POLICY, refused.reason)
+            stream.refuse(Refusal(refused.status, refused.reason, dict(refused.headers)))
         except Exception:
             log_exception("the accept function failed for a client of the hub")
-            stream.close(INTERNAL_ERROR, "internal error")
+            stream.refuse(Refusal(500, "internal error"))
 
     def _closed(self, stream: Stream) -> None:
         self.status.clients -= 1

@@ -12,6 +12,8 @@ kind name     payload
 2    `DATA`   a part of a message. Flags: bits 0 to 2 the lane, bit 3 "binary", bit 4 "last part".
 3    `END`    close code (2 bytes) and reason in UTF-8, as in RFC 6455 section 5.5.1
 4    `CREDIT` number of bytes (4 bytes) that the other side may send on the stream in addition
+5    `ACCEPT` nothing: the robot has admitted the client
+6    `REFUSE` JSON of :class:`Refusal`: the robot has not; the stream has ended
 64   `HELLO`  JSON of :class:`Hello`; the first frame in each direction
 65   `ACK`    bytes of sequenced frames received so far (8 bytes)
 66   `PING`   anything; answered by a `PONG` with the same payload
@@ -61,6 +63,8 @@ class Kind(IntEnum):
     DATA = 2
     END = 3
     CREDIT = 4
+    ACCEPT = 5
+    REFUSE = 6
     HELLO = 64
     ACK = 65
     PING = 66
@@ -97,6 +101,14 @@ class Hello(msgspec.Struct, frozen=True, omit_defaults=True):
     software: Annotated[str, msgspec.Meta(max_length=128)] = ""
 
 
+class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Reason why the robot does not admit a client, as it would answer over HTTP."""
+
+    status: Annotated[int, msgspec.Meta(ge=400, le=599)] = 403
+    reason: Annotated[str, msgspec.Meta(max_length=MAX_REASON_BYTES)] = ""
+    headers: dict[str, str] = {}
+
+
 class Data(NamedTuple):
     """Part of a message.
 
@@ -126,6 +138,19 @@ class End(NamedTuple):
     reason: str
 
 
+class Accepted(NamedTuple):
+    """Admission of the client of a stream."""
+
+    stream: int
+
+
+class Refused(NamedTuple):
+    """Refusal of the client of a stream."""
+
+    stream: int
+    refusal: Refusal
+
+
 class Credit(NamedTuple):
     """Bytes that may be sent in addition."""
 
@@ -152,9 +177,10 @@ class Skipped(NamedTuple):
     kind: int
 
 
-UplinkFrame = Data | Open | End | Credit | Ack | Ping | Hello | Skipped
+UplinkFrame = Data | Open | End | Credit | Accepted | Refused | Ack | Ping | Hello | Skipped
 
 _hello: Final = msgspec.json.Decoder(Hello)
+_refusal: Final = msgspec.json.Decoder(Refusal)
 _LANES: Final = dict(enumerate(Lane))
 
 
@@ -183,6 +209,16 @@ def encode_end(stream: int, code: int, reason: str) -> bytes:
 def encode_credit(stream: int, count: int) -> bytes:
     """Return a `CREDIT` frame."""
     return HEADER.pack(Kind.CREDIT, 0, stream) + _CREDIT.pack(count)
+
+
+def encode_accept(stream: int) -> bytes:
+    """Return an `ACCEPT` frame."""
+    return HEADER.pack(Kind.ACCEPT, 0, stream)
+
+
+def encode_refuse(stream: int, refusal: Refusal) -> bytes:
+    """Return a `REFUSE` frame."""
+    return HEADER.pack(Kind.REFUSE, 0, stream) + msgspec.json.encode(refusal)
 
 
 def encode_ack(received: int) -> bytes:
@@ -221,12 +257,14 @@ def decode_frame(data: bytes) -> UplinkFrame:
         return _end(stream, payload)
     if kind in (Kind.PING, Kind.PONG):
         return Ping(bytes(payload), kind == Kind.PONG)
-    if kind == Kind.HELLO:
-        try:
-            return _hello.decode(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise BadFrame(f"HELLO: {error}") from None
-    return Skipped(kind)
+    if kind == Kind.ACCEPT:
+        return Accepted(stream)
+    try:
+        if kind == Kind.REFUSE:
+            return Refused(stream, _refusal.decode(payload))
+        return _hello.decode(payload) if kind == Kind.HELLO else Skipped(kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadFrame(f"{Kind(kind).name}: {error}") from None
 
 
 def _number(form: Struct, payload: memoryview, name: str) -> int:

@@ -15,6 +15,7 @@ none. The robot answers with a head, ``{"status": 200, "content_type": "…", "h
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Annotated, Final, NamedTuple
 
@@ -140,14 +141,24 @@ def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
         head = _head_decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise BadOpening("expected the head of a page") from None
-    texts = (head.content_type, *head.headers.values())
-    if not all(text.isascii() and text.isprintable() and text == text.strip() for text in texts):
-        raise BadOpening("expected headers of printable ASCII, without spaces around them")
-    if not all(_HEADER_NAME.fullmatch(name) for name in head.headers):
-        raise BadOpening("expected the names of headers (RFC 9110 section 5.6.2)")
+    check_headers({"content-type": head.content_type})
+    check_headers(head.headers)
     if head.status not in _STATUSES:
         raise BadOpening(f"{head.status} is no status of HTTP")
     return head.status, head.content_type, head.headers
+
+
+def check_headers(headers: Mapping[str, str]) -> None:
+    """Check headers of a robot, before the hub sends them to a client.
+
+    Raises:
+        BadOpening: a name or a value is not one of HTTP, such as a value with a line break.
+    """
+    if not all(_HEADER_NAME.fullmatch(name) for name in headers):
+        raise BadOpening("expected the names of headers (RFC 9110 section 5.6.2)")
+    for text in headers.values():
+        if not (text.isascii() and text.isprintable() and text == text.strip()):
+            raise BadOpening("expected headers of printable ASCII, without spaces around them")
 
 
 def is_robot_name(name: str) -> bool:

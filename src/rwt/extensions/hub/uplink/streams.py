@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING, Final
 from rwt.extensions.hub.uplink.frames import (
     Data,
     Lane,
+    Refusal,
+    encode_accept,
     encode_credit,
     encode_data,
     encode_end,
     encode_open,
+    encode_refuse,
 )
 from rwt_protocol.frames import Burst, Frame
 from rwt_protocol.states import StateEnum
 from rwt_transports.api import HEAD_BYTES, FlowControlled, HoldingWire, OversizeAware
+from rwt_transports.background import ignore
 from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Traffic
 from rwt_transports.errors import log_exception
@@ -112,7 +116,8 @@ class Stream:
 
     Attributes by purpose:
 
-    * Wiring: ``number``, ``address`` (of the client), ``_uplink``, ``_endpoint``, ``_state``.
+    * Wiring: ``number``, ``address`` (of the client), ``on_admission`` (called at the hub with the robot's
+      answer: None, or why the client is refused), ``_uplink``, ``_endpoint``, ``_state``.
     * Sending: ``_opening`` (not sent yet; empty afterwards), ``_stops``, ``_control``, ``_control_bytes``,
       ``_data``, ``_begun`` (by lane), ``_may_send`` (bytes that the other side still takes), ``_ending``
       (code and reason of the `END`), ``_on_empty``, ``_deadline`` (monotonic time to end without the rest).
@@ -125,12 +130,14 @@ class Stream:
     __slots__ = (
         "_arriving", "_begun", "_control", "_control_bytes", "_data", "_deadline", "_ending", "_endpoint",
         "_held", "_held_end", "_holds", "_is_paused", "_may_receive", "_may_send", "_on_empty", "_opening",
-        "_state", "_stops", "_taken", "_uplink", "address", "messages", "number", "sent_bytes",
+        "_state", "_stops", "_taken", "_uplink", "address", "messages", "number", "on_admission",
+        "sent_bytes",
     )  # fmt: skip
 
     def __init__(self, uplink: Uplink, number: int, address: str = "", opening: bytes = b"") -> None:
         self.number = number
         self.address = address
+        self.on_admission: Callable[[Refusal | None], None] = ignore
         self._uplink = uplink
         self._endpoint: Endpoint | None = None
         self._state = _StreamState.OPEN
@@ -161,6 +168,15 @@ class Stream:
         self._holds = isinstance(endpoint, HoldingWire)
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
+
+    def admit(self) -> None:
+        """Report that the client is admitted."""
+        self._uplink.order(encode_accept(self.number))
+
+    def refuse(self, refusal: Refusal) -> None:
+        """Report that the client is not admitted, and end."""
+        self._uplink.order(encode_refuse(self.number, refusal))
+        self._over(POLICY, refusal.reason)
 
     def hand_over(self, endpoint: Endpoint) -> None:
         """See :class:`~rwt_transports.endpoint.Sink`."""
@@ -309,6 +325,8 @@ class Stream:
         if is_last:
             self._begun.pop(lane, None)
             self.messages += 1
+            if self._state is _StreamState.CLOSING:
+                self._uplink.ready(self, Lane.REPLIES)  # For the `END`.
         else:
             self._begun[lane] = begun
         if lane is not Lane.STOP:

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from rwt.extensions.hub.uplink.frames import (
     HEADER,
+    Accepted,
     Ack,
     BadFrame,
     Credit,
@@ -17,6 +18,7 @@ from rwt.extensions.hub.uplink.frames import (
     Lane,
     Open,
     Ping,
+    Refused,
     decode_frame,
     encode_ack,
     encode_end,
@@ -28,7 +30,7 @@ from rwt.extensions.hub.uplink.window import Window
 from rwt_protocol.states import StateEnum
 from rwt_transports.background import ignore
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY
+from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, POLICY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 RESUME_SECONDS: Final = 2.0
@@ -377,15 +379,26 @@ class Uplink:
             stream = self.streams.get(frame.stream)
             if stream is not None:
                 stream.ended(frame.code, frame.reason)
-        elif isinstance(frame, Credit):
+        elif isinstance(frame, Credit | Accepted | Refused):
             stream = self.streams.get(frame.stream)
             if stream is not None:
-                stream.credited(frame.size)
+                self._control(stream, frame)
         elif isinstance(frame, Ping) and not frame.is_answer:
             # One answer for any number of pings: a flood of them queues nothing.
             self._urgent = deque(each for each in self._urgent if each[0] != Kind.PONG)
             self._urgent.append(encode_ping(frame.payload, is_answer=True))
             self._wake()
+
+    def _control(self, stream: Stream, frame: Credit | Accepted | Refused) -> None:
+        if isinstance(frame, Credit):
+            stream.credited(frame.size)
+        elif self._opened is not None:
+            raise BadFrame("only a robot admits clients")
+        elif isinstance(frame, Accepted):
+            stream.on_admission(None)
+        else:
+            stream.on_admission(frame.refusal)
+            stream.ended(POLICY, frame.refusal.reason)
 
     def _acknowledged(self, received: int, now: float) -> None:
         if not self._window.acknowledged(received - self._base, now):

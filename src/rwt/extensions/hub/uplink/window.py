@@ -3,11 +3,12 @@
 TCP alone fills every queue on the path: at 1 Mbit/s, a sample then waits for seconds. The window follows the
 delay, as FAST TCP does (Jin, Wei and Low, 2004): in each round trip,
 
-    window = window * (shortest round trip + TARGET_SECONDS) / round trip
+    aim = window * (shortest round trip + TARGET_SECONDS) / round trip
+    window = (window + aim) / 2, and at most twice the former one
 
 So it grows while the path's queue delays frames by less than `TARGET_SECONDS`, and shrinks beyond. Rounds in
-which the window was not used up leave it as it is. As a queue of one's own hides the shortest round trip, the
-window is reduced to `MIN_BYTES` for one round every `PROBE_SECONDS`.
+which the window was not used up leave it as it is. As a queue of one's own hides the shortest round trip, one
+frame at a time is sent for one round every `PROBE_SECONDS`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ FIRST_BYTES: Final = 32 * 1024
 PROBE_SECONDS: Final = 10.0
 """Seconds between two measurements of the shortest round trip."""
 _MAX_GROWTH: Final = 2.0
+_GAIN: Final = 0.5
+"""Part of the way to its aim that the window goes in a round, as in FAST TCP: the whole way would oscillate."""
 
 
 class Window:
@@ -57,7 +60,7 @@ class Window:
     @property
     def limit(self) -> int:
         """Maximum number of bytes under way."""
-        return MIN_BYTES if self._is_probing else int(self._window)
+        return 1 if self._is_probing else int(self._window)
 
     @property
     def room(self) -> int:
@@ -97,8 +100,9 @@ class Window:
             self.rate = (self._acked - self._round_bytes) / (now - self._begun)
         if self._is_used_up and not self._is_probing:
             shortest = min(self.shortest, self._former)
-            growth = (shortest + TARGET_SECONDS) / max(self.round_trip, 1e-6)
-            self._window = min(max(self._window * min(growth, _MAX_GROWTH), MIN_BYTES), MAX_BYTES)
+            aim = self._window * (shortest + TARGET_SECONDS) / max(self.round_trip, 1e-6)
+            grown = min((1 - _GAIN) * self._window + _GAIN * aim, _MAX_GROWTH * self._window)
+            self._window = min(max(grown, MIN_BYTES), MAX_BYTES)
         self._is_probing = False
         if now - self._probed >= PROBE_SECONDS:
             self._probed, self._is_probing = now, True
