@@ -21,8 +21,8 @@ from rwt.extensions.hub.uplink.frames import (
     encode_open,
     encode_ping,
 )
-from rwt.extensions.hub.uplink.streams import CREDIT_BYTES, SMALL_BYTES, Stream
-from rwt.extensions.hub.uplink.uplink import BULK_SHARE, RESUME_SECONDS, Uplink
+from rwt.extensions.hub.uplink.streams import CREDIT_BYTES, SMALL_BYTES, STOP_BYTES, Stream
+from rwt.extensions.hub.uplink.uplink import BULK_SHARE, PONG_SECONDS, RESUME_SECONDS, Uplink
 from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.api import FlowControl
@@ -180,9 +180,12 @@ def test_the_stop_overtakes_everything_even_without_room_or_credit() -> None:
     while frames := sides.hub.take(1_000_000, sides.now):
         sides.to_robot += frames
     assert not sides.hub.has_more  # The window is full.
-    end.stream.send_stop(text(b"stop"))
+    stop = b"stop".ljust(STOP_BYTES)
+    end.stream.send_stop(text(stop))
     (frame,) = sides.hub.take(1_000_000, sides.now)
     assert lanes([frame]) == [Lane.STOP]
+    sides.robot.receive(frame, sides.now)
+    assert sides.robots[1].heard == [stop]
 
 
 def test_replies_go_first_and_bulk_gets_its_share() -> None:
@@ -337,17 +340,27 @@ def test_a_flood_of_pings_is_answered_once() -> None:
     ]
 
 
-@pytest.mark.parametrize(("watched", "seconds"), [(True, 3.0), (False, 17.0)])
+@pytest.mark.parametrize(("watched", "seconds"), [(True, 1.0), (False, 15.0)])
 def test_silence_ends_a_connection(watched: bool, seconds: float) -> None:
     sides = Sides()
     if watched:
         sides.open()
     sides.settle()
-    began = sides.now
-    assert sides.hub.tick(began + seconds - 0.1)
-    assert not sides.hub.tick(began + seconds)
-    sides.hub.receive(encode_ping(), began + seconds)
-    assert sides.hub.tick(began + seconds)
+    asked = sides.now + seconds
+    assert sides.hub.tick(asked - 0.1) and not sides.hub.take(100, asked)
+    assert sides.hub.tick(asked) and sides.hub.take(100, asked) == [encode_ping()]
+    assert sides.hub.tick(asked + PONG_SECONDS - 0.1)
+    assert not sides.hub.tick(asked + PONG_SECONDS + 0.1)
+    sides.hub.receive(encode_ping(is_answer=True), asked + PONG_SECONDS)
+    assert sides.hub.tick(asked + PONG_SECONDS)
+
+
+def test_a_stream_on_a_connection_that_was_idle_is_no_silence() -> None:
+    sides = Sides()
+    sides.settle()
+    sides.now += 10.0
+    sides.open()
+    assert sides.hub.tick(sides.now) and sides.robot.tick(sides.now)
 
 
 # -- lost connections ------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rwt.extensions.hub.uplink.window import MAX_BYTES, MIN_BYTES, TARGET_SECONDS, Window
 
-PART = 4096
+PART = 2048
 
 
 class Path:

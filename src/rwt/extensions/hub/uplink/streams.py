@@ -314,7 +314,9 @@ class Stream:
         begun = self._begun.get(lane) or self._next(lane)
         if begun is None:
             return self._end_frame() if lane is Lane.REPLIES else None
-        if lane is not Lane.STOP:
+        if lane is Lane.STOP:
+            most = STOP_BYTES
+        else:
             most = min(most, self._may_send)
             if most <= 0 and len(begun.data):
                 self._begun[lane] = begun

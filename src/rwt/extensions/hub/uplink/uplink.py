@@ -36,7 +36,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 RESUME_SECONDS: Final = 2.0
 """Seconds for which the streams of a lost connection wait for another one."""
 
-MIN_PART_BYTES: Final = 4096
+MIN_PART_BYTES: Final = 2048
 """Maximum payload of a frame on a slow link, in bytes."""
 MAX_PART_BYTES: Final = 64 * 1024
 _PART_SECONDS: Final = 0.004
@@ -100,7 +100,8 @@ class Uplink:
     * ``streams``: open streams by number.
     * ``session``: id of the session.
     * Connection: ``_state``, ``_wake`` (asks the carrier to call :meth:`take`), ``carrier_bytes`` (received
-      by it), ``_window``, ``_since`` (monotonic time of the loss), ``_heard``, ``_is_probed``.
+      by it), ``_window``, ``_since`` (monotonic time of the loss), ``_heard``, ``_probed``
+      (monotonic time of an unanswered ping; None without one).
     * Sequence: ``_sent``, ``_retained``, ``_again`` (frames to send once more), ``received``, ``_acked``
       (the part of ``received`` that the other side knows).
     * Order of sending: ``_urgent`` (frames of the uplink itself), ``_orders`` (the same, sequenced),
@@ -140,7 +141,7 @@ class Uplink:
         self.carrier_bytes = 0
         self._window = Window(now)
         self._heard = now
-        self._is_probed = False
+        self._probed: float | None = None
         self._sent = self._base = 0
         self._retained: deque[_Retained] = deque()
         self._again: deque[bytes] = deque()
@@ -219,7 +220,7 @@ class Uplink:
         lost, self._retained = self._retained, deque()
         self._sent = self._base = received
         self._window = Window(now)
-        self._heard, self._is_probed = now, False
+        self._heard, self._probed = now, None
         self._urgent.clear()
         self._acked = self.received
         # They precede those that a former loss has left.
@@ -271,12 +272,10 @@ class Uplink:
             stream.tick(now)
         if self._state is not _UplinkState.CARRIED:
             return self._state is _UplinkState.CUT and now - self._since < RESUME_SECONDS
-        silence = now - self._heard
-        probe = WATCHED_PING_SECONDS if self.streams else IDLE_PING_SECONDS
-        if silence >= probe + PONG_SECONDS:
-            return False
-        if silence >= probe and not self._is_probed:
-            self._is_probed = True
+        if self._probed is not None:
+            return now - self._probed < PONG_SECONDS
+        if now - self._heard >= (WATCHED_PING_SECONDS if self.streams else IDLE_PING_SECONDS):
+            self._probed = now
             self._urgent.append(encode_ping())
             self._wake()
         return True
@@ -362,7 +361,7 @@ class Uplink:
         Raises:
             BadFrame: the other side breaks the rules; its connection must be closed.
         """
-        self._heard, self._is_probed = now, False
+        self._heard, self._probed = now, None
         frame = decode_frame(data)
         if is_sequenced(data):
             self.received += len(data)

@@ -17,11 +17,11 @@ from collections import deque
 from math import inf
 from typing import Final
 
-TARGET_SECONDS: Final = 0.06
+TARGET_SECONDS: Final = 0.03
 """Delay in queues of the path that the window aims at, in seconds."""
-MIN_BYTES: Final = 8 * 1024
+MIN_BYTES: Final = 6 * 1024
 MAX_BYTES: Final = 4 * 1024 * 1024
-FIRST_BYTES: Final = 32 * 1024
+FIRST_BYTES: Final = MIN_BYTES
 """Window of a new connection."""
 PROBE_SECONDS: Final = 10.0
 """Seconds between two measurements of the shortest round trip."""
