@@ -33,10 +33,16 @@ if TYPE_CHECKING:
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
     if networks:
-        from rwt_transports.http.routes import Proxies  # Settings without proxies load no transport.
+        from rwt_transports.http.proxies import Proxies  # Settings without proxies load no transport.
 
         Proxies(networks)
     return networks
+
+
+def _check_proxy_headers(names: tuple[str, ...]) -> tuple[str, ...]:
+    from rwt_transports.http.proxies import Proxies
+
+    return Proxies(headers=names).headers
 
 
 MEMORY: Final = "memory"
@@ -225,10 +231,19 @@ class Settings(BridgeSettings):
         tuple[str, ...],
         AfterValidator(_check_proxies),
         Field(
-            description="addresses or networks of trusted reverse proxies, whose forwarded client addresses"
-            " are used"
+            description="addresses or networks of trusted reverse proxies, which name their clients in"
+            " `proxy_headers`"
         ),
     ] = ()
+    proxy_headers: Annotated[
+        tuple[str, ...],
+        AfterValidator(_check_proxy_headers),
+        Field(
+            description="headers that each of `proxies` writes itself, with exactly one for the client's"
+            " address: `x-forwarded-for`, `forwarded`, `x-real-ip`, `true-client-ip` or `cf-connecting-ip`;"
+            " also `x-forwarded-proto`, `x-forwarded-host` and `x-forwarded-prefix`. Others are ignored"
+        ),
+    ] = ("x-forwarded-for", "x-forwarded-proto")
     access_log: bool = Field(False, description="log each HTTP request")
     limits: LimitSettings = LimitSettings.model_construct()
     tls: TlsSettings = TlsSettings.model_construct()
