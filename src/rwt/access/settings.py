@@ -507,8 +507,10 @@ class AuthSettings(Table):
     )
     rosauth_role: str | None = Field(
         None,
-        description="role of rosauth clients whose `level` names no role; not set: `admin` if no roles are"
-        " configured, otherwise they are rejected",
+        description="role of rosauth clients whose `level` names no role; not set: they are rejected",
+    )
+    rosauth_end_seconds: Seconds = Field(
+        86_400.0, description="seconds by which the `end` of an `auth` message may lie after its time"
     )
     allowed_time_delta: Seconds = Field(
         5.0, description="seconds by which the time of an `auth` message may differ from the server's clock"
