@@ -50,7 +50,7 @@ def may_publish(client: Client) -> bool:
     client.send("set_level", level="error")
     client.send("publish", topic="/moved", type="std_msgs/String", msg={"data": ""})
     client.send("call_service", service="/rosapi/get_time", id="after")
-    return json.loads(client.connection.recv(LONGEST_S))["op"] != "status"
+    return bool(json.loads(client.connection.recv(LONGEST_S))["op"] != "status")
 
 
 @pytest.mark.parametrize("moved", [0, 1, 2, 3])
