@@ -122,9 +122,12 @@ class GatewayPart(Part):
 
     Attributes:
         make: creates the gateway for a running graph.
+        asked_role: returns the role of its clients without a token, if it asks a client's user for approvals
+            that the role may give; None if it asks nobody.
     """
 
     make: Callable[[GatewayContext, Any], Gateway]
+    asked_role: Callable[[Any], str] | None = None
 
 
 # -- nodes -------------------------------------------------------------------------------------------------

@@ -313,13 +313,15 @@ def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> H
 
 def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpResponse:
     running = bridge.shared.graph.running
-    body = {
+    body: dict[str, object] = {
         "status": "ok" if running else "stopped",
         "version": version("robot-web-tools"),
         "clients": bridge.client_count,
         "work": round(metrics.work, 3),
         "clients_beyond_rate": metrics.clients_beyond_rate,
-        "proxy_headers": proxies.headers if proxies else (),
-        "unread_proxy_headers": sorted(proxies.unread),
     }
+    if proxies:
+        body["proxy_headers"] = proxies.headers
+    if proxies.unread:
+        body["unread_proxy_headers"] = sorted(proxies.unread)
     return HttpResponse(json.dumps(body).encode(), 200 if running else 503, "application/json")

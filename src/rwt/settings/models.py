@@ -315,6 +315,13 @@ class Settings(BridgeSettings):
         for each in type(self).tables:
             if each.part.check is not None:
                 each.part.check(self, self.of(each.part.settings))
+        needs_approval = any(rule.approval is not None for rule in self.gate.rules.values())
+        for name in self.unanswered_rules(tuple(self._roles_of_asked_users()) if needs_approval else ()):
+            raise ValueError(
+                f"`gate.rules.{name}.approval.roles`: no client can approve: expected a token in"
+                " `auth.tokens` with one of these roles, beside that of the client that asks; or `[]` if only"
+                " the robot's own programs approve"
+            )
         if not self.listen and not self.brings_clients:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
         if self.gate.audit.stdout and any(url.lower().startswith("stdio:") for url in self.listen):
@@ -330,6 +337,16 @@ class Settings(BridgeSettings):
         if self.gate.rules or self.gate.audit.is_on:
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self
+
+    def _roles_of_asked_users(self) -> Iterator[str]:
+        """Yield the roles of clients whose gateway asks their user for an approval."""
+        for name in self.gateways:
+            part = parts.load("gateway", name)
+            role_of = getattr(part, "asked_role", None)
+            if role_of is not None:
+                yield from (token.role for token in self.auth.tokens.values())
+                if self.auth.role_without_credentials is not None:
+                    yield role_of(self.of(part.settings))
 
     @property
     def brings_clients(self) -> bool:
