@@ -76,7 +76,7 @@ def behind_proxy(address: str) -> str:
 
     It counts like an address, and is never local: limits apply to all clients with this name together.
     """
-    return f"{_BEHIND}{address}"
+    return f"{_BEHIND}{address or 'of this machine'}"
 
 
 class _Named(NamedTuple):
@@ -149,12 +149,11 @@ class Proxies:
         """
         given = {name: headers.pop(name, "") for name in _FORWARDING.findall("\n".join(headers))}
         address = parsed(peer)
-        if address is None:
-            return peer, ""
-        peer = peer if "%" in peer else str(address)
+        if address is not None and "%" not in peer:
+            peer = str(address)
         if peer not in self:
-            # A proxy on this machine that is not configured: its clients are not local.
-            if given and address.is_loopback:
+            # A proxy here, perhaps at a Unix socket, that is not configured: its clients are not local.
+            if given and (address is None or address.is_loopback):
                 self._note_unread(peer, given)
                 return behind_proxy(peer), ""
             return peer, ""

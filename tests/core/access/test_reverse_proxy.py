@@ -26,7 +26,7 @@ from rwt.cli.health import health_of
 from rwt_transports.http.proxies import PROXY_HEADERS, behind_proxy
 from tests.core.access.test_reload import certify
 from tests.core.transports.test_proxies import HOSTILE
-from tests.processes import free_port
+from tests.processes import ended, free_port
 
 pytestmark = pytest.mark.slow
 
@@ -376,12 +376,36 @@ def test_no_header_of_a_client_gets_past_a_proxy(tmp_path: Path, kind: str, conf
             assert (told["scheme"], told["root"]) == ("http", f"{prefix}/echo"), (name, value)
             assert seen["host"] == f"127.0.0.1:{port}", (name, value)
             assert seen.keys() <= {"host", "x-forwarded-proto", "connection", "accept-encoding", "user-agent"}
+        # A proxy may drop its own headers as those of the connection; then its clients are one.
+        for name in headers:
+            told = json.loads(_ask_raw(port, f"{prefix}/echo", "Connection", f"close, {name}")[1])
+            assert told["client"] in (behind_proxy("127.0.0.2"), behind_proxy("127.0.0.1"))
+            assert told["scheme"] == "http"
         # What names other addresses does not make more of one client.
         opened = 0
         for name, value in HOSTILE:
             if "\r" not in value:
                 opened += _opens(stack, port, prefix, {name: value})
         assert opened == 4
+
+
+@pytest.mark.parametrize(
+    ("settings", "verdict", "text"),
+    [
+        ({"proxies": ["127.0.0.1"]}, "ok", "trusts x-forwarded-for, x-forwarded-proto"),
+        ({"proxies": ["127.0.0.1"], "proxy_headers": ["x-real-ip"]}, "warning", "x-forwarded-for"),
+        ({}, "warning", "x-forwarded-for"),
+    ],
+)
+def test_the_doctor_examines_the_headers_of_a_proxy(
+    tmp_path: Path, settings: dict[str, Any], verdict: str, text: str
+) -> None:
+    server = Server("ws://127.0.0.1:0", web={"enabled": False}, **settings)
+    with server, proxy("nginx", _NGINX_AT_ROOT, tmp_path, server.urls[0]) as (port, _):
+        _wait_for(port, "/healthz")
+        told = json.loads(ended("doctor", f"ws://127.0.0.1:{port}", "--json").stdout)
+    (found,) = (each for each in told["findings"] if each["name"] == "proxies")
+    assert (found["verdict"], text in found["text"]) == (verdict, True)
 
 
 def _opens(stack: ExitStack, port: int, prefix: str, headers: dict[str, str]) -> bool:

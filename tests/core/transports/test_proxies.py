@@ -195,6 +195,8 @@ def test_a_proxy_on_this_machine_that_is_not_configured_is_not_local() -> None:
     assert proxies.resolve("127.0.0.1", {"host": "robot"}) == ("127.0.0.1", "")
     assert proxies.resolve("::ffff:127.0.0.1", {"host": "robot"}) == ("127.0.0.1", "")
     assert proxies.resolve("127.0.0.1", {"x-forwarded-for": "::1"})[0] == behind_proxy("127.0.0.1")
+    assert proxies.resolve("", {"host": "robot"}) == ("", "")
+    assert proxies.resolve("", {"x-forwarded-for": "127.0.0.1"})[0] == "proxy of this machine"
     assert proxies.unread == {"x-forwarded-for"}
 
 
