@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import logging
 from functools import partial
 
@@ -24,6 +25,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from tests.memory_pipe import MemoryPipe
+from tests.processes import ROOT
 
 PEER = "10.0.0.1"
 """Address of a trusted proxy."""
@@ -313,6 +315,23 @@ def test_a_client_behind_a_proxy_has_a_limit_of_work() -> None:
 def test_spellings_of_one_network(one: str, other: str) -> None:
     assert network_of(one) == network_of(other)
     assert network_of("::ffff:192.0.2.7") != network_of("::ffff:192.0.2.8")
+
+
+def test_no_other_module_reads_a_header_of_proxies() -> None:
+    """A fact about a request has one source; `x-forwarded-proto` is the scheme of a resolved request."""
+    names = ({name.lower() for name, _ in HOSTILE} | FACTS.keys()) - {"via"}
+    found = {
+        (path.name, node.value.lower())
+        for root in ("src", "rwt-webrtc/src", "rwt-lerobot/src", "rwt-rclpy/src")
+        for path in (ROOT / root).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.lower() in names
+    }
+    scheme = {("mount.py", "x-forwarded-proto"), ("application.py", "x-forwarded-proto"),
+              ("asgi.py", "x-forwarded-proto"), ("visitors.py", "x-forwarded-proto")}  # fmt: skip
+    # The default of the setting, which does not load this module.
+    default = {("models.py", name) for name in PROXY_HEADERS}
+    assert {each for each in found if each[0] != "proxies.py"} == scheme | default
 
 
 # -- what is said about it -----------------------------------------------------------------------------------
