@@ -106,7 +106,7 @@ class Proxies:
     Attributes:
         headers: these headers, in lower case.
         unread: headers with addresses of clients that were not read, because the proxy or the header is not
-            configured.
+            configured, or the address is malformed.
 
     Raises:
         ValueError: an item is neither an address nor a network, or includes every address; or a header is
@@ -207,12 +207,14 @@ class Proxies:
             if "address" not in FACTS.get(name, ()) or name in self.unread:
                 continue
             self.unread.add(name)
+            is_trusted = peer in self and name in self.headers
             logger.warning(
-                "A request from %s names its client only in %s, which is not trusted: its clients share the"
-                " limits of one address. Set `proxies` to the addresses of your proxies, and `proxy_headers`"
-                " to what they write.",
+                "A request from %s names its client only in %s, which %s: its clients share the limits of one"
+                " address. Set `proxies` to the addresses of your proxies, and `proxy_headers` to what they"
+                " write.",
                 peer,
                 name,
+                "has no address that can be read" if is_trusted else "is not trusted",
             )
 
 

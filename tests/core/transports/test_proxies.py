@@ -346,6 +346,9 @@ def test_a_header_that_is_not_trusted_is_noticed_once(caplog: pytest.LogCaptureF
     assert proxies.unread == {"forwarded"}
     (line,) = (record.getMessage() for record in caplog.records)
     assert f"A request from {PEER} names its client only in forwarded" in line and "`proxy_headers`" in line
+    assert "is not trusted" in line
+    proxies.resolve(PEER, {"x-forwarded-for": "unknown"})
+    assert "has no address that can be read" in caplog.records[-1].getMessage()
 
 
 def test_the_server_says_what_it_trusts(caplog: pytest.LogCaptureFixture) -> None:

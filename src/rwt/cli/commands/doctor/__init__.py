@@ -260,7 +260,7 @@ def proxies_of(health: Health) -> Iterator[Finding]:
     """Judge which headers of reverse proxies a server trusts."""
     if health.unread_proxy_headers:
         names = ", ".join(health.unread_proxy_headers)
-        text = f"a proxy named its clients only in headers that are not trusted: {names}"
+        text = f"a proxy named its clients only in headers that are not trusted, or not readable: {names}"
         advice = (
             "set `proxies` to the addresses of the reverse proxies, and `proxy_headers` to what they write;"
             " until then their clients share the limits of one address"
