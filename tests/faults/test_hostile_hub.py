@@ -21,7 +21,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
-from rwt_transports.http.routes import Proxies
+from rwt_transports.http.proxies import Proxies
 from tests.extensions.hub.test_relay import AT_ONCE, SHORT, Mailbox, Program, client, robot, upgraded
 from tests.faults.server_log import Failures
 from tests.waiting import until

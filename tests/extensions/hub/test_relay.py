@@ -24,6 +24,7 @@ from rwt.extensions.hub.relay.protocol import (
     decode_assignment,
     decode_head,
     encode_assignment,
+    encode_request,
     split_client_path,
 )
 from rwt_protocol.frames import Frame
@@ -32,7 +33,7 @@ from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import ConnectError
-from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes, is_local
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -535,7 +536,7 @@ def test_an_assignment_comes_out_as_it_went_in(
     address: str, port: int, path: str, headers: dict[str, str]
 ) -> None:
     data = encode_assignment(PeerInfo("ws", address, port, "/rosie", headers), path)
-    assert decode_assignment(data) == PeerInfo("dial", address, port, path, headers)
+    assert decode_assignment(data, is_hub_local=True) == PeerInfo("dial", address, port, path, headers)
     with pytest.raises(BadAssignment):
         decode_assignment(data + b"x")
     for cut in range(len(data)):
@@ -547,3 +548,13 @@ def test_an_assignment_comes_out_as_it_went_in(
 def test_anything_else_is_no_assignment(data: bytes) -> None:
     with pytest.raises(BadAssignment):
         decode_assignment(data)
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.0.0.2", "::1", "::ffff:127.0.0.1", "localhost"])
+def test_a_client_on_the_machine_of_a_hub_elsewhere_is_not_local(address: str) -> None:
+    for data in (
+        encode_assignment(PeerInfo("ws", address), "/"),
+        encode_request(HttpRequest("GET", "/", address=address), "/", ""),
+    ):
+        assert not is_local(decode_assignment(data).address)
+        assert decode_assignment(data, is_hub_local=True).address == address

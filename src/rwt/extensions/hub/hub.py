@@ -40,11 +40,10 @@ from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import AddressCount, network_of
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import (
-    NO_PROXIES,
     HttpRequest,
     HttpResponse,
-    Proxies,
     Routes,
     is_local,
     page_policy,
@@ -590,7 +589,7 @@ async def open_hub(
         BadUrl: the URL is not one to listen on.
         ListenError: the address is not available.
     """
-    addresses = AddressCount((limits or Limits()).connections_per_address)
+    addresses = AddressCount((limits or Limits()).connections_per_address, proxies)
     hub = Hub(tokens, grace, addresses, waiting_bytes, page_seconds, Scheduler.of_loop(MESSAGES))
     async with (
         listen(

@@ -33,7 +33,7 @@ from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import HttpRequest, Routes
+from rwt_transports.http.routes import HttpRequest, Routes, is_local
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_connect_url
 from rwt_transports.websocket.close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
@@ -153,6 +153,7 @@ class _Robot:
 
     Attributes:
         starter: starts the tasks that serve pages.
+        is_hub_local: True if the hub is on this machine.
     """
 
     def __init__(
@@ -167,6 +168,7 @@ class _Robot:
     ) -> None:
         self.starter = TaskStarter()
         self._status = status
+        self.is_hub_local = is_local(parse_connect_url(status.url).address.host)
         self._accept = accept
         self._routes = routes
         self._backoff = backoff
@@ -292,7 +294,7 @@ class _IdleConnection:
     def receive(self, data: bytes, binary: bool) -> None:
         sink = self._sink
         try:
-            info = decode_assignment(data)
+            info = decode_assignment(data, is_hub_local=self._robot.is_hub_local)
         except BadAssignment as error:
             sink.close(PROTOCOL_ERROR, str(error))
             return

@@ -23,7 +23,8 @@ from typing import Annotated, Final
 import msgspec
 
 from rwt_transports.endpoint import PeerInfo
-from rwt_transports.http.routes import HttpRequest
+from rwt_transports.http.proxies import behind_proxy
+from rwt_transports.http.routes import HttpRequest, is_local
 
 ROBOTS: Final = "/robots/"
 """Path for robots; the rest of the path is the robot's name."""
@@ -95,13 +96,23 @@ def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
     return msgspec.json.encode(_Assignment(request=asked))
 
 
-def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
-    """Return the client or the page request of an assignment; raises BadAssignment."""
+def decode_assignment(data: bytes, *, is_hub_local: bool = False) -> PeerInfo | HttpRequest:
+    """Return the client or the page request of an assignment.
+
+    Args:
+        is_hub_local: True if clients on the hub's machine are on this machine.
+
+    Raises:
+        BadAssignment: the message is something else.
+    """
     try:
         assignment = _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise BadAssignment("expected the assignment of a client as the first message") from None
     client, asked = assignment.client, assignment.request
+    for named in (client, asked):
+        if named is not None and not is_hub_local and is_local(named.address):
+            named.address = behind_proxy(named.address)
     if client is not None:
         return PeerInfo(TRANSPORT, client.address, client.port, client.path, client.headers)
     if asked is None:
