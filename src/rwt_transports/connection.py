@@ -34,7 +34,8 @@ from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.endpoint import Accept, Admit, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
+from rwt_transports.http.routes import EVERY_NAME, Hosts
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.scheduler import REQUESTS, Scheduler
@@ -132,6 +133,8 @@ class ListenerState:
     _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> None:
+        if self.http is None:  # No request will name the client of a proxy.
+            address, _ = self.proxies.resolve(address, {})
         self.add((self.http or Connection)(self, link, address, port), link)
 
     def add(self, connection: PeerConnection, link: Link) -> None:

@@ -14,7 +14,8 @@ from rwt_transports.endpoint import Accept, Admit
 from rwt_transports.errors import BadUrl
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import HttpConnection
-from rwt_transports.http.routes import NO_PROXIES, Hosts, Proxies, Routes, is_local
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
+from rwt_transports.http.routes import Hosts, Routes, is_local
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_listen_url
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool

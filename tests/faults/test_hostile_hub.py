@@ -20,7 +20,7 @@ from rwt.extensions.hub.uplink.dial import dial
 from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.errors import ConnectError
-from rwt_transports.http.routes import Proxies
+from rwt_transports.http.proxies import Proxies
 from tests.extensions.hub.raw_robot import binary, end, raw_robot, text
 from tests.extensions.hub.test_hub import AT_ONCE, SHORT, Mailbox, Program, client, robot, upgraded
 from tests.faults.server_log import Failures

@@ -62,7 +62,7 @@ class Admission:
             SettingsError: the rosauth secret cannot be read.
         """
         known = roles(settings)
-        rosauth = rosauth_of(settings.auth, known, bool(settings.roles), self._now)
+        rosauth = rosauth_of(settings.auth, known, self._now)
         return partial(self._replace, settings, known, rosauth)
 
     def _replace(self, settings: AccessSettings, known: Mapping[str, Role], rosauth: Rosauth | None) -> None:
@@ -91,7 +91,7 @@ class Admission:
             role = self._role(info)
         else:
             known = None if self.rosauth is None else self.roles.get(by_auth)
-            role = None if known is None else known.given_by(ROSAUTH)
+            role = None if known is None else known.given_by(ROSAUTH, is_token=False)
         if role is None:
             raise self._refused(info, 401, "the server's settings have changed: authenticate again")
         return role

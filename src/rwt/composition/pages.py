@@ -22,6 +22,7 @@ from rwt.observability.prometheus import CONTENT_TYPE
 from rwt.rosbridge.bridge import Bridge
 from rwt_interfaces.steps import Steps
 from rwt_transports.errors import Refused
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import (
     Audience,
     Handler,
@@ -51,6 +52,7 @@ def routes(
     *,
     loopback: bool = True,
     gather: Gather | None = None,
+    proxies: Proxies = NO_PROXIES,
 ) -> Routes:
     """Return the routes of the server, its nodes and gateways; `gather` joins metrics of worker processes.
 
@@ -59,7 +61,7 @@ def routes(
     extensions = tuple(extensions)
     index = partial(_index, bridge, metrics, extensions)
     own: tuple[Route[GraphView], ...] = (
-        Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
+        Route("/healthz", lambda request, reader: _health(bridge, metrics, proxies), Audience.ANYBODY),
         Route("/metrics", partial(_metrics, metrics, bridge.scheduler, gather), Audience.EVERY_TOPIC),
         Route("/index", index, Audience.ADMITTED),
     )
@@ -309,13 +311,17 @@ def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> H
     return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
 
 
-def _health(bridge: Bridge, metrics: ServerMetrics) -> HttpResponse:
+def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpResponse:
     running = bridge.shared.graph.running
-    body = {
+    body: dict[str, object] = {
         "status": "ok" if running else "stopped",
         "version": version("robot-web-tools"),
         "clients": bridge.client_count,
         "work": round(metrics.work, 3),
         "clients_beyond_rate": metrics.clients_beyond_rate,
     }
+    if proxies:
+        body["proxy_headers"] = proxies.headers
+    if proxies.unread:
+        body["unread_proxy_headers"] = sorted(proxies.unread)
     return HttpResponse(json.dumps(body).encode(), 200 if running else 503, "application/json")

@@ -155,6 +155,14 @@ class HttpConnection(UnbufferedCallbacks):
         except Refused as refused:
             self._refused = HttpResponse.refusing(refused)
 
+    def _count_as(self, address: str) -> None:
+        """Count for another address: behind a proxy, each request may come from another client."""
+        if address != self.address:
+            self._listener.addresses.leave(self.address)
+            self.address = address
+            self._listener.addresses.enter(address)
+            self._check_address()
+
     def close(self, code: int, reason: str) -> None:
         """Close after the pending answer; end a stream."""
         if self._state is not _HttpState.ANSWERING:
@@ -279,12 +287,7 @@ class HttpConnection(UnbufferedCallbacks):
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
-        # Behind a proxy, each request of a connection may come from another client.
-        if address != self.address:
-            self._listener.addresses.leave(self.address)
-            self.address = address
-            self._listener.addresses.enter(address)
-            self._check_address()
+        self._count_as(address)
         request = HttpRequest(method, path, query, headers, bytes(self._body), address, prefix)
         if not self._listener.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
@@ -535,6 +538,7 @@ class HttpConnection(UnbufferedCallbacks):
         done = self._h11.our_state is h11.DONE and self._h11.their_state is h11.DONE
         if done and not (self._half_closed and not self._h11.trailing_data[0]):
             self._h11.start_next_cycle()
+            self._count_as(self._peer)
         else:
             self._end()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fnmatch
-import ipaddress
 import re
 from abc import ABC, abstractmethod
 from base64 import b64encode
@@ -17,6 +16,7 @@ from urllib.parse import urlsplit
 from typing_extensions import TypeVar
 
 from rwt_transports.errors import Refused
+from rwt_transports.http.proxies import parsed
 
 TEXT = "text/plain; charset=utf-8"
 
@@ -29,10 +29,11 @@ class HttpRequest:
         method: upper case.
         path: path without the query, still percent-encoded.
         query: text after the question mark, undecoded.
-        headers: names in lower case; repeated ones joined with a comma. Behind a trusted proxy,
-            ``host`` and ``x-forwarded-proto`` are those of the client's request.
+        headers: names in lower case; repeated ones joined with a comma, without those in which proxies name
+            clients (:class:`~rwt_transports.http.proxies.Proxies`). Behind a trusted proxy, ``host`` and
+            ``x-forwarded-proto`` are those of the client's request.
         body: the whole body.
-        address: the client's address.
+        address: the client's address; see :func:`~rwt_transports.http.proxies.behind_proxy`.
         prefix: path below which a proxy serves this server, without a trailing slash.
     """
 
@@ -286,58 +287,7 @@ class Hosts:
         name = host_name(host)
         if is_local(name) or self._names.fullmatch(name):
             return True
-        return self._every_address and _address(name) is not None
-
-
-class Proxies:
-    """Trusted reverse proxies, whose ``Forwarded`` (RFC 7239) or ``X-Forwarded-For``, ``-Proto``, ``-Host``
-    and ``-Prefix`` apply. From others these headers are dropped.
-
-    Args:
-        networks: addresses of the proxies, or networks such as ``10.0.0.0/8``.
-
-    Raises:
-        ValueError: an item is neither an address nor a network.
-    """
-
-    def __init__(self, networks: Iterable[str] = ()) -> None:
-        self._networks = tuple(ipaddress.ip_network(each) for each in networks)
-
-    def __contains__(self, address: str) -> bool:
-        found = _address(address)
-        return found is not None and any(found in network for network in self._networks)
-
-    def resolve(self, address: str, headers: dict[str, str]) -> tuple[str, str]:
-        """Return the address and the prefix of the client behind a request, and reduce `headers` in place."""
-        given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}
-        if address not in self:
-            return address, ""
-        hops = [_parameters(hop) for hop in given["forwarded"].split(",")]
-        clients = [hop["for"] for hop in hops if "for" in hop] or given["x-forwarded-for"].split(",")
-        # Each proxy appends its peer: the last address that is not a proxy is the client.
-        for client in reversed(clients):
-            named = host_name(client.strip().strip('"')) or client.strip()
-            # An obfuscated or unknown hop (RFC 7239 section 6): what is before it cannot be verified.
-            if _address(named) is None:
-                break
-            address = named
-            if address not in self:
-                break
-        last = {f"x-forwarded-{name}": value for name, value in hops[-1].items() if name in ("proto", "host")}
-        for name in ("x-forwarded-host", "x-forwarded-proto"):
-            value = last.get(name) or given[name].rpartition(",")[2].strip()
-            if value:
-                headers["host" if name.endswith("host") else name] = value
-        return address, given["x-forwarded-prefix"].rpartition(",")[2].strip().rstrip("/")
-
-
-_X_FORWARDED = ("x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-forwarded-prefix")
-
-
-def _parameters(hop: str) -> dict[str, str]:
-    """Return the parameters of one element of a ``Forwarded`` header (RFC 7239 section 4)."""
-    pairs = (part.partition("=") for part in hop.split(";"))
-    return {name.strip().lower(): value.strip().strip('"') for name, equals, value in pairs if equals}
+        return self._every_address and parsed(name) is not None
 
 
 def any_of(globs: Iterable[str]) -> re.Pattern[str]:
@@ -349,7 +299,7 @@ def is_local(host: str) -> bool:
     """Return True if a host name or address is the loopback of this machine."""
     if host == "localhost" or host.endswith(".localhost"):
         return True
-    address = _address(host)
+    address = parsed(host)
     return address is not None and address.is_loopback
 
 
@@ -361,12 +311,4 @@ def host_name(text: str) -> str:
         return ""
 
 
-def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    try:
-        return ipaddress.ip_address(host)
-    except ValueError:
-        return None
-
-
 EVERY_NAME = Hosts((), loopback=False)
-NO_PROXIES = Proxies()

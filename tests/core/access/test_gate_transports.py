@@ -111,7 +111,7 @@ class NotingRecorder(Recorder):
 class ServedRobot(GatedRobot):
     """Robot of a running server."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, gate: Mapping[str, Any], **others: object) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, gate: Mapping[str, Any], **others: Any) -> None:
         self.loop = loop
         self._held: list[Held] = []
         self.hub = self.enter(open_hub("ws://127.0.0.1:0"))

@@ -190,9 +190,12 @@ def test_the_robots_roles_decide_about_its_pages(
 
 
 def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
-    with running(
-        "hub", "ws://127.0.0.1:0", "--proxy", "127.0.0.1", "--host", "robots.example", "--access-log"
-    ) as (hub, url):
+    written = ("x-forwarded-for", "x-forwarded-host", "x-forwarded-prefix")
+    trusted = ("--proxy", "127.0.0.1", *(each for name in written for each in ("--proxy-header", name)))
+    with running("hub", "ws://127.0.0.1:0", *trusted, "--host", "robots.example", "--access-log") as (
+        hub,
+        url,
+    ):
         forwarded = {
             "X-Forwarded-Prefix": "/fleet",
             "X-Forwarded-Host": "robots.example",
@@ -206,6 +209,13 @@ def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
         hub.terminate()
         _, log = hub.communicate(timeout=60)
     assert re.search(r"192\.0\.2\.7 .*GET /rosie/index.* 200", log), log
+    assert "trusting x-forwarded-for, x-forwarded-host, x-forwarded-prefix from 127.0.0.1" in log
+
+
+def test_a_hub_rejects_headers_that_contradict_each_other() -> None:
+    given = ("--proxy", "127.0.0.1", "--proxy-header", "forwarded", "--proxy-header", "x-forwarded-for")
+    done = ended("hub", "ws://127.0.0.1:0", *given)
+    assert done.returncode == 2 and "both give the client's address" in done.stderr
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there is no such signal here")

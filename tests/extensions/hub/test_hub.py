@@ -34,7 +34,8 @@ from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import ConnectError
-from rwt_transports.http.routes import HttpRequest, HttpResponse, Proxies, Routes
+from rwt_transports.http.proxies import Proxies
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes, is_local
 from tests.extensions.hub.raw_robot import Answer, end, raw_robot, text
 from tests.waiting import until
 
@@ -172,7 +173,7 @@ async def test_the_robot_learns_who_its_client_is() -> None:
         info = program.clients[0].info
         assert (info.transport, info.path) == ("dial", "/video?token=t")
         # An address that a hub names is never one of the robot's machine, which has no limits.
-        assert info.address == "127.0.0.1 at 127.0.0.1"
+        assert info.address == "proxy 127.0.0.1"
         assert (info.headers["authorization"], info.headers["origin"]) == ("Bearer abc", "http://x")
 
 
@@ -544,7 +545,7 @@ async def test_a_page_comes_from_the_robot_with_what_was_asked() -> None:
         assert await page_of(hub, "/rosie/hello?a=1") == (203, b"hello" * 50_000)
         (request,) = asked
         assert (request.method, request.path, request.query) == ("GET", "/hello", "a=1")
-        assert (request.prefix, request.address) == ("/rosie", "127.0.0.1 at 127.0.0.1")
+        assert (request.prefix, request.address) == ("/rosie", "proxy 127.0.0.1")
         assert request.headers["host"] == "localhost"
         assert (await page_of(hub, "/rosie/nothing"))[0] == 404
         assert await page_of(hub, "/rosie/hello", method="HEAD") == (203, b"")
@@ -659,3 +660,16 @@ def test_an_assignment_comes_out_as_it_went_in(
 def test_anything_else_is_no_assignment(data: bytes) -> None:
     with pytest.raises(BadOpening):
         decode_opening(data)
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1", "127.0.0.2", "::1", "::ffff:127.0.0.1", "localhost", "?"]
+)
+async def test_a_client_that_a_hub_calls_local_is_not(address: str) -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
+        stream = hub.robots[0].uplink.open(encode_client(PeerInfo("ws", address), "/"), address)
+        await until(lambda: program.clients)
+        found = program.clients[0].info.address
+        assert found == f"proxy {address}" and not is_local(found)
+        stream.close()

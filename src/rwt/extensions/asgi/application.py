@@ -19,12 +19,11 @@ from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import SAFE_HEADERS, close_iterator
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import (
-    NO_PROXIES,
     Hosts,
     HttpRequest,
     HttpResponse,
-    Proxies,
     Routes,
     is_local,
     joined_headers,

@@ -23,7 +23,7 @@ from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
-from rwt_transports.http.routes import Proxies
+from rwt_transports.http.proxies import PROXY_HEADERS, Proxies
 from rwt_transports.limits import Limits
 
 logger = logging.getLogger("rwt.cli.hub")
@@ -87,7 +87,15 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         action="append",
         default=[],
         metavar="ADDRESS",
-        help="address or network of a reverse proxy whose Forwarded headers count; several may be given",
+        help="address or network of a reverse proxy that names its clients; several may be given",
+    )
+    parser.add_argument(
+        "--proxy-header",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="header that the proxies write themselves, for example x-forwarded-prefix; several may be given"
+        f" (default {', '.join(PROXY_HEADERS)}); others are ignored",
     )
     _add_bounds(parser)
     parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
@@ -163,9 +171,9 @@ def _tls(arguments: argparse.Namespace) -> TlsSettings:
 async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: TlsSettings) -> None:
     stop = anyio.Event()
     try:
-        proxies = Proxies(arguments.proxy)
+        proxies = Proxies(arguments.proxy, arguments.proxy_header or PROXY_HEADERS)
     except ValueError as error:
-        raise CommandError(f"--proxy: {error}", exit_code=2) from None
+        raise CommandError(f"--proxy or --proxy-header: {error}", exit_code=2) from None
     context = server_tls(tls)
     opened = open_hub(
         arguments.url,
@@ -204,4 +212,5 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
             handlers[HANGUP] = lambda: stop.set() if terminal_is_gone() else reload()
         with on_signals(handlers), bounded_log():
             print(f"listening on {hub.url}", flush=True)
+            proxies.log()
             await stop.wait()

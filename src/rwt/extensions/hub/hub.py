@@ -42,7 +42,8 @@ from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import NO_PROXIES, HttpRequest, HttpResponse, Proxies
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.scheduler import MESSAGES, WRITING, Scheduler
@@ -427,7 +428,7 @@ async def open_hub(
         ListenError: the address is not available.
     """
     chosen = limits or Limits()
-    addresses = AddressCount(chosen.connections_per_address)
+    addresses = AddressCount(chosen.connections_per_address, proxies)
     hub = Hub(
         tokens,
         chosen,

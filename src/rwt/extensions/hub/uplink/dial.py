@@ -13,7 +13,6 @@ from importlib.metadata import version
 from ipaddress import ip_address
 from ssl import SSLContext
 from typing import Final
-from urllib.parse import urlsplit
 
 import anyio
 
@@ -38,6 +37,7 @@ from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.proxies import behind_proxy
 from rwt_transports.http.routes import Routes, is_local
 from rwt_transports.limits import Limits
 from rwt_transports.scheduler import WRITING, Scheduler
@@ -170,7 +170,7 @@ class _Robot:
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
       None without one), ``scheduler`` (of writing).
     * Connecting: ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
-      ``_is_leaving``, ``_ended`` (code of the last connection's end), ``_hub`` (its host).
+      ``_is_leaving``, ``_ended`` (code of the last connection's end).
     """
 
     def __init__(
@@ -199,7 +199,6 @@ class _Robot:
         self._running = anyio.CancelScope()
         self._ended = 0
         self._is_leaving = False
-        self._hub = urlsplit(status.url).hostname or ""
 
     async def run(self) -> None:
         """Keep a connection open, until :meth:`leave`."""
@@ -335,12 +334,13 @@ class _Robot:
             return replace(info, address=self._outside(info.address))
         return info._replace(request=replace(info.request, address=self._outside(info.request.address)))
 
-    def _outside(self, address: str) -> str:
+    @staticmethod
+    def _outside(address: str) -> str:
         try:
             is_outside = not is_local(address) and bool(ip_address(address.partition("%")[0]))
         except ValueError:
             is_outside = False
-        return address if is_outside else f"{ascii(address)[1:-1][:64]} at {self._hub}"
+        return address if is_outside else behind_proxy(ascii(address)[1:-1][:64])
 
     def serve(self, sink: Sink, info: PeerInfo | PageRequest) -> Endpoint:
         """Return the endpoint of a client or a page; raises Refused."""

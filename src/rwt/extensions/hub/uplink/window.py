@@ -27,7 +27,7 @@ PROBE_SECONDS: Final = 10.0
 """Seconds between two measurements of the shortest round trip."""
 _MAX_GROWTH: Final = 2.0
 _GAIN: Final = 0.5
-"""Part of the way to its aim that the window goes in a round, as in FAST TCP: the whole way would oscillate."""
+"""Part of the way to its aim that the window goes in a round, as in FAST TCP: more would oscillate."""
 
 
 class Window:
