@@ -27,7 +27,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import FlowRules
-from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.receive_buffer import Incomplete, ReceiveBufferPool
 
 LIMITS = Limits(message_bytes=1_000_000, close_seconds=1.0)
 
@@ -52,6 +52,22 @@ class End:
         self.ended.append((code, reason))
 
 
+class Pool(ReceiveBufferPool):
+    """Pool that knows who holds something."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(most)
+        self.holders: set[Incomplete] = set()
+
+    def hold(self, holder: Incomplete, size: int) -> None:
+        self.holders.add(holder)
+        super().hold(holder, size)
+
+    def release(self, holder: Incomplete) -> None:
+        self.holders.discard(holder)
+        super().release(holder)
+
+
 class Sides:
     """A hub and a robot; frames in flight are kept in order.
 
@@ -62,7 +78,7 @@ class Sides:
 
     def __init__(self, limits: Limits = LIMITS) -> None:
         self.now = 0.0
-        self.pool = ReceiveBufferPool(4_000_000)
+        self.pool = Pool(4_000_000)
         self.hub = Uplink("s", limits, self.pool, lambda: None, repeats=False)
         self.robot = Uplink("s", limits, self.pool, lambda: None, repeats=True, opened=self._opened)
         self.robots: dict[int, End] = {}
@@ -529,7 +545,7 @@ class Losses(RuleBasedStateMachine):
         self.sides.settle()
         assert all(len(end.ended) == 1 for end in [*self.ends, *self.sides.robots.values()])
         assert not self.sides.hub.streams and not self.sides.robot.streams
-        assert self.sides.pool._held == 0
+        assert not self.sides.pool.holders
 
 
 TestLosses = Losses.TestCase
