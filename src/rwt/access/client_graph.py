@@ -277,6 +277,11 @@ class ClientGraph(GraphView):
         """
         return self._gate is not None and self._gate.is_stop_due
 
+    @property
+    def is_stopped(self) -> bool:
+        """True while the emergency stop is pressed."""
+        return self._gate is not None and self._gate.is_stopped
+
     def tell_notices(self, on_notice: Callable[[str], None]) -> None:
         """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
         if self._gate is not None:
@@ -317,7 +322,10 @@ class ClientGraph(GraphView):
     def require(self, act: Act, name: str) -> str:
         """Like :meth:`GraphView.require`, and record rejections in the gate's audit."""
         absolute = resolve(name)
-        if act == "call" and self._gate is not None and self._gate.is_own(absolute):
+        gate = self._gate
+        if gate is not None and (
+            (act == "call" and gate.is_own(absolute)) or (act == "publish" and gate.is_stop_topic(absolute))
+        ):
             return absolute  # The gate itself decides.
         if not self.role.unrestricted:
             try:

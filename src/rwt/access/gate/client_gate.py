@@ -287,7 +287,9 @@ class ClientGate:
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         if topic == STOP and not self._gate.may_stop(self.actor.role):
-            raise NotAllowed(f"role {self.actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
+            text = f"role {self.actor.role!r} may not stop the robot (gate.emergency.stop_roles)"
+            self.note_refusal("publish", topic, text)
+            raise NotAllowed(text)
 
     def check_subscriber(self, topic: str) -> None:
         """Check a subscription: the topic of leases names the holders of all leases.
@@ -344,6 +346,11 @@ class ClientGate:
     def is_stop_due(self) -> bool:
         """True if the client can press the emergency stop now."""
         return self._gate.is_stop_due(self.actor.role)
+
+    @property
+    def is_stopped(self) -> bool:
+        """True while the emergency stop is pressed."""
+        return bool(self._gate.stopped_by)
 
     def is_stop_topic(self, topic: str) -> bool:
         """Return True for the topic that presses the emergency stop."""
