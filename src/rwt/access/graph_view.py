@@ -30,6 +30,8 @@ class GraphView(GraphListings):
 
     Attributes:
         work: account of the work that the server does for the holder of the view.
+        has_pressed_stop: True if the holder is a request that has pressed the emergency stop, so that nothing
+            may delay or refuse it.
 
     Args:
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
@@ -45,6 +47,7 @@ class GraphView(GraphListings):
         self.role = role
         self._keep = keep
         self.work = work
+        self.has_pressed_stop = False
         self._graph = graph
         # Names of the visible nodes, and the version of the graph that they were read from.
         self._node_names: frozenset[str] = frozenset()

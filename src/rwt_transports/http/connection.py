@@ -64,7 +64,8 @@ class HttpConnection(UnbufferedCallbacks):
     * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take``
       and ``put_back`` (of the outbox, for the driver).
     * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
-      ``_refused`` (answer to every request of this address, or None).
+      ``_identity`` (of the connection, for its requests), ``_refused`` (answer to every request of this
+      address, or None).
     * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
       answered).
     * Answer: ``_scope`` (cancels the handler), ``_served`` (True after the first answer), ``_half_closed``
@@ -84,6 +85,7 @@ class HttpConnection(UnbufferedCallbacks):
         self.put_back = self.outbox.put_back
         self._peer = self.address = address
         self._port = port
+        self._identity = object()
         self._refused: HttpResponse | None = None
         self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
         self._request: h11.Request | None = None
@@ -285,7 +287,9 @@ class HttpConnection(UnbufferedCallbacks):
             self.address = address
             self._listener.addresses.enter(address)
             self._check_address()
-        request = HttpRequest(method, path, query, headers, bytes(self._body), address, prefix)
+        request = HttpRequest(
+            method, path, query, headers, bytes(self._body), address, prefix, self._identity
+        )
         if not self._listener.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"

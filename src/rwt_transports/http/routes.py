@@ -7,7 +7,7 @@ import ipaddress
 import re
 from abc import ABC, abstractmethod
 from base64 import b64encode
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from hashlib import sha256
@@ -34,6 +34,7 @@ class HttpRequest:
         body: the whole body.
         address: the client's address.
         prefix: path below which a proxy serves this server, without a trailing slash.
+        connection: identity of the connection that the request came over; None if it is not known.
     """
 
     method: str
@@ -43,6 +44,7 @@ class HttpRequest:
     body: bytes = b""
     address: str = ""
     prefix: str = ""
+    connection: Hashable | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +148,19 @@ class Audience(Enum):
     """Clients that may subscribe to every topic: the page names them all (metrics)."""
 
 
+class StopRequests(NamedTuple, Generic[AnyReader]):
+    """How requests for a route press the robot's emergency stop, ahead of all that waits.
+
+    Attributes:
+        may_press: returns True if a request names the stop and its sender may press it that way now. Decodes
+            no body.
+        press: presses the stop if the request, which is decoded now, asks for that; never raises a refusal.
+    """
+
+    may_press: Callable[[HttpRequest, AnyReader], bool]
+    press: Callable[[HttpRequest, AnyReader], None]
+
+
 @dataclass(frozen=True)
 class Route(Generic[AnyReader]):
     """Path and method that a node or a gateway serves.
@@ -158,7 +173,7 @@ class Route(Generic[AnyReader]):
             handler. Pages of other origins may use any
             other method only where they may connect by WebSocket (the setting `origins`).
         refusal: builds the response to a request that is refused before it reaches the page.
-        presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
+        stop: how requests press the robot's emergency stop; None if they cannot.
         feature: name under which ``/role`` lists it, for pages that check first whether a server has it.
     """
 
@@ -167,7 +182,7 @@ class Route(Generic[AnyReader]):
     audience: Audience
     method: str = "GET"
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
-    presses_stop: Callable[[HttpRequest], bool] | None = None
+    stop: StopRequests[AnyReader] | None = None
     feature: str = ""
 
 
