@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -94,6 +94,7 @@ class Gate:
         held: leases with a holder, with the names of their topics.
         leases_held: number of the same by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
         wake_watch: ends them after a suspension of the machine.
+        open_services: services that every role may call, because the gate decides; set by the gate's node.
         on_leases, on_stop, on_approvals: called after a change; set by the gate's node.
 
     Raises:
@@ -123,6 +124,7 @@ class Gate:
         self.leases_held: Counter[str] = Counter()
         self.wake_watch = WakeWatch(graph.clock, self._look)
         self.on_leases = self.on_stop = self.on_approvals = _nothing
+        self.open_services: Set[str] = frozenset()
         self.actors: dict[str, Actor] = {}
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
