@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
 from rwt.access.graph_view import GraphView
-from rwt.gateways.early_look import RequestLooks
+from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import CONTENT_TYPE
@@ -71,7 +71,7 @@ def routes(
     routes = Routes()
     methods: dict[str, list[str]] = {}
     role = partial(_role, _features(brought))
-    looks = RequestLooks(bridge.access, bridge.scheduler)
+    routes.early = looks = RequestLooks(bridge.access, bridge.scheduler)
     for route in (Route("/role", role, Audience.ADMITTED), *brought, *own):
         page = guarded(
             bridge.access,
@@ -83,6 +83,8 @@ def routes(
             press=None if route.stop is None else partial(looks.press, route.stop),
         )
         routes.add(route.path, page, route.method)
+        if route.stop is not None:
+            looks.add(route.path, route.stop)
         if route.method != "*":  # A route for every method answers OPTIONS itself.
             methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():

@@ -234,13 +234,38 @@ _PAGE_POLICY: Final = (
 )
 
 
+class EarlyRequests(Protocol):
+    """Decides which requests are answered ahead of those that wait."""
+
+    def may_begin(self, connection: Hashable, data: bytes) -> bool:
+        """Return False if a connection has no early request now. Decodes nothing.
+
+        Args:
+            data: what has arrived of its request.
+        """
+
+    def begin(self, request: HttpRequest) -> bool:
+        """Return True to answer a request early, whose connection then gets :meth:`end`.
+
+        Args:
+            request: as it arrived, so without the names that a proxy gives.
+        """
+
+    def end(self, connection: Hashable) -> None:
+        """Called after an early request was handled."""
+
+
 class Routes:
     """Method and path → handler. ``HEAD`` uses the handler of ``GET``.
 
     A path ending in ``/*`` matches everything below it. Exact paths win, then the longest.
+
+    Attributes:
+        early: decides which requests are answered ahead of their turn; None: none are.
     """
 
     def __init__(self) -> None:
+        self.early: EarlyRequests | None = None
         self._handlers: dict[str, dict[str, Handler]] = {}
 
     def add(self, path: str, handler: Handler, method: str = "GET") -> None:

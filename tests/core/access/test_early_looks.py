@@ -36,15 +36,22 @@ from rwt.extensions.http.part import HttpSettings
 from rwt.extensions.mcp.gateway import McpGateway
 from rwt.extensions.mcp.settings import McpSettings
 from rwt.gateways.base import ConnectedClient, Gateway
-from rwt.gateways.early_look import SUSPENDED_SECONDS, EarlyLook, LookState, RequestLooks, may_name_stop
+from rwt.gateways.early_look import SUSPENDED_SECONDS, EarlyLook, LookState, may_name_stop
+from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of
 from rwt.rosbridge import Bridge
-from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, StopRequests
-from rwt_transports.scheduler import MESSAGES, Scheduler
+from rwt_transports.connection import ListenerState
+from rwt_transports.http.connection import HttpConnection
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse, Routes, StopRequests
+from rwt_transports.limits import Limits
+from rwt_transports.scheduler import MESSAGES, REQUESTS, Scheduler
+from rwt_transports.websocket.wire import WebSocketWire
 from tests.core.access.gated_robot import GatedRobot, settings_of, token
 from tests.core.access.test_work import BusyClock
 from tests.core.rosbridge.recording_client import Client
+from tests.core.transports.test_http import nobody
 from tests.extensions.foxglove.viewer import Viewer
+from tests.memory_pipe import MemoryPipe
 
 EXAMPLES = int(os.environ.get("LOOK_MODEL_EXAMPLES", "40"))
 RULES = {"drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}}}
@@ -422,6 +429,105 @@ def test_only_frames_that_may_press_are_looked_at(frame: bytes, is_named: bool) 
     assert may_name_stop(frame) is is_named
 
 
+# -- requests that wait to be read ---------------------------------------------------------------------------
+
+
+class Busy:
+    """Server whose turn of requests is full, with HTTP connections of one role each.
+
+    Attributes:
+        begins_turn: begins the next turn.
+    """
+
+    def __init__(self, robot: GatedRobot, gateway: Gateway) -> None:
+        self.begins_turn: list[Callable[[], None]] = []
+        self.routes = Routes()
+        self.routes.early = looks = RequestLooks(robot.access, robot.bridge.scheduler)
+        for row in gateway.http.routes:
+            assert row.stop is not None
+            looks.add(row.path, row.stop)
+            press = partial(looks.press, row.stop)
+            page = guarded(robot.access, lambda *_: HttpResponse(b"done"), Audience.ADMITTED, press=press)
+            self.routes.add(row.path, page, row.method)
+
+    def connect(self) -> MemoryPipe:
+        soon = self.begins_turn.append
+        requests = Scheduler(REQUESTS, soon, lambda seconds, call: soon(call))
+        http = partial(HttpConnection, self.routes)
+        state = ListenerState(nobody, WebSocketWire, Limits(), http, "ws", requests=requests)
+        requests.note(1.0)
+        return MemoryPipe(state.attach, "192.0.2.1", 4321)
+
+
+def _raw(body: bytes, role: str = "operator", path: str = "/api/services/gate/stop") -> bytes:
+    head = f"POST {path} HTTP/1.1\r\nHost: r2\r\nAuthorization: Bearer {token(role)}\r\n"
+    return f"{head}Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n".encode() + body
+
+
+PRESS = b'{"reason": "now"}'
+
+
+@pytest.fixture
+def busy() -> tuple[GatedRobot, Busy]:
+    robot = GatedRobot(RULES, emergency={"stop_roles": STOP_ROLES})
+    return robot, Busy(robot, HttpGateway(robot.graph, robot.access, HttpSettings()))
+
+
+@pytest.mark.parametrize("cut", [10_000, 20, 150, -5])
+def test_a_press_that_waits_to_be_read_is_read_once_it_is_complete(
+    busy: tuple[GatedRobot, Busy], cut: int
+) -> None:
+    robot, server = busy
+    pipe = server.connect()
+    data = _raw(PRESS)
+    pipe.send(data[:cut])
+    if cut < len(data):
+        assert not robot.gate.stopped_by
+        pipe.send(data[cut:])
+    assert robot.gate.stopped_by.startswith("http:1")
+    assert pipe.receive().startswith(b"HTTP/1.1 200")
+    while server.begins_turn:
+        server.begins_turn.pop(0)()
+    assert pipe.receive() == b"", "it is answered once"
+
+
+def test_only_a_press_with_the_right_is_read_ahead(busy: tuple[GatedRobot, Busy]) -> None:
+    robot, server = busy
+    for data in (
+        _raw(PRESS, "agent"),
+        _raw(PRESS, "nobody"),
+        _raw(b"{}", path="/api/services/other"),
+        _raw(PRESS, path="/api/actions/gate/stop"),
+        _raw(PRESS).replace(b"Content-Length", b"Content-Size"),
+        _raw(PRESS + b" " * 9000),
+        b"\r\n\r\nstop",
+    ):
+        pipe = server.connect()
+        pipe.send(data)
+        assert pipe.receive() == b""
+    assert not robot.gate.stopped_by
+
+
+def test_a_request_that_presses_nothing_is_read_ahead_once_a_second(busy: tuple[GatedRobot, Busy]) -> None:
+    robot, server = busy
+    pipe = server.connect()
+    pipe.send(_raw(b'{"reason": 5}'))
+    assert pipe.receive().startswith(b"HTTP/1.1 200")
+    pipe.send(_raw(PRESS))
+    assert (pipe.receive(), robot.gate.stopped_by) == (b"", ""), "it waits"
+    server.connect().send(_raw(PRESS))
+    assert robot.gate.stopped_by, "another connection has a look of its own"
+
+
+def test_a_page_of_another_origin_does_not_press(busy: tuple[GatedRobot, Busy]) -> None:
+    robot, server = busy
+    pipe = server.connect()
+    pipe.send(_raw(PRESS).replace(b"Host: r2", b"Host: r2\r\nOrigin: https://elsewhere.example"))
+    assert pipe.receive().startswith(b"HTTP/1.1 403")
+    pipe.send(_raw(PRESS))
+    assert not robot.gate.stopped_by, "its look was used"
+
+
 # -- what a look costs ---------------------------------------------------------------------------------------
 
 WRONG: dict[str, Any] = {"service": "/gate/stop", "args": {"reason": 5}}
@@ -479,7 +585,12 @@ def test_a_frame_that_mentions_the_stop_costs_no_more_than_one_look_a_second() -
     client = robot.client()
     peer: Any = client.peer
     looks: list[bytes] = []
-    peer._presses_stop = lambda data, binary: bool(looks.append(data))
+
+    def presses_stop(data: bytes, binary: bool) -> bool:
+        looks.append(data)
+        return False
+
+    peer._presses_stop = presses_stop
     peer._wait_unread(b"{}", False)
     for _ in range(100):
         client.say("publish", **MENTION)

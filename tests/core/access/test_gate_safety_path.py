@@ -25,7 +25,7 @@ from rwt.extensions.http.gateway import HttpGateway
 from rwt.extensions.http.part import HttpSettings
 from rwt.extensions.mcp.gateway import McpGateway
 from rwt.extensions.mcp.settings import McpSettings
-from rwt.gateways.early_look import RequestLooks
+from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
 from rwt_graph.api import GoalEvents, Sample, ServerGoal
