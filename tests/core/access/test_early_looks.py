@@ -1,7 +1,7 @@
 """Early looks of all gateways: a press with the right waits for nothing, and nothing else runs ahead.
 
 The connections of a server send presses and what looks like one, in any order, while everything of theirs has
-to wait. What runs ahead is held to :class:`LookModel`. The environment variable `LOOK_MODEL_EXAMPLES` is the
+to wait. What runs ahead is held to :class:`LookModel`. The environment variable `GATE_MODEL_EXAMPLES` is the
 number of runs.
 """
 
@@ -53,7 +53,7 @@ from tests.core.transports.test_http import nobody
 from tests.extensions.foxglove.viewer import Viewer
 from tests.memory_pipe import MemoryPipe
 
-EXAMPLES = int(os.environ.get("LOOK_MODEL_EXAMPLES", "40"))
+EXAMPLES = int(os.environ.get("GATE_MODEL_EXAMPLES", "40"))
 RULES = {"drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}}}
 STOP_ROLES = ["operator", "supervisor"]
 
