@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.gateways.early_look import EarlyLook, LookState
 from rwt.gateways.visitors import peer_of
-from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
@@ -57,10 +56,10 @@ class RequestLooks:
         """Begin the look of a request that waits to be read, if its sender may press the stop by it."""
         for path, way in self._ways:
             if path == request.path or (path.endswith("/*") and request.path.startswith(path[:-1])):
-                try:
-                    reader = self._access.reader(peer_of(request))
-                except Refused:
+                role = self._access.admission.expected_role(peer_of(request))
+                if role is None:
                     return False
+                reader = self._access.view(role, self._access.nobody.work)
                 return way.may_press(request, reader) and self._of(request.connection).begin()
         return False
 

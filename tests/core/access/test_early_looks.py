@@ -491,7 +491,9 @@ def test_a_press_that_waits_to_be_read_is_read_once_it_is_complete(
     assert pipe.receive() == b"", "it is answered once"
 
 
-def test_only_a_press_with_the_right_is_read_ahead(busy: tuple[GatedRobot, Busy]) -> None:
+def test_only_a_press_with_the_right_is_read_ahead(
+    busy: tuple[GatedRobot, Busy], caplog: pytest.LogCaptureFixture
+) -> None:
     robot, server = busy
     for data in (
         _raw(PRESS, "agent"),
@@ -505,7 +507,7 @@ def test_only_a_press_with_the_right_is_read_ahead(busy: tuple[GatedRobot, Busy]
         pipe = server.connect()
         pipe.send(data)
         assert pipe.receive() == b""
-    assert not robot.gate.stopped_by
+    assert (robot.gate.stopped_by, caplog.text) == ("", "")
 
 
 def test_a_request_that_presses_nothing_is_read_ahead_once_a_second(busy: tuple[GatedRobot, Busy]) -> None:
@@ -613,6 +615,16 @@ def test_the_right_is_known_before_a_frame_is_searched(monkeypatch: pytest.Monke
     monkeypatch.setattr("rwt.access.gate.gate.glob_pattern", compiled.append)
     client.say("call_service", service="/gate/stop", args={})
     assert not compiled, "the right of a role is cached"
+
+
+def test_in_mode_observe_a_press_is_a_message_like_any_other() -> None:
+    robot = GatedRobot(RULES, mode="observe")
+    client = robot.client()
+    client.peer._wait_unread(b"{}", False)
+    client.say("call_service", service="/gate/stop", args={})
+    assert robot.gate.presses == 0
+    robot.clock.advance(0.001)
+    assert robot.gate.presses == 1
 
 
 def test_a_reload_renews_who_may_press() -> None:
