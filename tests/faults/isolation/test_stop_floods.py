@@ -6,8 +6,9 @@ import json
 import os
 import signal
 import struct
+import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,19 @@ def test_presses_over_http_have_a_rate_of_work(tmp_path: Path, over: str) -> Non
         assert client.wait_for(op="publish", topic="/gate/stopped")["msg"]["stopped"]
 
 
+@contextmanager
+def suspended(server: Served) -> Iterator[None]:
+    """Suspend a server for the block: it then finds what clients have sent in the order of its arrival."""
+    pid = server.process.pid
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        while Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "T":
+            time.sleep(0.001)
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
 ATTACKERS = 8
 FRAMES = 600
 """Frames of one attacker, which the server reads at once."""
@@ -151,14 +165,11 @@ def test_a_flood_of_presses_does_not_run_ahead_of_a_stop(tmp_path: Path) -> None
         for client in attackers:
             client.send("subscribe", topic="/gate/stopped")
             assert not client.wait_for(op="publish", topic="/gate/stopped")["msg"]["stopped"]
-        os.kill(server.process.pid, signal.SIGSTOP)
-        try:
+        with suspended(server):
             for client in attackers:
                 for _ in range(FRAMES):
                     client.send("call_service", **WRONG)
             operator.send("call_service", service="/gate/stop", id="stop", args={"reason": "now"})
-        finally:
-            os.kill(server.process.pid, signal.SIGCONT)
         assert operator.wait_for(op="service_response", id="stop")["result"]
         ahead = 0
         for client in attackers:
@@ -166,3 +177,28 @@ def test_a_flood_of_presses_does_not_run_ahead_of_a_stop(tmp_path: Path) -> None
             ops = [client.receive()["op"] for _ in range(FRAMES + 1)]
             ahead += ops.index("publish")
     assert ahead < ATTACKERS * FRAMES / 2
+
+
+READERS = 300
+"""Connections that send a request each; far more than the server reads in a turn."""
+
+
+def test_a_stop_over_http_does_not_wait_behind_other_requests(tmp_path: Path) -> None:
+    """Requests that arrived before the operator's press: most answers show that the robot is stopped."""
+    with served(tmp_path, SETTINGS) as server, ExitStack() as stack:
+        host, _, port = server.host.rpartition(":")
+        readers = [HTTPConnection(host, int(port), timeout=LONGEST_S) for _ in range(READERS)]
+        operator = HTTPConnection(host, int(port), timeout=LONGEST_S)
+        for connection in (*readers, operator):
+            stack.callback(connection.close)
+            connection.request("GET", "/role", headers=headers("viewer"))
+            connection.getresponse().read()  # Accepted.
+        with suspended(server):
+            for connection in readers:
+                connection.request("GET", "/api/topics/gate/stopped?wait=0", headers=headers("viewer"))
+            body = b'{"reason": "now"}'
+            operator.request("POST", "/api/services/gate/stop", body, headers("operator"))
+        response = operator.getresponse()
+        assert (response.status, json.loads(response.read())["success"]) == (200, True)
+        answers = [json.loads(connection.getresponse().read()) for connection in readers]
+    assert sum(answer["stopped"] for answer in answers) > READERS / 2
