@@ -119,6 +119,17 @@ class Admission:
         """
         return self.role_of_token(info) or self.default_role
 
+    def expected_role(self, info: PeerInfo) -> Role | None:
+        """Return the role that :meth:`role_of` will return; None if it will refuse the request.
+
+        For requests that wait to be read: nothing is logged.
+        """
+        try:
+            token = presented_token(info) if self._tokens else None
+        except NotAuthenticated:
+            return None
+        return self.default_role if token is None else role_of_token(token, self._tokens)
+
     def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Return True if the web page named by the ``Origin`` header may connect."""
         return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)

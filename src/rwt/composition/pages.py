@@ -16,6 +16,7 @@ from typing import Final, TypeVar
 from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
 from rwt.access.graph_view import GraphView
+from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import CONTENT_TYPE
@@ -72,6 +73,7 @@ def routes(
     routes = Routes()
     methods: dict[str, list[str]] = {}
     role = partial(_role, _features(brought))
+    routes.early = looks = RequestLooks(bridge.access, bridge.scheduler)
     for route in (Route("/role", role, Audience.ADMITTED), *brought, *own):
         page = guarded(
             bridge.access,
@@ -80,9 +82,11 @@ def routes(
             loopback=loopback,
             refusal=route.refusal,
             scheduler=bridge.scheduler,
-            presses_stop=route.presses_stop,
+            press=None if route.stop is None else partial(looks.press, route.stop),
         )
         routes.add(route.path, page, route.method)
+        if route.stop is not None:
+            looks.add(route.path, route.stop)
         if route.method != "*":  # A route for every method answers OPTIONS itself.
             methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():
@@ -116,12 +120,10 @@ def _foreign(origin: str) -> Refused:
     return OriginRefused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
 
 
-def _admitted(
-    access: Access, audience: Audience, request: HttpRequest, presses_stop: Callable[[HttpRequest], bool]
-) -> GraphView:
+def _admitted(access: Access, audience: Audience, request: HttpRequest, press: Press | None) -> GraphView:
     """Return the graph as the sender of a request may see it.
 
-    A request that presses the emergency stop has no rate of work.
+    A request that has pressed the emergency stop has no rate of work.
 
     Raises:
         Refused: the sender is not of the audience, or its address exceeds its rate of work.
@@ -130,13 +132,18 @@ def _admitted(
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
         raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+    if press is not None and press(request, reader):
+        reader.has_pressed_stop = True
+        return reader
     # Refused, not delayed: unlike messages, a request cannot wait without its client noticing.
-    if (beyond := reader.work.refusal()) is not None and not (
-        access.is_stop_due(reader.role) and presses_stop(request)
-    ):
+    if (beyond := reader.work.refusal()) is not None:
         reason, seconds = beyond
         raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
     return reader
+
+
+Press = Callable[[HttpRequest, GraphView], bool]
+"""Presses the emergency stop ahead of all that waits; returns True if the request has done so."""
 
 
 def guarded(
@@ -147,18 +154,17 @@ def guarded(
     loopback: bool = True,
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
     scheduler: Scheduler | None = None,
-    presses_stop: Callable[[HttpRequest], bool] | None = None,
+    press: Press | None = None,
 ) -> Handler:
     """Return a page for its audience only, with the reader that the request proves to be. It is
     refused to addresses that exceed their rate of work. If the current turn of the event loop is
-    full, the page waits for its own turn.
+    full, the page waits for its own turn. A request that has pressed the emergency stop by `press` is
+    answered at once.
 
     Unless the page is public, scripts of other origins may read the response if their page may connect
     by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Otherwise
     their browser hides the response, and requests with effects are refused beforehand.
     """
-
-    presses = presses_stop or (lambda request: False)
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         if audience is Audience.ANYBODY:
@@ -185,14 +191,10 @@ def guarded(
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         try:
-            reader = _admitted(access, audience, request, presses)
+            reader = _admitted(access, audience, request, press)
         except Refused as refused:
             return refusal(request, refused)
-        if (
-            scheduler is not None
-            and scheduler.is_full
-            and not (access.is_stop_due(reader.role) and presses(request))
-        ):
+        if scheduler is not None and scheduler.is_full and not reader.has_pressed_stop:
             return _answer_in_turn(scheduler, partial(answer_now, request, reader))
         return answer_now(request, reader)
 

@@ -27,6 +27,9 @@ from rwt_transports.wires.receive_buffer import STAGING_BYTES
 logger = logging.getLogger("rwt_transports.http")
 access = logging.getLogger("rwt_transports.access")
 
+EARLY_BYTES: Final = 8192
+"""Maximum size of a request that is answered early, in bytes."""
+
 LIVE_QUEUE_SECONDS: Final = 0.1
 """Delay by a queue on the path above which the next chunk of a live body waits."""
 LIVE_PART: Final = 0.25
@@ -53,7 +56,7 @@ class HttpConnection(UnbufferedCallbacks):
             └──────── a turn ──────────> ^ <──────── answer is sent ───────────┘
 
     * **READING**: requests are read as their bytes arrive.
-    * **WAITING**: received bytes wait for a turn.
+    * **WAITING**: received bytes wait for a turn, unless they are an early request (`Routes.early`).
     * **ANSWERING**: a handler runs, or the network has not yet accepted the answer. Requests behind it wait.
     * **STREAMING**: the answer's body comes piece by piece, and may have no end.
     * **ENDED**: nothing more is read or sent; reached from every state, and final. The link closes once the
@@ -64,7 +67,8 @@ class HttpConnection(UnbufferedCallbacks):
     * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take``
       and ``put_back`` (of the outbox, for the driver).
     * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
-      ``_refused`` (answer to every request of this address, or None).
+      ``_identity`` (of the connection, for its requests), ``_refused`` (answer to every request of this
+      address, or None).
     * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
       answered).
     * Answer: ``_scope`` (cancels the handler), ``_served`` (True after the first answer), ``_half_closed``
@@ -84,6 +88,7 @@ class HttpConnection(UnbufferedCallbacks):
         self.put_back = self.outbox.put_back
         self._peer = self.address = address
         self._port = port
+        self._identity = object()
         self._refused: HttpResponse | None = None
         self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
         self._request: h11.Request | None = None
@@ -105,6 +110,10 @@ class HttpConnection(UnbufferedCallbacks):
         return self._state is _HttpState.ENDED
 
     @property
+    def _is_waiting(self) -> bool:
+        return self._state is _HttpState.WAITING
+
+    @property
     def _is_answering(self) -> bool:
         return self._state in (_HttpState.ANSWERING, _HttpState.STREAMING)
 
@@ -123,6 +132,8 @@ class HttpConnection(UnbufferedCallbacks):
             self._h11.receive_data(data)
             if self._state is _HttpState.READING:
                 self._go_on()
+            elif self._is_waiting:
+                self._answer_early()
 
     def eof(self) -> None:
         """Handle the end of the peer's stream.
@@ -219,12 +230,54 @@ class HttpConnection(UnbufferedCallbacks):
         if scheduler.must_wait:
             self._become(_HttpState.WAITING)
             scheduler.wait(self._take_waiting)
+            self._answer_early()
         else:
             scheduler.do(self._take_requests)
 
-    def _take_waiting(self) -> None:
-        if self._is_over:
+    def _answer_early(self) -> None:
+        """Answer a request that waits for its turn, if it is complete and admitted as an early one."""
+        early = self._routes.early
+        if early is None or self._ahead > EARLY_BYTES:
             return
+        data = self._h11.trailing_data[0]
+        target = b"" if self._request is None else self._request.target
+        if len(data) > EARLY_BYTES or not early.may_begin(self._identity, target + data):
+            return
+        request = self._small_request(data)
+        if request is None or not early.begin(request):
+            return
+        self._become(_HttpState.READING)
+        try:
+            self._listener.requests.do(self._take_requests)
+        finally:
+            early.end(self._identity)
+
+    def _small_request(self, data: bytes) -> HttpRequest | None:
+        """Return a request with a body that waits to be read, without an effect on h11.
+
+        None if it is incomplete, or has a form in which few clients send a small request.
+        """
+        raw = self._request
+        if raw is None:
+            head, _, body = data.partition(b"\r\n\r\n")
+            first, *lines = head.decode("latin-1").split("\r\n")
+            method, target = (*first.split(" "), "", "")[:2]
+            pairs = [
+                (name.lower(), value.strip()) for name, _, value in (line.partition(":") for line in lines)
+            ]
+        else:
+            body = bytes(self._body) + data
+            method, target = raw.method.decode("latin-1"), raw.target.decode("latin-1")
+            pairs = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in raw.headers]
+        headers = joined_headers(pairs)
+        if headers.get("content-length") != str(len(body)):
+            return None
+        path, _, query = target.partition("?")
+        return HttpRequest(method, path, query, headers, body, self.address, connection=self._identity)
+
+    def _take_waiting(self) -> None:
+        if not self._is_waiting:
+            return  # Ended, or answered early.
         self._become(_HttpState.READING)
         with self._cutting("a route"):
             self._take_requests()
@@ -288,7 +341,9 @@ class HttpConnection(UnbufferedCallbacks):
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
         self._count_as(address)
-        request = HttpRequest(method, path, query, headers, bytes(self._body), address, prefix)
+        request = HttpRequest(
+            method, path, query, headers, bytes(self._body), address, prefix, self._identity
+        )
         if not self._listener.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"

@@ -6,7 +6,7 @@ import fnmatch
 import re
 from abc import ABC, abstractmethod
 from base64 import b64encode
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from hashlib import sha256
@@ -35,6 +35,7 @@ class HttpRequest:
         body: the whole body.
         address: the client's address; see :func:`~rwt_transports.http.proxies.behind_proxy`.
         prefix: path below which a proxy serves this server, without a trailing slash.
+        connection: identity of the connection that the request came over; None if it is not known.
     """
 
     method: str
@@ -44,6 +45,7 @@ class HttpRequest:
     body: bytes = b""
     address: str = ""
     prefix: str = ""
+    connection: Hashable | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +149,19 @@ class Audience(Enum):
     """Clients that may subscribe to every topic: the page names them all (metrics)."""
 
 
+class StopRequests(NamedTuple, Generic[AnyReader]):
+    """How requests for a route press the robot's emergency stop, ahead of all that waits.
+
+    Attributes:
+        may_press: returns True if a request names the stop and its sender may press it that way now. Decodes
+            no body.
+        press: presses the stop if the request, which is decoded now, asks for that; never raises a refusal.
+    """
+
+    may_press: Callable[[HttpRequest, AnyReader], bool]
+    press: Callable[[HttpRequest, AnyReader], None]
+
+
 @dataclass(frozen=True)
 class Route(Generic[AnyReader]):
     """Path and method that a node or a gateway serves.
@@ -159,7 +174,7 @@ class Route(Generic[AnyReader]):
             handler. Pages of other origins may use any
             other method only where they may connect by WebSocket (the setting `origins`).
         refusal: builds the response to a request that is refused before it reaches the page.
-        presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
+        stop: how requests press the robot's emergency stop; None if they cannot.
         feature: name under which ``/role`` lists it, for pages that check first whether a server has it.
     """
 
@@ -168,7 +183,7 @@ class Route(Generic[AnyReader]):
     audience: Audience
     method: str = "GET"
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
-    presses_stop: Callable[[HttpRequest], bool] | None = None
+    stop: StopRequests[AnyReader] | None = None
     feature: str = ""
 
 
@@ -220,13 +235,38 @@ _PAGE_POLICY: Final = (
 )
 
 
+class EarlyRequests(Protocol):
+    """Decides which requests are answered ahead of those that wait."""
+
+    def may_begin(self, connection: Hashable, data: bytes) -> bool:
+        """Return False if a connection has no early request now. Decodes nothing.
+
+        Args:
+            data: what has arrived of its request.
+        """
+
+    def begin(self, request: HttpRequest) -> bool:
+        """Return True to answer a request early, whose connection then gets :meth:`end`.
+
+        Args:
+            request: as it arrived, so without the names that a proxy gives.
+        """
+
+    def end(self, connection: Hashable) -> None:
+        """Called after an early request was handled."""
+
+
 class Routes:
     """Method and path → handler. ``HEAD`` uses the handler of ``GET``.
 
     A path ending in ``/*`` matches everything below it. Exact paths win, then the longest.
+
+    Attributes:
+        early: decides which requests are answered ahead of their turn; None: none are.
     """
 
     def __init__(self) -> None:
+        self.early: EarlyRequests | None = None
         self._handlers: dict[str, dict[str, Handler]] = {}
 
     def add(self, path: str, handler: Handler, method: str = "GET") -> None:

@@ -113,7 +113,9 @@ VERBS: Mapping[str, tuple[Any, ...]] = {
 """Requests that access the graph: rejected for a role without rights."""
 
 LISTINGS = {"topics", "services", "actions", "nodes"}
-LOOK_UPS = {"topic", "service", "action", "may_subscribe", "sees_node", "sees_service", "lease_seconds"}
+LOOK_UPS = {
+    "topic", "service", "action", "may_call", "may_subscribe", "sees_node", "sees_service", "lease_seconds",
+}  # fmt: skip
 COUNTS = {"hidden"}
 """Numbers of names, which are not revealed."""
 OWN = {
