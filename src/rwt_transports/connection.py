@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
@@ -24,6 +24,8 @@ from rwt_transports.api import (
     HoldingWire,
     Link,
     OversizeAware,
+    SizeLimitedWire,
+    SizeLimiting,
     StepTaking,
     UnbufferedCallbacks,
     Wire,
@@ -31,14 +33,29 @@ from rwt_transports.api import (
     drop_message,
 )
 from rwt_transports.background import TaskStarter, background_tasks
-from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
+from rwt_transports.endpoint import Accept, Endpoint, Identify, PeerInfo, anonymous
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
+from rwt_transports.http.addresses import AddressCount, holder_of
+from rwt_transports.http.routes import (
+    EVERY_NAME,
+    NO_PROXIES,
+    Hosts,
+    HttpRequest,
+    HttpResponse,
+    Proxies,
+    Routes,
+)
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.scheduler import REQUESTS, Scheduler
-from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
+from rwt_transports.shared_pool import Holder, PoolFull, PoolRow, Share, SharedPool
+from rwt_transports.websocket.close_codes import (
+    ABNORMAL,
+    GOING_AWAY,
+    INTERNAL_ERROR,
+    POLICY,
+    TRY_AGAIN_LATER,
+)
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import SERVER_FRAMING
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -53,6 +70,8 @@ _deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websock
 
 TICK_SECONDS = 0.5
 
+CONNECTIONS: Final = PoolRow("connections", "limits.connections", "connections of this server")
+
 MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 """Factory of the wire of a new connection."""
 
@@ -64,6 +83,10 @@ class PeerConnection(DriverCallbacks, Protocol):
     def address(self) -> str:
         """Address of the peer; empty if it has none."""
 
+    @property
+    def holder(self) -> Holder:
+        """Client to which the connection counts."""
+
     def begin(self) -> None:
         """Start after the link is attached."""
 
@@ -72,6 +95,9 @@ class PeerConnection(DriverCallbacks, Protocol):
 
     def close(self, code: int, reason: str) -> None:
         """Begin to close."""
+
+    def displace(self, reason: str) -> None:
+        """Close in favour of another client."""
 
     def abort(self) -> None:
         """Cut the connection."""
@@ -86,8 +112,11 @@ port."""
 class ListenerState:
     """State that the connections of one listener share.
 
-    All but ``connections`` and ``closing`` is constant while connections are open. ``closing`` is set once,
-    in :meth:`close`; from then on, new connections are cut.
+    All but ``connections``, ``shares`` and ``closing`` is constant while connections are open. ``closing`` is
+    set once, in :meth:`close`; from then on, new connections are cut.
+
+    Connections are shares of a :class:`~rwt_transports.shared_pool.SharedPool`. As many again may be open
+    without a share: those that are being refused or closed, or only request pages.
 
     Attributes:
         accept: factory of the endpoint of a new peer.
@@ -98,6 +127,7 @@ class ListenerState:
         idle_seconds: silence after which a peer counts as gone; 0 for never.
         max_message_size: size of the largest message that can be sent, in bytes; 0 for any.
         addresses: number of connections of each address.
+        identify: returns the credential of a connection or request.
         hosts: names by which HTTP requests may address the listener.
         proxies: proxies whose headers about their clients are trusted.
         access_log: True if each HTTP request is logged.
@@ -105,6 +135,7 @@ class ListenerState:
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: scheduler of the reading of HTTP requests.
         ended: set when the only peer is gone, and when the listener has closed.
+        shares: shares of the open connections.
         closing: True if no more connections are accepted.
     """
 
@@ -121,13 +152,19 @@ class ListenerState:
     proxies: Proxies = NO_PROXIES
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
+    identify: Identify = anonymous
     tasks: TaskStarter | None = None
     requests: Scheduler = field(default_factory=partial(Scheduler.immediate, REQUESTS))
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
+    shares: dict[PeerConnection, Share] = field(default_factory=dict)
     closing: bool = False
     _empty: anyio.Event | None = None
+    _pool: SharedPool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._pool = SharedPool(CONNECTIONS, self.limits.connections)
 
     def attach(self, link: Link, address: str, port: int) -> None:
         self.add((self.http or Connection)(self, link, address, port), link)
@@ -138,17 +175,65 @@ class ListenerState:
         self.addresses.enter(connection.address)
         # Before the checks, since a driver reports the loss of a refused link, too.
         link.set_callbacks(connection)
-        too_many = len(self.connections) > 2 * self.limits.connections
-        if self.closing or too_many or self.addresses.is_flooding(connection.address):
+        if self.closing or self.addresses.is_flooding(connection.address):
+            connection.abort()
+            return
+        with suppress(PoolFull):
+            self.take_share(connection)
+        if len(self.connections) - len(self.shares) > self.limits.connections:
             connection.abort()
         else:
             # May end the connection at once: nothing may use it after this call.
             connection.begin()
 
+    def take_share(self, connection: PeerConnection) -> None:
+        """Give a connection its share of the listener, unless it has one.
+
+        Raises:
+            PoolFull: `limits.connections` is reached.
+        """
+        share = self.shares.get(connection)
+        if share is None:
+            self.shares[connection] = self._pool.take(connection.holder, partial(self._displace, connection))
+        else:
+            self._pool.move(share, connection.holder)
+
+    def _displace(self, connection: PeerConnection, reason: str) -> None:
+        del self.shares[connection]
+        logger.info("closing %s: %s", connection, reason)
+        connection.displace(reason)
+
+    def count_again(self, connection: PeerConnection, address: str) -> None:
+        """Count a connection whose client has turned out to be another; `address` is the former one."""
+        if address != connection.address:
+            self.addresses.leave(address)
+            self.addresses.enter(connection.address)
+        if connection in self.shares:
+            self._pool.move(self.shares[connection], connection.holder)
+
+    def credential_of(self, head: HttpRequest) -> str | None:
+        """Return the credential of a request, as :data:`~rwt_transports.endpoint.Identify` does."""
+        return self.identify(PeerInfo(self.transport, head.address, 0, head.target, head.headers))
+
+    def body_limit(self, routes: Routes, head: HttpRequest) -> tuple[int, int]:
+        """Return the maximum size of a request's body, and the status beyond it: small if no route would use
+        it, or only with credentials."""
+        limits = self.limits
+        if not routes.is_public(head.method, head.path) and self.credential_of(head) is None:
+            return limits.unknown_bytes, 401
+        if head.method in ("GET", "HEAD"):
+            return limits.http_header_bytes, 413
+        is_used = not isinstance(routes.find(head.method, head.path), HttpResponse)
+        return limits.http_body_bytes if is_used else limits.http_header_bytes, 413
+
     def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
         """Attach `connection`, which has started, to the link of `former`."""
         self.connections.discard(former)
         self.connections.add(connection)
+        share = self.shares.pop(former, None)
+        if share is not None:
+            share.end = partial(self._displace, connection)
+            self.shares[connection] = share
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
@@ -204,6 +289,9 @@ class ListenerState:
     def detach(self, connection: PeerConnection) -> None:
         self.connections.discard(connection)
         self.addresses.leave(connection.address)
+        share = self.shares.pop(connection, None)
+        if share is not None:
+            self._pool.release(share)
         if not self.connections and self._empty is not None:
             self._empty.set()
         if self.single:
@@ -240,7 +328,7 @@ class Connection:
       ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_holdable`` (the wire again, if
       a pause holds it), ``_endpoint``, ``outbox``, and what the driver calls on the wire and the outbox
       directly: ``get_buffer``, ``take``, ``put_back``.
-    * Peer: ``address``, ``_port``.
+    * Peer: ``address``, ``holder``, ``_port``, ``_largest_bytes`` (maximum size of its messages).
     * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
       link).
     * Signs of life: ``_is_alive`` (True if something arrived since the last :meth:`tick`), ``_heard``
@@ -251,8 +339,8 @@ class Connection:
 
     __slots__ = (
         "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_inflating",
-        "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state",
-        "_wire", "address", "get_buffer", "outbox", "put_back", "take",
+        "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_largest_bytes", "_link", "_listener",
+        "_port", "_state", "_wire", "address", "get_buffer", "holder", "outbox", "put_back", "take",
     )  # fmt: skip
 
     def __init__(
@@ -273,7 +361,9 @@ class Connection:
         self.take = self.outbox.take
         self.put_back = self.outbox.put_back
         self.address = address
+        self.holder = holder_of(address)
         self._port = port
+        self._largest_bytes = limits.message_bytes
         self._closed_with: tuple[int, str] | None = None
         self._deadline: float | None = None
         self._is_alive = True
@@ -290,13 +380,13 @@ class Connection:
         """Open a connection without a handshake."""
         state = self._listener
         peer = PeerInfo(state.transport, self.address, self._port, max_message_size=state.max_message_size)
-        if len(state.connections) > state.limits.connections:
-            logger.warning("no room for %s: %d connections", self, state.limits.connections)
-            self._link.abort()
-            return
         try:
+            state.take_share(self)
             state.addresses.check(self.address)
             self.open(peer)
+        except PoolFull as full:
+            logger.warning("no room for %s: %s", self, full.reason)
+            self._link.abort()
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
@@ -357,8 +447,16 @@ class Connection:
         if not last:
             self.outbox.when_empty(self._link.close)
 
+    def displace(self, reason: str) -> None:
+        self.close(TRY_AGAIN_LATER, reason)
+
     def abort(self) -> None:
         self._link.abort()
+
+    def count_for(self, holder: Holder) -> None:
+        """See :meth:`rwt_transports.endpoint.Sink.count_for`."""
+        self.holder = holder
+        self._listener.count_again(self, self.address)
 
     # -- the endpoint's flow control -----------------------------------------------------------------------
 
@@ -402,7 +500,7 @@ class Connection:
     def oversized_head(self, size: int, head: bytes) -> None:
         endpoint: object = self._endpoint
         if isinstance(endpoint, OversizeAware):
-            endpoint.oversized(size, self._listener.limits.message_bytes, head)
+            endpoint.oversized(size, self._largest_bytes, head)
 
     def answer(self, data: bytes) -> None:
         self.outbox.push(data)
@@ -422,6 +520,9 @@ class Connection:
 
     def open(self, peer: PeerInfo) -> None:
         """Get an endpoint from the accept function, and raise what it raises."""
+        credential = self._listener.identify(peer)
+        if credential:
+            self.count_for(holder_of(self.address, credential))
         endpoint = self._listener.accept(self.outbox, peer)
         if self._state is _ConnectionState.OPENING:  # The accept function may have closed the connection.
             self._state = self._state.become(_ConnectionState.OPEN)
@@ -435,6 +536,12 @@ class Connection:
             endpoint.set_flow_control(self)
         if self._inflating is not None:
             self._inflating.take_steps = endpoint.take_steps if isinstance(endpoint, StepTaking) else None
+        largest = self._listener.limits.message_bytes
+        if isinstance(endpoint, SizeLimiting):
+            largest = min(largest, endpoint.largest_bytes)
+        if largest != self._largest_bytes and isinstance(self._wire, SizeLimitedWire):
+            self._largest_bytes = largest
+            self._wire.limit(largest)
         if not self._is_ending:
             self._wire.message = endpoint.receive
 
@@ -553,6 +660,10 @@ class _ConnectionSink(Outbox):
     def close(self, code: int = 1000, reason: str = "") -> None:
         if self._connection is not None:
             self._connection.close(code, reason)
+
+    def count_for(self, holder: Holder) -> None:
+        if self._connection is not None:
+            self._connection.count_for(holder)
 
     def hand_over(self, endpoint: Endpoint) -> None:
         if self._connection is not None:

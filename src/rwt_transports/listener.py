@@ -10,7 +10,7 @@ from ssl import SSLContext
 
 from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
-from rwt_transports.endpoint import Accept
+from rwt_transports.endpoint import Accept, Identify, anonymous
 from rwt_transports.errors import BadUrl
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import HttpConnection
@@ -49,6 +49,7 @@ async def listen(
     access_log: bool = False,
     subprotocols: Iterable[str] = (),
     addresses: AddressCount | None = None,
+    identify: Identify = anonymous,
     limits: Limits | None = None,
     buffers: ReceiveBufferPool | None = None,
     driver: Driver | None = None,
@@ -70,6 +71,7 @@ async def listen(
         subprotocols: what WebSockets may speak besides rosbridge; a client that offers one gets it, and
             `accept` is told (:class:`~rwt_transports.endpoint.PeerInfo`).
         addresses: counts the connections of each address; one of its own by default.
+        identify: returns the credential of a connection or request; by default none are needed.
         limits: limits per listener and per connection.
         buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``
             together; of its own by default.
@@ -104,6 +106,7 @@ async def listen(
         proxies=proxies,
         access_log=access_log,
         subprotocols=frozenset(subprotocols),
+        identify=identify,
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     bound = replace(

@@ -19,7 +19,7 @@ from rwt.access.settings import AccessSettings, GateSettings, RoleSettings, Sett
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import network_of
+from rwt_transports.http.addresses import holder_of, network_of
 from rwt_transports.http.routes import is_local
 
 if TYPE_CHECKING:
@@ -160,7 +160,8 @@ class Access:
             from rwt.access.gate.client_gate import ClientGate
 
             gate = ClientGate(self.gate, name, role, address, device_of(user_agent))
-        return ClientGraph(shared, role, quotas, self._policy, gate, decisions_of(name))
+        holder = holder_of(address, role.credential)
+        return ClientGraph(shared, role, quotas, self._policy, gate, decisions_of(name), holder)
 
     def may_latch(self, topic: str) -> bool:
         """Return True unless a gate rule forbids latched publishers of a topic."""
@@ -207,7 +208,8 @@ class Access:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         work = self._quotas_of(info.address).work
-        return GraphView(self._graph, role, work, partial(self._while_allowed, info))
+        holder = holder_of(info.address, role.credential)
+        return GraphView(self._graph, role, work, partial(self._while_allowed, info), holder)
 
     def _while_allowed(
         self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]

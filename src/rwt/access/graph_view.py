@@ -8,6 +8,7 @@ from rwt_graph.api import ActionInfo, Graph, GraphListings, NodeInfo, ServiceInf
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_transports.errors import Refused
+from rwt_transports.shared_pool import Holder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -23,6 +24,10 @@ STOP: Final = "/gate/stop"
 """Service and topic of the gate that press the emergency stop."""
 
 
+NOBODY: Final = Holder()
+"""Holder of a view that takes no shares of pools."""
+
+
 class GraphView(GraphListings):
     """View of the graph for one role: the queries of :class:`rwt_graph.api.Graph`, filtered.
 
@@ -30,6 +35,7 @@ class GraphView(GraphListings):
 
     Attributes:
         work: account of the work that the server does for the holder of the view.
+        holder: client to which shares of pools count.
 
     Args:
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
@@ -41,8 +47,10 @@ class GraphView(GraphListings):
         role: Role,
         work: WorkLimit,
         keep: Callable[[Iterable[str], Callable[[str], None]], Callable[[], None]] | None = None,
+        holder: Holder = NOBODY,
     ) -> None:
         self.role = role
+        self.holder = holder
         self._keep = keep
         self.work = work
         self._graph = graph

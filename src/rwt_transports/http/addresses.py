@@ -7,6 +7,7 @@ from collections import Counter
 
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import NO_PROXIES, Proxies, is_local
+from rwt_transports.shared_pool import Holder
 
 
 class AddressCount:
@@ -64,3 +65,8 @@ def network_of(address: str) -> str:
         return str(ipaddress.ip_network((address.partition("%")[0], 64), strict=False))
     except ValueError:
         return address
+
+
+def holder_of(address: str, credential: str = "") -> Holder:
+    """Return the holder of shares of a client (:mod:`rwt_transports.shared_pool`)."""
+    return Holder(network_of(address), credential)
