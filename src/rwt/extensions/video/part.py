@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from rwt.declarations import NodeContext, NodePart, NoSettings, ReadyNode
+from rwt_transports.shared_pool import PoolRow
+
+VIEWERS: Final = PoolRow("viewers of images", "limits.video_viewers", "viewers of images")
+ENCODERS: Final = PoolRow("image encoders", "limits.video_encoders", "different image streams")
+PIXELS: Final = PoolRow("pixels of videos", "limits.video_pixels", "pixels per image of all videos")
 
 
 def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
@@ -12,4 +19,9 @@ def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
     return WebVideoServer(context.graph, limits.video_viewers, limits.video_encoders, limits.video_pixels)
 
 
-PART = NodePart(summary="image topics as images and video over HTTP", make=_make, on_every_worker=True)
+PART = NodePart(
+    summary="image topics as images and video over HTTP",
+    pools=(VIEWERS, ENCODERS, PIXELS),
+    make=_make,
+    on_every_worker=True,
+)
