@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 
 from rwt.declarations import CheckContext, CheckPart, Finding, Option, ServiceContext, ServicePart
 from rwt_webrtc.settings import WebRtcSettings
+from rwt_webrtc.transport.pools import HANDSHAKES, OFFERS, PEERS
 
 
 @asynccontextmanager
@@ -25,6 +26,7 @@ async def _examine(context: CheckContext, report: Callable[[Finding], None]) -> 
 
 
 PART = ServicePart(
+    pools=(PEERS, HANDSHAKES, OFFERS),
     summary="WebRTC: rosbridge over data channels, and images and audio as media tracks",
     settings=WebRtcSettings,
     is_on=lambda settings: settings.enabled,
