@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import Field
 
 from rwt.access.settings import Count, Table
 from rwt.declarations import GatewayContext, GatewayPart
 from rwt.gateways.base import Gateway
+from rwt_transports.shared_pool import PoolRow
+
+STREAMS: Final = PoolRow("event streams and long polls", "api.streams", "event streams and waiting requests")
 
 
 class HttpSettings(Table):
@@ -17,6 +22,9 @@ class HttpSettings(Table):
         description="goals of one role's clients of one address, including ended goals, of which the"
         " oldest are forgotten first",
     )
+    streams: Count = Field(
+        512, description="event streams, and requests that wait for a message or an approval, of all clients"
+    )
 
 
 def _make(context: GatewayContext, settings: HttpSettings) -> Gateway:
@@ -26,6 +34,7 @@ def _make(context: GatewayContext, settings: HttpSettings) -> Gateway:
 
 
 PART = GatewayPart(
+    pools=(STREAMS,),
     summary="topics, services, actions and parameters over plain HTTP, at `/api`",
     settings=HttpSettings,
     make=_make,
