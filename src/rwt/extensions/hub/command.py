@@ -97,14 +97,14 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
 def _add_bounds(parser: argparse.ArgumentParser) -> None:
     for option, metavar, least, most, default, help in (
         ("--connections", "COUNT", 1, 1_000_000, _LIMITS.connections,
-         "open connections, including robots and plain HTTP"),
+         "open connections, including robots and plain HTTP, which the addresses share"),
         ("--connections-per-address", "COUNT", 0, 1_000_000, _LIMITS.connections_per_address,
          "connections of clients per address, other than this machine; 0 for no limit"),
         ("--message-bytes", "BYTES", _KIB, 1 << 30, _LIMITS.message_bytes,
          "largest message in either direction"),
         ("--waiting-bytes", "BYTES", _KIB, 1 << 40, ADDRESS_BYTES,
-         ("bytes that may wait for clients of one address, or for their robots, before the connection with"
-          " the most is ended; all addresses together four times as many")),
+         ("bytes that may wait for clients of one address, or for their robots, before the connection that"
+          " has waited for longest is ended; all addresses together share four times as many")),
     ):  # fmt: skip
         kind = integer_within(least, most)
         help = f"{help} (default {default})"

@@ -13,15 +13,17 @@ import json
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections import Counter, deque
+from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from ssl import SSLContext
 from typing import ClassVar, Final, Literal
 
 import anyio
 
+from rwt.extensions.hub.part import WAITING_BYTES, WAITING_CLIENTS
 from rwt.extensions.hub.relay.pages import PageInbox
 from rwt.extensions.hub.relay.protocol import (
     INSTANCE,
@@ -39,7 +41,7 @@ from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import AddressCount, network_of
+from rwt_transports.http.addresses import AddressCount, holder_of
 from rwt_transports.http.routes import (
     NO_PROXIES,
     HttpRequest,
@@ -52,6 +54,7 @@ from rwt_transports.http.routes import (
 from rwt_transports.limits import MIB, Limits
 from rwt_transports.listener import listen
 from rwt_transports.scheduler import MESSAGES, Scheduler
+from rwt_transports.shared_pool import PoolFull, Share, SharedPool
 from rwt_transports.websocket.close_codes import (
     GOING_AWAY,
     POLICY,
@@ -82,52 +85,46 @@ MAX_WAITING = 256
 
 
 class WaitingBytes:
-    """Counter of waiting bytes; above the limit, it closes the connection with the most.
+    """Counter of waiting bytes; above the limit, it closes the connection that has waited for longest.
 
     A connection is held back once 256 KiB of it wait. What counts is therefore large messages to a side that
     does not read.
 
     Args:
         most: maximum number of waiting bytes for the clients of one address, in both directions. Local
-            addresses have no limit of their own; all addresses together may use four times as much.
-
-    Attributes:
-        total: waiting bytes of all connections.
+            addresses have no limit of their own; all addresses together share four times as much.
     """
 
     def __init__(self, most: int = ADDRESS_BYTES) -> None:
         self._most = most
-        self.total = 0
-        self._held: dict[_RelayEnd, int] = {}
-        self._of_address: Counter[str] = Counter()
+        self._pool = SharedPool(WAITING_BYTES, TOTAL_FACTOR * most)
+        self._shares: dict[_RelayEnd, Share] = {}
 
-    def take(self, holder: _RelayEnd, size: int) -> None:
-        """Add `size` waiting bytes of a holder."""
-        network = network_of(holder.address)
-        self._held[holder] = self._held.get(holder, 0) + size
-        self._of_address[network] += size
-        self.total += size
-        if not is_local(network) and self._of_address[network] > self._most:
-            self._cut_largest(network)
-        elif self.total > TOTAL_FACTOR * self._most:
-            ((largest, _),) = self._of_address.most_common(1)
-            self._cut_largest(largest)
+    @property
+    def total(self) -> int:
+        """Waiting bytes of all connections."""
+        return self._pool.used
 
-    def give_back(self, holder: _RelayEnd) -> None:
-        """Clear the waiting bytes of a holder; idempotent."""
-        size = self._held.pop(holder, 0)
-        if size:
-            self.total -= size
-            network = network_of(holder.address)
-            self._of_address[network] -= size
-            if not self._of_address[network]:
-                del self._of_address[network]
+    def take(self, end: _RelayEnd, size: int) -> None:
+        """Add `size` waiting bytes of a connection."""
+        share = self._shares.get(end)
+        if share is None:
+            share = self._pool.take(holder_of(end.address), partial(self._cut, end), 0)
+            self._shares[end] = share
+        self._pool.resize(share, share.amount + size)
+        held = self._pool.held(share.holder)
+        if (held > self._most and not is_local(end.address)) or self._pool.used > self._pool.capacity:
+            self._pool.end_oldest(share.holder)
 
-    def _cut_largest(self, network: str) -> None:
-        its = [holder for holder in self._held if network_of(holder.address) == network]
-        largest = max(its, key=self._held.__getitem__)
-        self.give_back(largest)
-        largest.cut(f"more than {self._most} bytes of clients of this address wait (--waiting-bytes)")
+    def give_back(self, end: _RelayEnd) -> None:
+        """Clear the waiting bytes of a connection; idempotent."""
+        share = self._shares.pop(end, None)
+        if share is not None:
+            self._pool.release(share)
+
+    def _cut(self, end: _RelayEnd, reason: str) -> None:
+        del self._shares[end]
+        end.cut(reason)
 
 
 @dataclass(slots=True)
@@ -137,7 +134,7 @@ class DialedRobot:
     Attributes:
         instance: random id of the program; distinguishes it from another of the same name.
         idle: connections that wait for a client.
-        waiting: clients that wait for a connection.
+        waiting: clients that wait for a connection, oldest first, with their shares of the places.
         pairs: connections that serve a client.
         alone_since: time at which it was first found without any connection.
     """
@@ -146,9 +143,28 @@ class DialedRobot:
     instance: str
     address: str
     idle: deque[_RobotEnd] = field(default_factory=deque)
-    waiting: deque[_WaitingEnd] = field(default_factory=deque)
+    waiting: dict[_WaitingEnd, Share] = field(default_factory=dict)
     pairs: set[_RobotEnd] = field(default_factory=set)
     alone_since: float | None = None
+    _places: SharedPool = field(default_factory=partial(SharedPool, WAITING_CLIENTS, MAX_WAITING))
+
+    def add_waiting(self, client: _WaitingEnd) -> None:
+        """Let a client wait for a connection.
+
+        Raises:
+            PoolFull: too many clients wait.
+        """
+        self.waiting[client] = self._places.take(holder_of(client.address), partial(self._displace, client))
+
+    def remove_waiting(self, client: _WaitingEnd) -> None:
+        """Note that a client does not wait any longer; idempotent."""
+        share = self.waiting.pop(client, None)
+        if share is not None:
+            self._places.release(share)
+
+    def _displace(self, client: _WaitingEnd, reason: str) -> None:
+        del self.waiting[client]
+        client.hang_up(TRY_AGAIN_LATER, reason)
 
     @property
     def is_alone(self) -> bool:
@@ -232,7 +248,7 @@ class Hub:
                 if client.since is None:
                     client.since = now
                 elif now - client.since >= PATIENCE_SECONDS:
-                    robot.waiting.remove(client)
+                    robot.remove_waiting(client)
                     client.hang_up(TRY_AGAIN_LATER, f"{robot.name} has no connection free; try again later")
 
     async def watch(self) -> None:
@@ -307,8 +323,9 @@ class Hub:
             self._turn_away(robot, f"the robot {robot.name} is gone")
 
     def _turn_away(self, robot: DialedRobot, reason: str) -> None:
-        while robot.waiting:
-            robot.waiting.popleft().hang_up(SERVICE_RESTART, reason)
+        for client in tuple(robot.waiting):
+            robot.remove_waiting(client)
+            client.hang_up(SERVICE_RESTART, reason)
 
     # -- clients -------------------------------------------------------------------------------------------
 
@@ -317,10 +334,8 @@ class Hub:
         robot = self._robots.get(name)
         if robot is None:
             raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
-        if len(robot.waiting) >= MAX_WAITING:
-            raise Refused(503, f"{MAX_WAITING} clients wait for {name} already")
         client = _ClientEnd(self, robot, sink, info.address, encode_assignment(info, path))
-        robot.waiting.append(client)
+        robot.add_waiting(client)
         self.clients += 1
         return client
 
@@ -336,10 +351,11 @@ class Hub:
             # Without the slash, relative links would lead to other robots.
             query = f"?{request.query}" if request.query else ""
             return HttpResponse(status=308, headers={"Location": f"{prefix}/{query}"})
-        if len(robot.waiting) >= MAX_WAITING:
-            return HttpResponse(f"{MAX_WAITING} clients wait for {name} already\n".encode(), 503)
         reader = _PageEnd(self, robot, request.address, encode_request(request, path, prefix))
-        robot.waiting.append(reader)
+        try:
+            robot.add_waiting(reader)
+        except PoolFull as full:
+            return HttpResponse.refusing(full)
         self.pages += 1
         self.match(robot)
         return self._linked(reader, request)
@@ -354,7 +370,8 @@ class Hub:
     def match(self, robot: DialedRobot) -> None:
         """Assign idle connections to waiting clients."""
         while robot.idle and robot.waiting:
-            client, side = robot.waiting.popleft(), robot.idle.popleft()
+            client, side = next(iter(robot.waiting)), robot.idle.popleft()
+            robot.remove_waiting(client)
             robot.pairs.add(side)
             side.begin(client)
 
@@ -495,6 +512,7 @@ class _RobotEnd(_RelayEnd):
     def begin(self, client: _WaitingEnd) -> None:
         """Serve this client. The robot's messages are charged to the client's address."""
         self.address = client.address
+        self.sink.count_for(holder_of(client.address))
         self.sink.send(Frame(client.assignment))
         self.join(client)
         client.join(self)
@@ -521,8 +539,7 @@ class _WaitingEnd(_RelayEnd):
 
     def closed(self, code: int, reason: str) -> None:
         super().closed(code, reason)
-        if self in self.robot.waiting:
-            self.robot.waiting.remove(self)
+        self.robot.remove_waiting(self)
 
 
 class _ClientEnd(_WaitingEnd):

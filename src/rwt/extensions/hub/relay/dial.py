@@ -30,13 +30,22 @@ from rwt.extensions.hub.relay.protocol import (
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
+from rwt_transports.connection import CONNECTIONS
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
-from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.addresses import AddressCount, holder_of
 from rwt_transports.http.routes import HttpRequest, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_connect_url
-from rwt_transports.websocket.close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
+from rwt_transports.shared_pool import Share, SharedPool
+from rwt_transports.websocket.close_codes import (
+    GOING_AWAY,
+    INTERNAL_ERROR,
+    POLICY,
+    PROTOCOL_ERROR,
+    TOO_BIG,
+    TRY_AGAIN_LATER,
+)
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt.extensions.hub.relay.dial")
@@ -172,7 +181,7 @@ class _Robot:
         self._backoff = backoff
         self._connect_one = connect_one
         self._addresses = addresses
-        self._most = most
+        self._pool = SharedPool(CONNECTIONS, most)
         self._fewer = anyio.Event()
         self._open: set[OutgoingConnection] = set()
         self._running = anyio.CancelScope()
@@ -218,6 +227,8 @@ class _Robot:
             self._open.discard(connection)
         if idle.has_client:
             self._addresses.leave(idle.address)
+            if idle.share is not None:
+                self._pool.release(idle.share)
             self._status.clients -= 1
             return
         self._status.idle -= 1
@@ -240,7 +251,7 @@ class _Robot:
         status.failures = 0
         status.error = ""
 
-    def serve(self, sink: Sink, info: PeerInfo | HttpRequest) -> Endpoint:
+    def serve(self, connection: _IdleConnection, sink: Sink, info: PeerInfo | HttpRequest) -> Endpoint:
         """Return the endpoint of the client or the request that was assigned to a connection.
 
         Raises:
@@ -253,13 +264,11 @@ class _Robot:
         self._fewer.set()
         self._addresses.enter(info.address)
         self._addresses.check(info.address)
+        connection.share = self._pool.take(holder_of(info.address), partial(sink.close, TRY_AGAIN_LATER))
         if isinstance(info, HttpRequest):
             page = PageServer(sink, self._routes, info)
             self.starter.start_soon(page.run)
             return page
-        # `clients` includes this one: it is counted on its assignment, before it is accepted.
-        if status.clients > self._most:
-            raise Refused(503, f"all {self._most} connections of this robot are taken (limits.connections)")
         return self._accept(sink, info)
 
     def _failed(self, why: str, *, before: int = 0) -> None:
@@ -275,12 +284,14 @@ class _IdleConnection:
 
     Attributes:
         has_client: True if a client was assigned to it, admitted or not.
+        share: its share of the connections of the robot; None without a client.
         code: close code; 0 if a client's endpoint took over.
     """
 
     def __init__(self, robot: _Robot) -> None:
         self._robot = robot
         self.address = ""
+        self.share: Share | None = None
         self.has_client = False
         self.code = 0
         self.ending = ""
@@ -299,7 +310,7 @@ class _IdleConnection:
         self.has_client = True
         self.address = info.address
         try:
-            sink.hand_over(self._robot.serve(sink, info))
+            sink.hand_over(self._robot.serve(self, sink, info))
         except Refused as refused:
             sink.close(POLICY, refused.reason)
         except Exception:

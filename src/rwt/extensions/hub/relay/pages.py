@@ -21,6 +21,7 @@ from rwt_transports.endpoint import Sink
 from rwt_transports.errors import log_exception
 from rwt_transports.http.connection import close_iterator
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
+from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.close_codes import GOING_AWAY, NORMAL, POLICY, PROTOCOL_ERROR
 
 WITHOUT_BODY: Final = frozenset({204, 205, 304})
@@ -126,6 +127,9 @@ class PageInbox:
         self._changed = anyio.Event()
         self._when_empty: Callable[[], None] | None = None
         self._ended: tuple[int, str] | None = None
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: the connection of a request counts by itself."""
 
     def send(self, frame: Frame) -> None:
         self._frames.append(frame)
