@@ -17,6 +17,7 @@ from rwt_protocol.extensions import ExtensionError, extension_names, load_extens
 
 if TYPE_CHECKING:
     from rwt.declarations import Part
+    from rwt_transports.shared_pool import PoolRow
 
 Kind = Literal["gateway", "node", "graph", "service", "recorder", "script", "asgi", "supervisor", "check"]
 
@@ -169,6 +170,18 @@ def settings_keys() -> Iterator[tuple[str, Kind, str]]:
         for name, each in rows.items():
             for key in each.settings:
                 yield key, kind, name
+
+
+def pools() -> Iterator[PoolRow]:
+    """Yield the rows of the table of shared pools: those of every server, and those of the built-in parts."""
+    from rwt_transports.connection import CONNECTIONS
+    from rwt_transports.drivers.sockets import HANDSHAKES
+    from rwt_transports.wires.receive_buffer import RECEIVING
+
+    yield from (CONNECTIONS, HANDSHAKES, RECEIVING)
+    # Some parts have several names.
+    declared = (load(kind, name) for kind, rows in BUILT_IN.items() for name in rows)
+    yield from dict.fromkeys(row for part in declared for row in part.pools)
 
 
 def is_available(kind: Kind, name: str) -> bool:
