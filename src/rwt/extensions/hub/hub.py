@@ -13,7 +13,7 @@ import json
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Awaitable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
@@ -41,7 +41,7 @@ from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import AddressCount, holder_of
+from rwt_transports.http.addresses import AddressCount, holder_of, network_of
 from rwt_transports.http.routes import (
     NO_PROXIES,
     HttpRequest,
@@ -368,9 +368,11 @@ class Hub:
         return replace(response, headers={**response.headers, "Link": ", ".join(filter(None, links))})
 
     def match(self, robot: DialedRobot) -> None:
-        """Assign idle connections to waiting clients."""
+        """Assign idle connections to waiting clients: first to the address with fewest, then the oldest."""
         while robot.idle and robot.waiting:
-            client, side = next(iter(robot.waiting)), robot.idle.popleft()
+            served = Counter(network_of(side.address) for side in robot.pairs)
+            client = min(robot.waiting, key=lambda each: served[network_of(each.address)])
+            side = robot.idle.popleft()
             robot.remove_waiting(client)
             robot.pairs.add(side)
             side.begin(client)
