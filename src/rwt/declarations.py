@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from rwt_transports.http.addresses import AddressCount
     from rwt_transports.http.routes import HttpExtension, MetricFamily, Proxies, Route, Routes
     from rwt_transports.limits import Limits
-    from rwt_transports.shared_pool import PoolRow
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
@@ -67,7 +66,7 @@ class Part:
         at_top_level: True if the fields of `settings` are settings at the top level of the file.
         check: raises ValueError if the part's settings contradict others; the text names the setting.
         options: options of `rwt serve` for its settings.
-        pools: rows of the table of shared pools: what its clients share.
+        pools: rows of the table of shared pools, what its clients share; references as in :mod:`rwt.parts`.
     """
 
     summary: str
@@ -75,7 +74,7 @@ class Part:
     at_top_level: bool = False
     check: Callable[[Settings, Any], None] | None = None
     options: tuple[Option, ...] = ()
-    pools: tuple[PoolRow, ...] = ()
+    pools: tuple[str, ...] = ()
 
 
 # -- gateways ----------------------------------------------------------------------------------------------

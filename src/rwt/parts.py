@@ -89,6 +89,14 @@ GROUPS: Final[Mapping[Kind, str]] = {
 """Groups of entry points by kind. Encodings and transports have groups of their own in the layers below."""
 
 
+POOLS: Final = (
+    "rwt_transports.connection:CONNECTIONS",
+    "rwt_transports.drivers.sockets:HANDSHAKES",
+    "rwt_transports.wires.receive_buffer:RECEIVING",
+)
+"""Shared pools of every server; parts declare theirs."""
+
+
 class CommandRow(NamedTuple):
     """Command of a part.
 
@@ -173,15 +181,16 @@ def settings_keys() -> Iterator[tuple[str, Kind, str]]:
 
 
 def pools() -> Iterator[PoolRow]:
-    """Yield the rows of the table of shared pools: those of every server, and those of the built-in parts."""
-    from rwt_transports.connection import CONNECTIONS
-    from rwt_transports.drivers.sockets import HANDSHAKES
-    from rwt_transports.wires.receive_buffer import RECEIVING
+    """Yield the rows of the table of shared pools: those of every server, and those of the built-in parts.
 
-    yield from (CONNECTIONS, HANDSHAKES, RECEIVING)
-    # Some parts have several names.
+    Raises:
+        PartError: a part is not installed.
+    """
     declared = (load(kind, name) for kind, rows in BUILT_IN.items() for name in rows)
-    yield from dict.fromkeys(row for part in declared for row in part.pools)
+    # Some parts have several names.
+    for reference in dict.fromkeys((*POOLS, *(each for part in declared for each in part.pools))):
+        module, _, attribute = reference.partition(":")
+        yield cast("PoolRow", getattr(import_module(module), attribute))
 
 
 def is_available(kind: Kind, name: str) -> bool:

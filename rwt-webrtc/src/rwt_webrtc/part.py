@@ -7,7 +7,6 @@ from contextlib import asynccontextmanager
 
 from rwt.declarations import CheckContext, CheckPart, Finding, Option, ServiceContext, ServicePart
 from rwt_webrtc.settings import WebRtcSettings
-from rwt_webrtc.transport.pools import HANDSHAKES, OFFERS, PEERS
 
 
 @asynccontextmanager
@@ -26,7 +25,11 @@ async def _examine(context: CheckContext, report: Callable[[Finding], None]) -> 
 
 
 PART = ServicePart(
-    pools=(PEERS, HANDSHAKES, OFFERS),
+    pools=(
+        "rwt_webrtc.transport.signalling:PEERS",
+        "rwt_webrtc.transport.signalling:HANDSHAKES",
+        "rwt_webrtc.transport.signalling:OFFERS",
+    ),
     summary="WebRTC: rosbridge over data channels, and images and audio as media tracks",
     settings=WebRtcSettings,
     is_on=lambda settings: settings.enabled,

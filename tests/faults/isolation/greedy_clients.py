@@ -270,7 +270,12 @@ def ask_stream(server: Served, stack: ExitStack) -> None:
 
 def republished(client: Client) -> str:
     """Return the topic of a new stream of transforms."""
-    wanted = {"source_frames": ["base"], "target_frame": "map", "rate": 1.0, "timeout": {"sec": 60}}
+    wanted: dict[str, Any] = {
+        "source_frames": ["base"],
+        "target_frame": "map",
+        "rate": 1.0,
+        "timeout": {"sec": 60},
+    }
     topic: str = client.call("/republish_tfs", **wanted)["values"]["topic_name"]
     return topic
 

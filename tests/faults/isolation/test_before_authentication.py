@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -34,7 +34,7 @@ LIMIT: Final = 4096
 PATIENT: Final = "auth.seconds = 3600.0\nlimits.handshake_seconds = 3600.0\n"
 
 
-LARGE: Final = {
+LARGE: Final[dict[str, Any]] = {
     "op": "publish", "topic": "/large", "type": "std_msgs/String", "msg": {"data": "x" * 200_000}
 }  # fmt: skip
 

@@ -32,11 +32,10 @@ from rwt_transports.http.routes import (
     Reader,
     Route,
 )
-from rwt_transports.shared_pool import RETRY_SECONDS, Holder, PoolFull, Share, SharedPool
+from rwt_transports.shared_pool import RETRY_SECONDS, Holder, PoolFull, PoolRow, Share, SharedPool
 from rwt_transports.websocket.close_codes import TRY_AGAIN_LATER
 from rwt_webrtc.transport.ice_servers import IceServer
 from rwt_webrtc.transport.peer import Peer, PeerTerms
-from rwt_webrtc.transport.pools import HANDSHAKES, OFFERS, PEERS
 from rwt_webrtc.transport.sdp import BadDescription, read_description, read_fragment
 
 SDP: Final = "application/sdp"
@@ -46,6 +45,11 @@ FindIceServers = Callable[[], Awaitable[tuple[IceServer, ...]]]
 """Finds the STUN and TURN servers of a new peer; their credentials may be temporary. Raises Refused if there
 are none.
 """
+
+
+PEERS: Final = PoolRow("WebRTC peers", "webrtc.peers", "peer connections")
+HANDSHAKES: Final = PoolRow("WebRTC handshakes", "webrtc.handshakes", "connecting peers")
+OFFERS: Final = PoolRow("waiting WebRTC offers", "webrtc.handshakes", "bytes of waiting offers")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,6 @@ from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt.access.roles import Role
 from rwt.extensions.http import problems
 from rwt.extensions.http.events import EventQueue, event
-from rwt.extensions.http.part import STREAMS
 from rwt.extensions.http.representations import EVENTS
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
@@ -26,10 +25,12 @@ from rwt_transports.endpoint import DropReason, PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import HttpRequest, HttpResponse
-from rwt_transports.shared_pool import PoolFull, Share, SharedPool
+from rwt_transports.shared_pool import PoolFull, PoolRow, Share, SharedPool
 
 Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
 
+
+STREAMS: Final = PoolRow("event streams and long polls", "api.streams", "event streams and waiting requests")
 
 SESSION: Final = "RWT-Session"
 """Header with the name that a program chooses, to distinguish it from others with its token and address."""

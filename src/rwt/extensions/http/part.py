@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from pydantic import Field
 
 from rwt.access.settings import Count, Table
 from rwt.declarations import GatewayContext, GatewayPart
 from rwt.gateways.base import Gateway
-from rwt_transports.shared_pool import PoolRow
-
-STREAMS: Final = PoolRow("event streams and long polls", "api.streams", "event streams and waiting requests")
 
 
 class HttpSettings(Table):
@@ -34,7 +29,7 @@ def _make(context: GatewayContext, settings: HttpSettings) -> Gateway:
 
 
 PART = GatewayPart(
-    pools=(STREAMS,),
+    pools=("rwt.extensions.http.clients:STREAMS",),
     summary="topics, services, actions and parameters over plain HTTP, at `/api`",
     settings=HttpSettings,
     make=_make,

@@ -23,7 +23,6 @@ from typing import ClassVar, Final, Literal
 
 import anyio
 
-from rwt.extensions.hub.part import WAITING_BYTES, WAITING_CLIENTS
 from rwt.extensions.hub.relay.pages import PageInbox
 from rwt.extensions.hub.relay.protocol import (
     INSTANCE,
@@ -54,7 +53,7 @@ from rwt_transports.http.routes import (
 from rwt_transports.limits import MIB, Limits
 from rwt_transports.listener import listen
 from rwt_transports.scheduler import MESSAGES, Scheduler
-from rwt_transports.shared_pool import PoolFull, Share, SharedPool
+from rwt_transports.shared_pool import PoolFull, PoolRow, Share, SharedPool
 from rwt_transports.websocket.close_codes import (
     GOING_AWAY,
     POLICY,
@@ -82,6 +81,10 @@ MAX_IDLE = 16
 """Maximum number of idle connections per robot."""
 MAX_WAITING = 256
 """Maximum number of waiting clients per robot."""
+
+
+WAITING_BYTES: Final = PoolRow("waiting bytes of a hub", "--waiting-bytes", "waiting bytes")
+WAITING_CLIENTS: Final = PoolRow("waiting clients of a hub", "", "clients that wait for the robot")
 
 
 class WaitingBytes:

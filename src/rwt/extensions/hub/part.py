@@ -5,22 +5,17 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from rwt.access.settings import PlainToken, Table
 from rwt.declarations import Option, ServiceContext, ServicePart
 from rwt_transports.http.routes import MetricFamily
-from rwt_transports.shared_pool import PoolRow
 
 if TYPE_CHECKING:
     from rwt.extensions.hub.relay.dial import RelayStatus
     from rwt.settings.models import Settings
-
-
-WAITING_BYTES: Final = PoolRow("waiting bytes of a hub", "--waiting-bytes", "waiting bytes")
-WAITING_CLIENTS: Final = PoolRow("waiting clients of a hub", "", "clients that wait for the robot")
 
 
 class DialSettings(Table):
@@ -88,7 +83,7 @@ def _metrics(found: list[RelayStatus]) -> Iterator[MetricFamily]:
 
 
 PART = ServicePart(
-    pools=(WAITING_BYTES, WAITING_CLIENTS),
+    pools=("rwt.extensions.hub.hub:WAITING_BYTES", "rwt.extensions.hub.hub:WAITING_CLIENTS"),
     summary="connections to hubs, through which clients outside of the robot's network reach it",
     settings=DialSettings,
     check=_check,

@@ -6,7 +6,7 @@ import argparse
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, cast
 
 from pydantic import Field
 
@@ -16,14 +16,10 @@ from rwt.cli.verbs import count
 from rwt.declarations import NodeContext, NodePart, ReadyNode, RecorderPart, RecordingRequest
 from rwt.errors import ServerError
 from rwt_graph.api import Graph
-from rwt_transports.shared_pool import PoolRow
 
 if TYPE_CHECKING:
     from rwt.extensions.recording import Recorder, RecordingOptions, Split
     from rwt.settings.models import Settings
-
-
-RECORDINGS: Final = PoolRow("recordings", "recorder.folder_bytes", "bytes of recordings")
 
 
 class RecorderSettings(Table):
@@ -59,7 +55,7 @@ def _make(context: NodeContext, settings: RecorderSettings) -> ReadyNode:
 
 ON_DEMAND = NodePart(
     summary="recordings that clients start and end",
-    pools=(RECORDINGS,),
+    pools=("rwt.extensions.recording.recorder_node:RECORDINGS",),
     settings=RecorderSettings,
     check=_check,
     is_on=lambda settings: settings.folder is not None,

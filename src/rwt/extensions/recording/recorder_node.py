@@ -17,7 +17,6 @@ import anyio.to_thread
 
 from rwt.extensions.meshes.mesh_files import file_chunks
 from rwt.extensions.recording.errors import RecordingError, RecordingNotWritten, require
-from rwt.extensions.recording.part import RECORDINGS
 from rwt.extensions.recording.recorder import Recorder, record_graph
 from rwt.extensions.recording.writer import RecordingOptions, RecordingWriter
 from rwt_graph.accounts import ASKER
@@ -27,7 +26,7 @@ from rwt_graph.topic_selection import TopicSelection
 from rwt_participant.messages import Message
 from rwt_participant.timers import Timer
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
-from rwt_transports.shared_pool import lasting_room
+from rwt_transports.shared_pool import PoolRow, lasting_room
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +41,8 @@ _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
 _MAX_FILES_PER_SECOND: Final = 100
 _MIN_BYTES: Final = 1024
+
+RECORDINGS: Final = PoolRow("recordings", "recorder.folder_bytes", "bytes of recordings")
 
 
 class RecorderFolderError(ValueError):

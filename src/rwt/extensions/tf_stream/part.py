@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from rwt.declarations import NodeContext, NodePart, NoSettings, ReadyNode
-from rwt_transports.shared_pool import PoolRow
-
-STREAMS: Final = PoolRow("transform streams", "", "subscriptions of transforms")
 
 
 def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
@@ -16,4 +11,8 @@ def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
     return Tf2WebRepublisher(context.graph)
 
 
-PART = NodePart(summary="transforms that a page requests, at its rate", pools=(STREAMS,), make=_make)
+PART = NodePart(
+    summary="transforms that a page requests, at its rate",
+    pools=("rwt.extensions.tf_stream.republisher:STREAMS",),
+    make=_make,
+)

@@ -9,7 +9,6 @@ from typing import Final
 
 import anyio
 
-from rwt.extensions.tf_stream.part import STREAMS
 from rwt.extensions.tf_stream.streams import FEEDBACK_TIMEOUT, CpuBudget, Stream, to_message
 from rwt.extensions.tf_stream.transform_filters import InvalidRequest, MissingFrames, Request, make_filter
 from rwt_graph import Graph, Node
@@ -20,7 +19,7 @@ from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message
 from rwt_participant.qos import Durability, QoS
 from rwt_tf2 import Buffer, Feed, stamp_ns
-from rwt_transports.shared_pool import SharedPool
+from rwt_transports.shared_pool import PoolRow, SharedPool
 
 NAME: Final = "/tf2_web_republisher"
 SERVICE: Final = "/republish_tfs"
@@ -31,6 +30,8 @@ TOPIC_TIMEOUT: Final = 10.0
 MOST_STREAMS: Final = 100
 """Maximum number of goals and topics. Closed pages leave theirs behind, so the oldest of the client with most
 is ended."""
+
+STREAMS: Final = PoolRow("transform streams", "", "subscriptions of transforms")
 
 #: QoS of a topic: late subscribers receive the last messages.
 _TOPIC_QOS = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)

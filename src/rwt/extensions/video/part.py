@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from rwt.declarations import NodeContext, NodePart, NoSettings, ReadyNode
-from rwt_transports.shared_pool import PoolRow
-
-VIEWERS: Final = PoolRow("viewers of images", "limits.video_viewers", "viewers of images")
-ENCODERS: Final = PoolRow("image encoders", "limits.video_encoders", "different image streams")
-PIXELS: Final = PoolRow("pixels of videos", "limits.video_pixels", "pixels per image of all videos")
 
 
 def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
@@ -21,7 +14,11 @@ def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
 
 PART = NodePart(
     summary="image topics as images and video over HTTP",
-    pools=(VIEWERS, ENCODERS, PIXELS),
+    pools=(
+        "rwt.extensions.video.server:VIEWERS",
+        "rwt.extensions.video.server:ENCODERS",
+        "rwt.extensions.video.server:PIXELS",
+    ),
     make=_make,
     on_every_worker=True,
 )

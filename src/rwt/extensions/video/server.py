@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 import anyio
 import anyio.from_thread
 
-from rwt.extensions.video.part import ENCODERS, PIXELS, VIEWERS
 from rwt.extensions.video.responses import (
     MP4,
     MULTIPART,
@@ -42,9 +41,13 @@ from rwt_transports.http.routes import (
     Route,
     page_policy,
 )
-from rwt_transports.shared_pool import Holder, PoolFull, Share, SharedPool
+from rwt_transports.shared_pool import Holder, PoolFull, PoolRow, Share, SharedPool
 
 INFO: Final = "sensor_msgs/CameraInfo"
+
+VIEWERS: Final = PoolRow("viewers of images", "limits.video_viewers", "viewers of images")
+ENCODERS: Final = PoolRow("image encoders", "limits.video_encoders", "different image streams")
+PIXELS: Final = PoolRow("pixels of videos", "limits.video_pixels", "pixels per image of all videos")
 
 _SMALLER: Final = "`width` and `height` make a video smaller"
 
