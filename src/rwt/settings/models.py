@@ -86,8 +86,8 @@ class LimitSettings(ClientLimits):
     incoming_bytes: Bytes = Field(
         48 * MIB,
         description="bytes of incomplete messages over all connections, which clients share; beyond it, the"
-        " client that holds most loses the connection whose message began first. While complete messages of a quarter as many bytes wait to be"
-        " processed, large messages are neither received nor inflated",
+        " client that holds most loses the connection whose message began first. While complete messages of a"
+        " quarter as many bytes wait to be processed, large messages are neither received nor inflated",
     )
     handshake_seconds: Seconds = Field(
         _CONNECTION.handshake_seconds, description="seconds from connecting to the end of the HTTP request"
