@@ -62,6 +62,7 @@ async def _run(context: ServiceContext, settings: DialSettings) -> AsyncIterator
                     limits=context.limits,
                     buffers=context.buffers,
                     addresses=context.addresses,
+                    identify=context.access.admission.credential_of,
                     routes=context.pages(url),
                     tls=tls,
                 )

@@ -31,13 +31,13 @@ from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.connection import CONNECTIONS
-from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.endpoint import Accept, Endpoint, Identify, PeerInfo, Sink, anonymous
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.http.addresses import AddressCount, holder_of
 from rwt_transports.http.routes import HttpRequest, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_connect_url
-from rwt_transports.shared_pool import Share, SharedPool
+from rwt_transports.shared_pool import Holder, Share, SharedPool
 from rwt_transports.websocket.close_codes import (
     GOING_AWAY,
     INTERNAL_ERROR,
@@ -92,6 +92,7 @@ async def dial(
     token: str | None = None,
     limits: Limits | None = None,
     addresses: AddressCount | None = None,
+    identify: Identify = anonymous,
     buffers: ReceiveBufferPool | None = None,
     routes: Routes | None = None,
     tls: SSLContext | None = None,
@@ -105,6 +106,7 @@ async def dial(
             client is closed with 1008 and the reason, since it is connected to the hub already.
         token: token of the robot for the hub.
         addresses: counts the clients of each address that the hub names; one of its own by default.
+        identify: returns the credential of a client or request; by default none are needed.
         buffers: what large messages of all clients are received in; of its own by default.
         routes: pages for requests from the hub.
         tls: how to check the hub's certificate; by default against the system's authorities.
@@ -122,7 +124,9 @@ async def dial(
     pool = buffers or chosen.receive_pool()
     connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
     counted = addresses or AddressCount(chosen.connections_per_address)
-    robot = _Robot(status, accept, routes or Routes(), backoff, connect_one, counted, chosen.connections)
+    robot = _Robot(
+        status, accept, routes or Routes(), backoff, connect_one, counted, chosen.connections, identify
+    )
     async with background_tasks() as tasks:
         tasks.start_soon(robot.starter.run, tasks)
         tasks.start_soon(robot.run, tasks)
@@ -158,7 +162,8 @@ class _Robot:
     """Connections of one dial-out.
 
     Args:
-        most: maximum number of clients.
+        most: maximum number of clients, which share it.
+        identify: returns the credential of a client or request.
 
     Attributes:
         starter: starts the tasks that serve pages.
@@ -173,6 +178,7 @@ class _Robot:
         connect_one: _ConnectOne,
         addresses: AddressCount,
         most: int,
+        identify: Identify,
     ) -> None:
         self.starter = TaskStarter()
         self._status = status
@@ -182,6 +188,7 @@ class _Robot:
         self._connect_one = connect_one
         self._addresses = addresses
         self._pool = SharedPool(CONNECTIONS, most)
+        self._identify = identify
         self._fewer = anyio.Event()
         self._open: set[OutgoingConnection] = set()
         self._running = anyio.CancelScope()
@@ -264,12 +271,19 @@ class _Robot:
         self._fewer.set()
         self._addresses.enter(info.address)
         self._addresses.check(info.address)
-        connection.share = self._pool.take(holder_of(info.address), partial(sink.close, TRY_AGAIN_LATER))
+        holder = self._holder_of(info)
+        sink.count_for(holder)
+        connection.share = self._pool.take(holder, partial(sink.close, TRY_AGAIN_LATER))
         if isinstance(info, HttpRequest):
             page = PageServer(sink, self._routes, info)
             self.starter.start_soon(page.run)
             return page
         return self._accept(sink, info)
+
+    def _holder_of(self, info: PeerInfo | HttpRequest) -> Holder:
+        if isinstance(info, HttpRequest):
+            info = PeerInfo("http", info.address, 0, info.target, info.headers)
+        return holder_of(info.address, self._identify(info) or "")
 
     def _failed(self, why: str, *, before: int = 0) -> None:
         status = self._status
