@@ -26,9 +26,13 @@ from rwt import Server, Settings
 from rwt.extensions.video import WebVideoServer
 from rwt.extensions.video.server import VisibleTopics
 from rwt.media.broadcast import STALLED_SECONDS
-from rwt.media.stream_request import StreamRequest
+from rwt.media.errors import StreamEnded
+from rwt.media.stream_request import StreamRequest, read_request
 from rwt_graph import MemoryGraph, Node, TopicPublisher
+from rwt_transports.errors import Refused
+from rwt_transports.shared_pool import Holder
 from tests.extensions.video.conftest import image, scene
+from tests.page_readers import SeesNothing
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -522,3 +526,30 @@ def test_nothing_heavy_is_loaded_before_somebody_looks() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+async def test_a_stream_that_a_modest_client_watches_is_not_taken(anyio_backend: str) -> None:
+    def reader(address: str) -> SeesNothing:
+        made = SeesNothing()
+        made.holder = Holder(address)
+        return made
+
+    greedy, modest, newcomer = map(reader, ("10.0.0.1", "10.0.0.2", "10.0.0.3"))
+    requests = [read_request(f"topic=/cam/image&quality={number}") for number in range(1, 6)]
+    async with _theatre(limits=(100, 3, 1_500_000)) as theatre:
+        shared, *others = (theatre.video.watch(request, greedy) for request in requests[:3])
+        seen = theatre.video.watch(requests[0], modest)
+        # The oldest encoder counts to the modest client: the next one is taken.
+        theatre.video.watch(requests[3], newcomer)
+        assert [str(each.failure) for each in (shared, seen, *others)] == [
+            "None",
+            "None",
+            "2 of 3 were this client's, the most of all: different image streams (limits.video_encoders)",
+            "None",
+        ]
+        with pytest.raises(Refused, match=r"3 of 3 are in use, 1 by this client.*limits\.video_encoders"):
+            theatre.video.watch(requests[4], greedy)
+        # It counts to the greedy client again, which has most of all now.
+        seen.leave()
+        theatre.video.watch(requests[4], modest)
+        assert isinstance(shared.failure, StreamEnded) and others[1].failure is None
