@@ -91,6 +91,7 @@ GROUPS: Final[Mapping[Kind, str]] = {
 
 POOLS: Final = (
     "rwt_transports.connection:CONNECTIONS",
+    "rwt_transports.connection:PENDING",
     "rwt_transports.drivers.sockets:HANDSHAKES",
     "rwt_transports.wires.receive_buffer:RECEIVING",
 )

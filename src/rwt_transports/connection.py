@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
@@ -71,6 +71,7 @@ _deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websock
 TICK_SECONDS = 0.5
 
 CONNECTIONS: Final = PoolRow("connections", "limits.connections", "connections of this server")
+PENDING: Final = PoolRow("pending connections", "limits.connections", "pending connections of this server")
 
 MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 """Factory of the wire of a new connection."""
@@ -83,9 +84,8 @@ class PeerConnection(DriverCallbacks, Protocol):
     def address(self) -> str:
         """Address of the peer; empty if it has none."""
 
-    @property
-    def holder(self) -> Holder:
-        """Client to which the connection counts."""
+    holder: Holder
+    """Client to which the connection counts."""
 
     def begin(self) -> None:
         """Start after the link is attached."""
@@ -112,11 +112,13 @@ port."""
 class ListenerState:
     """State that the connections of one listener share.
 
-    All but ``connections``, ``shares`` and ``closing`` is constant while connections are open. ``closing`` is
+    All but ``connections``, the shares and ``closing`` is constant while connections are open. ``closing`` is
     set once, in :meth:`close`; from then on, new connections are cut.
 
-    Connections are shares of a :class:`~rwt_transports.shared_pool.SharedPool`. As many again may be open
-    without a share: those that are being refused or closed, or only request pages.
+    Connections are shares of one of two pools. A new one gets a place if there is room. Otherwise it is
+    pending: it may request pages, be refused with a reason, or :meth:`claim` the place of another client once
+    its own client is known. Pending connections are as many again, and count to networks: nothing else is
+    known of them.
 
     Attributes:
         accept: factory of the endpoint of a new peer.
@@ -135,7 +137,8 @@ class ListenerState:
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: scheduler of the reading of HTTP requests.
         ended: set when the only peer is gone, and when the listener has closed.
-        shares: shares of the open connections.
+        places: shares of the open connections.
+        pending: shares of those without a place.
         closing: True if no more connections are accepted.
     """
 
@@ -158,13 +161,16 @@ class ListenerState:
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
-    shares: dict[PeerConnection, Share] = field(default_factory=dict)
+    places: dict[PeerConnection, Share] = field(default_factory=dict)
+    pending: dict[PeerConnection, Share] = field(default_factory=dict)
     closing: bool = False
     _empty: anyio.Event | None = None
     _pool: SharedPool = field(init=False)
+    _pending_pool: SharedPool = field(init=False)
 
     def __post_init__(self) -> None:
         self._pool = SharedPool(CONNECTIONS, self.limits.connections)
+        self._pending_pool = SharedPool(PENDING, self.limits.connections)
 
     def attach(self, link: Link, address: str, port: int) -> None:
         self.add((self.http or Connection)(self, link, address, port), link)
@@ -175,41 +181,71 @@ class ListenerState:
         self.addresses.enter(connection.address)
         # Before the checks, since a driver reports the loss of a refused link, too.
         link.set_callbacks(connection)
-        if self.closing or self.addresses.is_flooding(connection.address):
-            connection.abort()
-            return
-        with suppress(PoolFull):
-            self.take_share(connection)
-        if len(self.connections) - len(self.shares) > self.limits.connections:
+        try:
+            if self.closing or self.addresses.is_flooding(connection.address):
+                raise PoolFull("no more connections are accepted")
+            if self._pool.is_full:
+                end = partial(self._displace, self.pending, connection)
+                self.pending[connection] = self._pending_pool.take(connection.holder.network, end)
+            else:
+                self._take_place(connection)
+        except PoolFull:
             connection.abort()
         else:
             # May end the connection at once: nothing may use it after this call.
             connection.begin()
 
-    def take_share(self, connection: PeerConnection) -> None:
-        """Give a connection its share of the listener, unless it has one.
+    def claim(self, connection: PeerConnection, peer: PeerInfo) -> None:
+        """Give a connection a place, if need be that of another client; no-op before it has authenticated.
 
         Raises:
             PoolFull: `limits.connections` is reached.
         """
-        share = self.shares.get(connection)
-        if share is None:
-            self.shares[connection] = self._pool.take(connection.holder, partial(self._displace, connection))
-        else:
-            self._pool.move(share, connection.holder)
+        credential = self.identify(peer)
+        if credential is not None:
+            connection.holder = holder_of(connection.address, credential)
+            self._take_place(connection)
 
-    def _displace(self, connection: PeerConnection, reason: str) -> None:
-        del self.shares[connection]
+    def _take_place(self, connection: PeerConnection) -> None:
+        place = self.places.get(connection)
+        if place is not None:
+            self._pool.move(place, connection.holder)
+            return
+        end = partial(self._displace, self.places, connection)
+        self.places[connection] = self._pool.take(connection.holder, end)
+        self._release(connection, self.pending, self._pending_pool)
+
+    def _displace(self, shares: dict[PeerConnection, Share], connection: PeerConnection, reason: str) -> None:
+        del shares[connection]
         logger.info("closing %s: %s", connection, reason)
         connection.displace(reason)
 
+    def _release(
+        self, connection: PeerConnection, shares: dict[PeerConnection, Share], pool: SharedPool
+    ) -> None:
+        share = shares.pop(connection, None)
+        if share is not None:
+            pool.release(share)
+
     def count_again(self, connection: PeerConnection, address: str) -> None:
-        """Count a connection whose client has turned out to be another; `address` is the former one."""
+        """Count a connection whose client has turned out to be another; `address` is the former one.
+
+        A pending one may still claim a place later.
+        """
         if address != connection.address:
             self.addresses.leave(address)
             self.addresses.enter(connection.address)
-        if connection in self.shares:
-            self._pool.move(self.shares[connection], connection.holder)
+        if connection in self.places:
+            self._pool.move(self.places[connection], connection.holder)
+        elif connection in self.pending:
+            self._pending_pool.move(self.pending[connection], connection.holder.network)
+
+    def authenticated(self, connection: PeerConnection) -> None:
+        """Give a connection a place whose client is known only now; it is closed if there is none."""
+        try:
+            self._take_place(connection)
+        except PoolFull as full:
+            connection.displace(full.reason)
 
     def credential_of(self, head: HttpRequest) -> str | None:
         """Return the credential of a request, as :data:`~rwt_transports.endpoint.Identify` does."""
@@ -230,10 +266,11 @@ class ListenerState:
         """Attach `connection`, which has started, to the link of `former`."""
         self.connections.discard(former)
         self.connections.add(connection)
-        share = self.shares.pop(former, None)
-        if share is not None:
-            share.end = partial(self._displace, connection)
-            self.shares[connection] = share
+        for shares in (self.places, self.pending):
+            share = shares.pop(former, None)
+            if share is not None:
+                share.end = partial(self._displace, shares, connection)
+                shares[connection] = share
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
@@ -289,9 +326,8 @@ class ListenerState:
     def detach(self, connection: PeerConnection) -> None:
         self.connections.discard(connection)
         self.addresses.leave(connection.address)
-        share = self.shares.pop(connection, None)
-        if share is not None:
-            self._pool.release(share)
+        self._release(connection, self.places, self._pool)
+        self._release(connection, self.pending, self._pending_pool)
         if not self.connections and self._empty is not None:
             self._empty.set()
         if self.single:
@@ -381,7 +417,7 @@ class Connection:
         state = self._listener
         peer = PeerInfo(state.transport, self.address, self._port, max_message_size=state.max_message_size)
         try:
-            state.take_share(self)
+            state.claim(self, peer)
             state.addresses.check(self.address)
             self.open(peer)
         except PoolFull as full:
@@ -456,7 +492,8 @@ class Connection:
     def count_for(self, holder: Holder) -> None:
         """See :meth:`rwt_transports.endpoint.Sink.count_for`."""
         self.holder = holder
-        self._listener.count_again(self, self.address)
+        if self in self._listener.connections:
+            self._listener.authenticated(self)
 
     # -- the endpoint's flow control -----------------------------------------------------------------------
 
@@ -520,9 +557,6 @@ class Connection:
 
     def open(self, peer: PeerInfo) -> None:
         """Get an endpoint from the accept function, and raise what it raises."""
-        credential = self._listener.identify(peer)
-        if credential:
-            self.count_for(holder_of(self.address, credential))
         endpoint = self._listener.accept(self.outbox, peer)
         if self._state is _ConnectionState.OPENING:  # The accept function may have closed the connection.
             self._state = self._state.become(_ConnectionState.OPEN)

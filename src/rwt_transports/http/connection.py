@@ -328,10 +328,6 @@ class HttpConnection(UnbufferedCallbacks):
         state = self._listener
         if state.closing:
             return HttpResponse(b"this server is closing\n", 503)
-        try:
-            state.take_share(self)
-        except PoolFull as full:
-            return HttpResponse.refusing(full)
         head = self._head
         peer = PeerInfo(
             state.transport,
@@ -341,7 +337,12 @@ class HttpConnection(UnbufferedCallbacks):
             head.headers,
             subprotocol=answer.subprotocol,
         )
+        try:
+            state.claim(self, peer)
+        except PoolFull as full:
+            return HttpResponse.refusing(full)
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
+        connection.holder = self.holder
         # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
         more = True

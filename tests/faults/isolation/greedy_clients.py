@@ -12,7 +12,7 @@ import ssl
 import struct
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
@@ -110,6 +110,23 @@ def fill_connections(server: Served, stack: ExitStack) -> None:
 
 def ask_connection(server: Served, stack: ExitStack) -> None:
     assert connected(server, OTHER, stack).call("/rosapi/get_time")["result"]
+
+
+def fill_pending(server: Served, stack: ExitStack) -> None:
+    host, port = server.host.split(":")
+    for _ in range(8):
+        link = socket.create_connection((host, int(port)), LONGEST_S, (GREEDY, 0))
+        stack.callback(link.close)
+    # The server accepts connections in their order: when it cuts this one, it has seen all of them.
+    last = socket.create_connection((host, int(port)), LONGEST_S, (GREEDY, 0))
+    with closing(last), suppress(ConnectionError):
+        assert last.recv(1) == b""
+
+
+def ask_page(server: Served, stack: ExitStack) -> None:
+    response, connection = request(server, OTHER, "GET", "/healthz")
+    with closing(connection):
+        assert response.status == 200
 
 
 @contextmanager
@@ -432,6 +449,9 @@ def ask_relay(server: Served, stack: ExitStack) -> None:
 
 DRIVERS: Final[Mapping[str, Driver]] = {
     "connections": Driver(fill_connections, ask_connection, "limits.connections = 4\n"),
+    "pending connections": Driver(
+        fill_pending, ask_page, "limits.connections = 4\nlimits.handshake_seconds = 3600.0\n"
+    ),
     "TLS handshakes": Driver(
         fill_handshakes, ask_handshake, "tls.auto = true\nlimits.handshake_seconds = 60.0\n", encrypted
     ),

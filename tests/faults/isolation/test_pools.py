@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from tests.faults.isolation.greedy_clients import (
     DRIVERS,
@@ -52,6 +52,18 @@ def test_clients_of_one_address_are_told_apart_by_their_credentials(tmp_path: Pa
         response, connection = request(server, GREEDY, "GET", f"/snapshot?topic={IMAGE}", headers=OPERATOR)
         with closing(connection):
             assert (response.status, response.read()[:2]) == (200, b"\xff\xd8")
+
+
+def test_clients_behind_a_proxy_are_told_apart(tmp_path: Path) -> None:
+    settings = 'proxies = ["127.0.0.1"]\nlimits.connections = 4\n'
+    with served(tmp_path, settings) as server, ExitStack() as stack:
+        for _ in range(4):
+            stack.enter_context(server.connect(headers={"X-Forwarded-For": "203.0.113.1"}))
+        with pytest.raises(InvalidStatus) as refused:
+            server.connect(headers={"X-Forwarded-For": "203.0.113.1"})
+        assert refused.value.response.status_code == 503
+        other = stack.enter_context(server.connect(headers={"X-Forwarded-For": "203.0.113.2"}))
+        assert other.call("/rosapi/get_time")["result"]
 
 
 def test_a_client_alone_may_use_a_whole_pool(tmp_path: Path) -> None:

@@ -269,11 +269,10 @@ class Peer:
             max_message_size=self.largest,
             addresses=self._terms.addresses,
             buffers=self._terms.buffers,
+            identify=lambda info: self._holder.credential,
         )
         self._listeners.append(listener)
-        connection = Connection(listener, link, self._address, 0)
-        connection.holder = self._holder
-        listener.add(connection, link)
+        listener.add(Connection(listener, link, self._address, 0), link)
 
     def tick(self) -> None:
         now = monotonic()

@@ -205,7 +205,7 @@ class AsgiListener:
         refusal: HttpResponse | None = None
         try:
             self._check(request)
-            state.take_share(connection)
+            state.claim(connection, peer)
             connection.open(peer)
         except Refused as refused:
             refusal = HttpResponse.refusing(refused)
