@@ -181,19 +181,24 @@ class ListenerState:
         self.addresses.enter(connection.address)
         # Before the checks, since a driver reports the loss of a refused link, too.
         link.set_callbacks(connection)
-        try:
-            if self.closing or self.addresses.is_flooding(connection.address):
-                raise PoolFull("no more connections are accepted")
-            if self._pool.is_full:
-                end = partial(self._displace, self.pending, connection)
-                self.pending[connection] = self._pending_pool.take(connection.holder.network, end)
-            else:
-                self._take_place(connection)
-        except PoolFull:
+        is_flooding = self.addresses.is_flooding(connection.address)
+        if self.closing or is_flooding or not self._has_room_for(connection):
             connection.abort()
         else:
             # May end the connection at once: nothing may use it after this call.
             connection.begin()
+
+    def _has_room_for(self, connection: PeerConnection) -> bool:
+        """Give a new connection a free place, or else one among the pending; False if there is none."""
+        if not self._pool.is_full:
+            self._take_place(connection)
+            return True
+        end = partial(self._displace, self.pending, connection)
+        try:
+            self.pending[connection] = self._pending_pool.take(connection.holder.network, end)
+        except PoolFull:
+            return False
+        return True
 
     def claim(self, connection: PeerConnection, peer: PeerInfo) -> None:
         """Give a connection a place, if need be that of another client; no-op before it has authenticated.
@@ -218,7 +223,11 @@ class ListenerState:
     def _displace(self, shares: dict[PeerConnection, Share], connection: PeerConnection, reason: str) -> None:
         del shares[connection]
         logger.info("closing %s: %s", connection, reason)
-        connection.displace(reason)
+        # Those that are being closed have no share: they are bounded, too.
+        if len(self.connections) - len(self.places) - len(self.pending) > self.limits.connections:
+            connection.abort()
+        else:
+            connection.displace(reason)
 
     def _release(
         self, connection: PeerConnection, shares: dict[PeerConnection, Share], pool: SharedPool
