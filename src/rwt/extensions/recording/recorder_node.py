@@ -40,7 +40,6 @@ _MAX_LISTED: Final = 1000
 _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
 _MAX_FILES_PER_SECOND: Final = 100
-_MIN_BYTES: Final = 1024
 
 RECORDINGS: Final = PoolRow("recordings", "recorder.folder_bytes", "bytes of recordings")
 
@@ -161,7 +160,7 @@ class RecorderNode:
             size for file, size in sizes.items() if file in self._askers and self._askers[file] == asker
         )
         room = min(self._limits.recording, lasting_room(self._limits.folder, used, own))
-        if room < _MIN_BYTES:
+        if room <= 0:
             return _refusal(
                 f"the recordings here have {used} bytes, {own} of them by this client, which may have as many"
                 f" as are left of {self._limits.folder}: remove some of them ({RECORDINGS.setting})"
