@@ -94,6 +94,7 @@ POOLS: Final = (
     "rwt_transports.connection:PENDING",
     "rwt_transports.drivers.sockets:HANDSHAKES",
     "rwt_transports.wires.receive_buffer:RECEIVING",
+    "rwt.rosbridge.ops.actions:ORPHANS",
 )
 """Shared pools of every server; parts declare theirs."""
 

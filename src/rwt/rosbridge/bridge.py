@@ -65,7 +65,7 @@ class Bridge(ConnectionGateway[Peer]):
     """The rosbridge gateway: connects rosbridge clients to a graph, as the node `/rosbridge_websocket`.
 
     Attributes:
-        orphans: running goals of clients that have left, with the addresses of those.
+        orphans: running goals of clients that have left.
 
     Args:
         graph: the robot.
@@ -93,7 +93,7 @@ class Bridge(ConnectionGateway[Peer]):
         self.loading = loading
         # Builds the models of the ops, which takes milliseconds, before the first client connects.
         readers(PROFILES[settings.profile], Direction.TO_SERVER)
-        self.orphans: dict[actions.PeerGoal, str] = {}
+        self.orphans = actions.Orphans()
         self.service_offers: Offers[services.Asked] = {}
         self.action_offers: Offers[actions.Accepted] = {}
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)

@@ -310,6 +310,43 @@ def ask_transforms(server: Served, stack: ExitStack) -> None:
     assert topic in client.call("/rosapi/topics")["values"]["topics"]
 
 
+ACTIONS: Final = ("/never", "/neither")
+FIBONACCI: Final = "example_interfaces/action/Fibonacci"
+
+
+def prepare_goals(server: Served, stack: ExitStack) -> None:
+    """Offer actions whose goals never end."""
+    robot = connected(server, "127.0.0.1", stack)
+    for action in ACTIONS:
+        robot.send("advertise_action", action=action, type=FIBONACCI)
+    assert robot.call("/rosapi/get_time")["result"]
+
+
+def leave_goals(server: Served, address: str, ids: Mapping[str, int]) -> None:
+    """Send goals to actions, and leave: `ids` are the numbers of goals by action."""
+    with server.connect(source_address=(address, 0)) as client:
+        for action, count in ids.items():
+            for number in range(count):
+                members = {"action": action, "action_type": FIBONACCI, "args": {"order": 1}}
+                client.send("send_action_goal", id=f"goal {number}", **members)
+        assert client.call("/rosapi/get_time")["result"]
+
+
+def fill_goals(server: Served, stack: ExitStack) -> None:
+    prepare_goals(server, stack)
+    leave_goals(server, GREEDY, dict.fromkeys(ACTIONS, 450))
+
+
+def ask_goal(server: Served, stack: ExitStack) -> None:
+    leave_goals(server, OTHER, {ACTIONS[0]: 1})
+    leave_goals(server, GREEDY, dict.fromkeys(ACTIONS, 540))
+    client = connected(server, OTHER, stack)
+    client.send("set_level", level="info")
+    client.send("cancel_action_goal", action=ACTIONS[0], id="goal 0")
+    status = client.wait_for(op="status")
+    assert status["level"] == "info", status
+
+
 @contextmanager
 def recorded(folder: Path, settings: str) -> Iterator[Served]:
     recordings = folder / "recordings"
@@ -461,6 +498,7 @@ DRIVERS: Final[Mapping[str, Driver]] = {
     "pixels of videos": Driver(fill_pixels, ask_video, "demo = true\nlimits.video_pixels = 7000\n"),
     "event streams and long polls": Driver(fill_streams, ask_stream, "api.streams = 4\n"),
     "transform streams": Driver(fill_transforms, ask_transforms),
+    "goals without their clients": Driver(fill_goals, ask_goal),
     "recordings": Driver(fill_recordings, ask_recording, "recorder.folder_bytes = 200000\n", recorded),
     "WebRTC peers": Driver(
         fill_peers, ask_peer, "webrtc.enabled = true\nwebrtc.peers = 4\nwebrtc.handshakes = 100\n"
