@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from rwt_transports.http.routes import WorkAccount
+from rwt_transports.shared_pool import Holder
 
 
 class CountedWork(WorkAccount):
@@ -30,6 +31,8 @@ class CountedWork(WorkAccount):
 class NobodyInParticular:
     """A reader of whom nothing is asked but whether an answer may last."""
 
+    holder = Holder()
+
     @property
     def work(self) -> CountedWork:
         raise NotImplementedError
@@ -43,6 +46,8 @@ class NobodyInParticular:
 
 class SeesNothing:
     """A reader who may subscribe to no topic."""
+
+    holder = Holder()
 
     def __init__(self) -> None:
         self.work = CountedWork()
