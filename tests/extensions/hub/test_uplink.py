@@ -27,6 +27,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import FlowRules
+from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import Incomplete, ReceiveBufferPool
 
 LIMITS = Limits(message_bytes=1_000_000, close_seconds=1.0)
@@ -53,19 +54,19 @@ class End:
 
 
 class Pool(ReceiveBufferPool):
-    """Pool that knows who holds something."""
+    """Pool that knows who receives something."""
 
     def __init__(self, most: int) -> None:
         super().__init__(most)
-        self.holders: set[Incomplete] = set()
+        self.receivers: set[Incomplete] = set()
 
-    def hold(self, holder: Incomplete, size: int) -> None:
-        self.holders.add(holder)
-        super().hold(holder, size)
+    def hold(self, receiver: Incomplete, size: int, holder: Holder) -> None:
+        self.receivers.add(receiver)
+        super().hold(receiver, size, holder)
 
-    def release(self, holder: Incomplete) -> None:
-        self.holders.discard(holder)
-        super().release(holder)
+    def release(self, receiver: Incomplete) -> None:
+        self.receivers.discard(receiver)
+        super().release(receiver)
 
 
 class Sides:
@@ -545,7 +546,7 @@ class Losses(RuleBasedStateMachine):
         self.sides.settle()
         assert all(len(end.ended) == 1 for end in [*self.ends, *self.sides.robots.values()])
         assert not self.sides.hub.streams and not self.sides.robot.streams
-        assert not self.sides.pool.holders
+        assert not self.sides.pool.receivers
 
 
 TestLosses = Losses.TestCase
