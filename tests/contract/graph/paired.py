@@ -62,6 +62,14 @@ class PairedGraph(Graph):
     def participant(self, name: str) -> Participant:
         return SplitParticipant(self.provider.participant(name), self.consumer.participant(name))
 
+    def reserve(self, names: Iterable[str]) -> None:
+        names = tuple(names)
+        self.provider.reserve(names)
+        self.consumer.reserve(names)
+
+    def is_reserved(self, name: str) -> bool:
+        return self.consumer.is_reserved(name)
+
     @property
     def version(self) -> int:
         return self.consumer.version

@@ -327,7 +327,7 @@ def is_latched(publisher: RemoteEndpoint) -> bool:
 
 def _profiles(topic: Topic) -> dict[bool, tuple[MessageType, NodeResources, QoS]]:
     """Return type, owner and QoS of each needed reader: with history, and without."""
-    subscriptions = [s for s in topic.subscribers if not s.owner.private]
+    subscriptions = topic.announced_subscribers
     if topic.type is None or not subscriptions:
         return {}
     latched = [p for p in topic.remote_publishers if is_latched(p)]
