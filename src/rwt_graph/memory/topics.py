@@ -465,7 +465,9 @@ class Topics:
 
     def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
         if publishes and name in self.reserved:
-            logger.warning("node %s of another process publishes on %s, which is ignored", endpoint.node, name)
+            logger.warning(
+                "node %s of another process publishes on %s, which is ignored", endpoint.node, name
+            )
             return
         topic = self._topics.setdefault(name, self._found(name))
         if publishes:
