@@ -57,10 +57,16 @@ class AddressCount:
 
 
 def network_of(address: str) -> str:
-    """Return the unit of counting: for IPv6 the /64 network, because its holder has all of its addresses."""
+    """Return the unit of counting: for IPv6 the /64 network, because its holder has all of its addresses.
+
+    An IPv4 address within IPv6 (`::ffff:10.0.0.7`) counts as itself.
+    """
     if ":" not in address:
         return address
     try:
-        return str(ipaddress.ip_network((address.partition("%")[0], 64), strict=False))
+        found = ipaddress.IPv6Address(address.partition("%")[0])
     except ValueError:
         return address
+    if found.ipv4_mapped is not None:
+        return str(found.ipv4_mapped)
+    return str(ipaddress.ip_network((found, 64), strict=False))

@@ -363,9 +363,11 @@ def host_name(text: str) -> str:
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
-        return ipaddress.ip_address(host)
+        found = ipaddress.ip_address(host)
     except ValueError:
         return None
+    # Sockets for both versions name IPv4 clients as ::ffff:10.0.0.7.
+    return (found.ipv4_mapped or found) if isinstance(found, ipaddress.IPv6Address) else found
 
 
 EVERY_NAME = Hosts((), loopback=False)
