@@ -160,7 +160,7 @@ def _plain(character: str) -> str:
 
 @contextmanager
 def bounded_log() -> Iterator[None]:
-    """Limit within the block the rate of log lines of this project, asyncio and the MCP SDK, and make them plain.
+    """Limit the rate of log lines of this project, asyncio and the MCP SDK within the block; escape them.
 
     Applies whatever the handlers are, and also to modules that are imported later. Loggers of the robot's own
     program are not affected.

@@ -1,4 +1,4 @@
-"""A program of ROS 1 that no setting admits, at a server with a gate: its node may press the stop, and no more."""
+"""A program of ROS 1 that no setting admits: its node may press the stop of a gate, and no more."""
 
 from __future__ import annotations
 
