@@ -11,7 +11,6 @@ import pytest
 from rwt.extensions.foxglove import files_in_transit
 from rwt.extensions.foxglove.files_in_transit import (
     CAPACITY_BYTES,
-    MAX_BYTES,
     OVERDUE_SECONDS,
     FileInTransit,
     FilesInTransit,

@@ -1,4 +1,4 @@
-"""Texts of a viewer in the log and the audit: none of them commands a terminal, or looks like another line."""
+"""Texts of a viewer in the log and the audit: none commands a terminal, or looks like another line."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ HARMFUL: Final = re.compile(
 )
 
 
-@pytest.mark.parametrize("format", ["text", "json", "logfmt"])
-def test_no_text_of_a_viewer_controls_a_terminal(tmp_path: Path, format: str) -> None:
+@pytest.mark.parametrize("form", ["text", "json", "logfmt"])
+def test_no_text_of_a_viewer_controls_a_terminal(tmp_path: Path, form: str) -> None:
     settings = SETTINGS.replace("FOLDER", str(tmp_path))
-    with served(tmp_path, settings, "--log-format", format) as server:
+    with served(tmp_path, settings, "--log-format", form) as server:
         with server.connect() as viewer:
             viewer.send("publish", topic="/x", type=EVIL, msg={}, id=EVIL)
             viewer.send(EVIL, id=EVIL)

@@ -1,4 +1,4 @@
-"""IPv4 clients of sockets for both IP versions: `::ffff:192.0.2.7` is one client, and not a network of all."""
+"""IPv4 clients of sockets for both IP versions: `::ffff:192.0.2.7` is one client, and no network of all."""
 
 from __future__ import annotations
 

@@ -125,6 +125,25 @@ def _stopped(operator: Client) -> dict[str, object]:
     return message
 
 
+def test_a_name_that_controls_what_shows_it_is_not_listed(robot: tuple[Served, Node]) -> None:
+    server, node = robot
+    for name in ("/\u202eevil", "/\x9b2Jevil", "/a\n# HELP evil", "/evil <img>"):
+        node.master.registerPublisher(name, name, "std_msgs/String", node.uri)
+        node.master.registerSubscriber("/hostile", name, "std_msgs/String\u200f", node.uri)
+        node.master.registerService(name, name, "rosrpc://127.0.0.1:1", node.uri)
+    node.master.registerPublisher("/hostile", "/plain", "std_msgs/String", node.uri)
+    with server.connect("/?token=token-of-the-operator") as operator:
+
+        def listed(what: str) -> list[str]:
+            values = operator.call(f"/rosapi/{what}")["values"]
+            return [name for names in values.values() for name in names]
+
+        wait_until(lambda: "/plain" in listed("topics"))
+        wait_until(lambda: "/hostile" in listed("nodes"))
+        names = [*listed("topics"), *listed("nodes"), *listed("services")]
+        assert not [name for name in names if "evil" in name or "\u200f" in name]
+
+
 def test_a_node_presses_the_stop_and_cannot_release_it(robot: tuple[Served, Node]) -> None:
     server, node = robot
     with server.connect("/?token=token-of-the-operator") as operator:

@@ -8,7 +8,7 @@ follow the publishers, as `ros2 topic echo` does: best effort as soon as one of 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from rwt.extensions.ros2.connection import Connection, now
@@ -350,7 +350,7 @@ def _profiles(topic: Topic) -> dict[bool, tuple[MessageType, NodeResources, QoS]
 
 
 def _reliability(
-    publishers: list[RemoteEndpoint] | tuple[RemoteEndpoint, ...], subscriptions: list[MemorySubscription]
+    publishers: list[RemoteEndpoint] | tuple[RemoteEndpoint, ...], subscriptions: Sequence[MemorySubscription]
 ) -> Reliability:
     best_effort = Reliability.BEST_EFFORT
     if any(p.qos.reliability is best_effort for p in publishers):
