@@ -11,7 +11,7 @@ import xmlrpc.client
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
@@ -65,7 +65,7 @@ class Node:
     """A node of ROS 1 on the standard library alone, which publishes messages without end."""
 
     def __init__(self, master: int) -> None:
-        self.master = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{master}/")
+        self.master: Any = xmlrpc.client.ServerProxy(f"http://127.0.0.1:{master}/")
         self.connected: set[str] = set()
         self._messages: dict[str, tuple[str, str, bytes]] = {}
         self._listener = socket.create_server(("127.0.0.1", 0))
