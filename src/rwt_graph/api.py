@@ -22,7 +22,7 @@ Rules for every backend:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -504,6 +504,18 @@ class Graph(GraphListings):
     @abstractmethod
     def participant(self, name: str) -> Participant:
         """Join as a node with that absolute name. Several nodes may have the same name, as in ROS 2."""
+
+    @abstractmethod
+    def reserve(self, names: Iterable[str]) -> None:
+        """Reserve names of topics and services for the nodes of this process.
+
+        Other processes receive what is published on such a topic. What they publish there is ignored, and the
+        services are not offered to them.
+        """
+
+    @abstractmethod
+    def is_reserved(self, name: str) -> bool:
+        """Return True if a name is reserved, see :meth:`reserve`."""
 
     @property
     @abstractmethod

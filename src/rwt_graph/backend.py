@@ -17,6 +17,8 @@ Rules:
 * What belongs to a node (:class:`NodeResources`) is released when it leaves; `private` ones are not announced.
 * Samples of a transient-local publisher of another process are kept in `RemoteEndpoint.cache`, while this
   process subscribes, and belong to that publisher.
+* On a topic that is reserved, other processes publish nothing: subscribe there only for its
+  `announced_subscribers`. Names that are not :func:`rwt_graph.names.is_printable` are left out.
 * What a backend cannot do, it declares in `limitations`, in one place (:class:`~rwt_graph.api.Limitation`).
 
 `tests/contract/graph` holds the tests that all backends pass; its `harness` module says how to run them on

@@ -107,7 +107,7 @@ class _Direction:
         self._update_services()
 
     def _update_topics(self) -> None:
-        wanted = {each.name: each for each in self._source.topics() if _is_relayed(each)}
+        wanted = {each.name: each for each in self._source.topics() if self._is_relayed(each)}
         for name, relay in tuple(self._topics.items()):
             info = wanted.get(name)
             if info is None or not relay.fits(info):
@@ -121,6 +121,15 @@ class _Direction:
             relay.follow(
                 is_wanted=there is not None and any(not _is_bridge(e.node) for e in there.subscribers)
             )
+
+    def _is_relayed(self, info: TopicInfo) -> bool:
+        return (
+            info.type is not None
+            and info.name not in _LOCAL_TOPICS
+            and not _is_hidden(info.name)
+            and not self._target.is_reserved(info.name)
+            and any(not _is_bridge(each.node) for each in info.publishers)
+        )
 
     def _add_topic(self, info: TopicInfo) -> None:
         assert info.type is not None
@@ -139,7 +148,9 @@ class _Direction:
                 self._attempt(f"service {name}", partial(self._add_service, info))
 
     def _is_offered(self, info: ServiceInfo) -> bool:
-        if _is_bridge(info.node) or _is_hidden(info.name) or info.type.name.split("/")[0] in _LOCAL_SERVICES:
+        if _is_bridge(info.node) or _is_hidden(info.name) or self._source.is_reserved(info.name):
+            return False
+        if info.type.name.split("/")[0] in _LOCAL_SERVICES:
             return False
         there = self._target.service(info.name)
         return there is None or _is_bridge(there.node)
@@ -265,15 +276,6 @@ def _is_bridge(node: str) -> bool:
 def _is_hidden(name: str) -> bool:
     """Return True for the topics and services of actions on ROS 2."""
     return "/_" in name
-
-
-def _is_relayed(info: TopicInfo) -> bool:
-    return (
-        info.type is not None
-        and info.name not in _LOCAL_TOPICS
-        and not _is_hidden(info.name)
-        and any(not _is_bridge(each.node) for each in info.publishers)
-    )
 
 
 def _is_latched(info: TopicInfo) -> bool:

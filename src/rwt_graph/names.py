@@ -16,6 +16,8 @@ _TOKEN = re.compile(r"[A-Za-z0-9_]+\Z")
 _NOT_IN_TOKEN = re.compile(r"[^A-Za-z0-9_]")
 _PARAMETER = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-/]*\Z")
 
+_PRINTABLE = re.compile(r"/[!-~]{0,511}\Z")
+
 #: Maximum length of a name; longer ones would fill logs and errors.
 MAX_LENGTH = 512
 
@@ -75,6 +77,15 @@ def validate(name: str) -> str:
     if resolved != name:
         raise InvalidGraphName(f"{_shown(name)} is not an absolute name; did you mean {resolved!r}?")
     return name
+
+
+def is_printable(name: str) -> bool:
+    """Return True if a name of another process can be listed: absolute, of printable ASCII without spaces.
+
+    Other programs check less than :func:`validate`. What they would add could look like other names, or
+    control what shows it.
+    """
+    return _PRINTABLE.match(name) is not None
 
 
 def node_name(name: str, namespace: str = "/") -> str:

@@ -40,6 +40,13 @@ describe("CBOR, by the examples of RFC 8949 appendix A", () => {
     expect(Object.getPrototypeOf(decoded)).toBe(Object.prototype);
   });
 
+  test("arrays in arrays claim the bytes of a message once", () => {
+    const claims = Array.from({ length: 100 }, () => [0x9a, 0x00, 0x00, 0x10, 0x00]).flat();
+    const bytes = Uint8Array.from([...claims, ...new Array(5000).fill(0x00)]);
+    expect(() => decodeCbor(bytes)).toThrow("an array is longer than the message");
+    expect(decodeCbor(Uint8Array.of(0x82, 0x81, 0x00, 0x81, 0x00))).toEqual([[0], [0]]);
+  });
+
   test("nesting has an end", () => {
     expect(() => decodeCbor(new Uint8Array(4000).fill(0x81))).toThrow("nested too deeply");
   });
@@ -123,6 +130,19 @@ describe("point clouds", () => {
   });
 });
 
+test.each([
+  ["a part of a point", { width: 3000.5 }],
+  ["no number", { height: Number.NaN }],
+  ["less than none", { width: -1, height: -5000 }],
+  ["no step of octets", { point_step: 0.5 }],
+])("a cloud of %s is refused, as its points could never be counted", (_, wrong) => {
+  const whole = { width: 5000, height: 1, point_step: 1, row_step: 5000, is_bigendian: false };
+  const fields = ["x", "y"].map((name) => ({ name, offset: 0, datatype: 1 }));
+  const cloud = { ...whole, fields, data: new Uint8Array(5000) };
+  expect(decodeCloud(cloud).count).toBe(5000);
+  expect(() => decodeCloud({ ...cloud, ...wrong })).toThrow("a cloud of");
+});
+
 describe("raw images", () => {
   const image = (encoding: string, step: number, data: number[]) => {
     return decodeImage({ width: 1, height: 1, encoding, step, is_bigendian: 0, data });
@@ -148,5 +168,7 @@ describe("raw images", () => {
     expect(() =>
       decodeImage({ width: 1e5, height: 1e5, encoding: "rgb8", step: 0, is_bigendian: 0, data: [] }),
     ).toThrow();
+    const thin = { width: 1e300, height: 1e-300, encoding: "rgb8", step: 0, is_bigendian: 0 };
+    expect(() => decodeImage({ ...thin, data: [1, 2, 3] })).toThrow("pixels");
   });
 });

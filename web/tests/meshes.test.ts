@@ -1,8 +1,11 @@
 // @vitest-environment happy-dom
-import { MeshBasicMaterial } from "three";
+import { type LoadingManager, MeshBasicMaterial } from "three";
+import URDFLoader from "urdf-loader";
 import { afterEach, expect, test, vi } from "vitest";
 import type { RobotSession } from "../src/robot/session";
+import type { LayerContext } from "../src/scene/layers/layer";
 import { isAllowed, loadMesh, meshUrl, readMesh } from "../src/scene/layers/meshes";
+import { RobotLayer } from "../src/scene/layers/robot";
 
 const material = new MeshBasicMaterial();
 
@@ -73,4 +76,41 @@ test("what a glTF file names elsewhere is not asked for", async () => {
   const session = robot();
   await readMesh(meshUrl(session, "package://arm/hand.gltf"), session, material).catch(() => undefined);
   expect(asked.filter(([url]) => url.includes("other"))).toEqual([]);
+});
+
+test("what a description names elsewhere is not asked for, its textures included", () => {
+  const managers: LoadingManager[] = [];
+  // The library itself asks for textures, by its manager; it does not take the XML of happy-dom.
+  const parse = vi.spyOn(URDFLoader.prototype, "parse").mockImplementation(function (this: URDFLoader) {
+    managers.push(this.manager);
+    throw new Error("not drawn");
+  });
+  const listeners: ((message: object) => void)[] = [];
+  const session = {
+    ...robot("https://cdn.example"),
+    graph: { peek: () => ({ topics: new Map() }) },
+    subscribe: (_topic: string, _type: string, listener: (message: object) => void) => {
+      listeners.push(listener);
+      return () => undefined;
+    },
+  };
+  const view = { redraw: () => undefined };
+  const context = { session, view, topic: "/robot_description", type: "std_msgs/String", settings: {} };
+  new RobotLayer(context as unknown as LayerContext);
+  listeners[0]?.({ data: '<robot name="r"><link name="l"/></robot>' });
+  parse.mockRestore();
+  const files = [
+    "own.png",
+    "https://cdn.example/a.png",
+    "https://other/a.png",
+    "//other/a.png",
+    "javascript:0",
+  ];
+  expect(files.map((file) => managers[0]?.resolveURL(file))).toEqual([
+    "http://robot:9090/anna/own.png",
+    "https://cdn.example/a.png",
+    "data:,",
+    "data:,",
+    "data:,",
+  ]);
 });

@@ -3,6 +3,7 @@ import { describe, expect, test, vi } from "vitest";
 import { pacer, quaternionOf } from "../src/device/sensors";
 import { wishOfKeys } from "../src/elements/teleop/controls";
 import { followGamepad, pushOfGamepad, wishOfGamepad } from "../src/elements/teleop/gamepad";
+import { parts } from "../src/forms/message_tree";
 import { fitting } from "../src/forms/suggest";
 import { talks } from "../src/panels/graph/nodes";
 import { nodeOf } from "../src/panels/graph/parameters";
@@ -18,6 +19,15 @@ import { Formula, formulaProblem } from "../src/robot/formula";
 import { jointsOf } from "../src/robot/jog";
 import { PartReader } from "../src/robot/mjpeg";
 import { placeOf } from "../src/scene/tools";
+
+test.each([
+  ["fields", Object.fromEntries(Array.from({ length: 3000 }, (_, at) => [`f${at}`, at])), 500],
+  ["items", Array.from({ length: 3000 }, (_, at) => at), 50],
+  ["numbers", new Float32Array(3000), 50],
+])("of very many %s the first are drawn, and the others are counted", (_, value, count) => {
+  const { shown, hidden } = parts(value);
+  expect([shown.length, hidden]).toEqual([count, 3000 - count]);
+});
 
 describe("driving", () => {
   test("keys that are held together add up", () => {

@@ -66,6 +66,7 @@ def _guard(reach: Reach = Reach.PRIVATE, take: Callable[[], bool] = lambda: True
         ("fe80::1%eth0", Reach.PRIVATE),
         ("fd00::1", Reach.PRIVATE),
         ("::ffff:10.0.0.1", Reach.PRIVATE),
+        ("::ffff:127.0.0.1", Reach.LOOPBACK),
         ("8.8.8.8", Reach.PUBLIC),
         ("2001:4860:4860::8888", Reach.PUBLIC),
         ("robot.example", Reach.PUBLIC),

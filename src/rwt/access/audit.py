@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import time
@@ -68,6 +69,13 @@ def one_line(text: str) -> str:
     return line if len(line) <= _MAX_TEXT else f"{line[:_MAX_TEXT]}…"
 
 
+def visible_json(text: str) -> str:
+    """Return JSON on one line with escapes for all characters that control a terminal or reverse text."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else json.dumps(each)[1:-1] for each in text)
+
+
 class LineRate:
     """Rate limit of log lines: a burst, then a number of lines per second.
 
@@ -130,29 +138,51 @@ class LogRate(logging.Filter):
         return left_out is not None
 
 
+class PlainText(logging.Filter):
+    """Log filter that escapes what controls a terminal; further lines of a text are indented.
+
+    Parts of many texts come from clients, and must neither command the terminal nor look like other lines.
+    """
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return True; replace the text of a record that has such characters."""
+        text = record.getMessage()
+        if not text.isprintable():
+            record.msg, record.args = "".join(map(_plain, text)), ()
+        return True
+
+
+def _plain(character: str) -> str:
+    if character.isprintable():
+        return character
+    return "\n  " if character == "\n" else character.encode("unicode_escape").decode()
+
+
 @contextmanager
 def bounded_log() -> Iterator[None]:
-    """Limit within the block the rate of log lines of this project, asyncio and the MCP SDK.
+    """Limit the rate of log lines of this project, asyncio and the MCP SDK within the block; escape them.
 
     Applies whatever the handlers are, and also to modules that are imported later. Loggers of the robot's own
     program are not affected.
     """
-    rate = LogRate()
-    _rates.append(rate)
+    filters = LogRate(), PlainText()
+    _filters.extend(filters)
     _bind_new_loggers()
     for logger in _own_loggers():
-        logger.addFilter(rate)
+        for each in filters:
+            logger.addFilter(each)
     try:
         yield
     finally:
-        _rates.remove(rate)
-        for logger in _own_loggers():
-            logger.removeFilter(rate)
+        for each in filters:
+            _filters.remove(each)
+            for logger in _own_loggers():
+                logger.removeFilter(each)
 
 
 _OWN: Final = re.compile(r"(?:rwt|rwt_\w+|asyncio|mcp)(?:\.|$)")
-#: Limits of the blocks that are running.
-_rates: Final[list[LogRate]] = []
+#: Filters of the blocks that are running.
+_filters: Final[list[LogRate | PlainText]] = []
 
 
 def _own_loggers() -> list[logging.Logger]:
@@ -162,7 +192,7 @@ def _own_loggers() -> list[logging.Logger]:
 
 
 def _bind_new_loggers() -> None:
-    """Apply the running limits to loggers that are created from now on."""
+    """Apply the running filters to loggers that are created from now on."""
     kind = logging.getLoggerClass()
     if hasattr(kind, "applies_log_rates"):
         return
@@ -170,7 +200,7 @@ def _bind_new_loggers() -> None:
     def create(self: logging.Logger, name: str, level: int = logging.NOTSET) -> None:
         kind.__init__(self, name, level)
         if _OWN.match(name):
-            for rate in _rates:
-                self.addFilter(rate)
+            for each in _filters:
+                self.addFilter(each)
 
     logging.setLoggerClass(type(kind.__name__, (kind,), {"__init__": create, "applies_log_rates": True}))

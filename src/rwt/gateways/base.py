@@ -605,6 +605,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         steps = self.graph.leave()
         self._gateway.left(self)
         self._release_in_turns(chain(self._releases(), steps))
+        reason = one_line(reason)
         if left_out := self.replies.log_rate.left_out:
             reason += f" ({left_out} lines about it were left out)"
         self._gateway.access.audit.write(

@@ -211,6 +211,14 @@ class MemoryGraph(Runtime, Graph):
         if not self._nodes[name]:
             del self._nodes[name]
 
+    def reserve(self, names: Iterable[str]) -> None:
+        names = tuple(names)
+        self.service_table.reserve(names)
+        self.topic_table.reserve(names)
+
+    def is_reserved(self, name: str) -> bool:
+        return name in self.topic_table.reserved
+
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
     ) -> Callable[[], None]:

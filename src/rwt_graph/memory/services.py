@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from heapq import heappop, heappush
 from typing import Generic, Protocol, TypeVar
 
@@ -187,7 +187,8 @@ class OfferedServices(ABC, Generic[C]):
         self._offers.clear()
 
     def offered(self, provider: MemoryProvider) -> None:
-        if self._connection is not None and not provider.owner.private:
+        is_local = provider.owner.private or provider.name in self._services.reserved
+        if self._connection is not None and not is_local:
             withdraw = self._offer(self._connection, provider)
             if withdraw is not None:
                 self._offers[provider] = withdraw
@@ -233,6 +234,7 @@ class Services(ProviderTable[MemoryProvider]):
     Attributes:
         observer: observer of every call of this process's services.
         dds_rules: True if every provider of a name receives each request, and the first response counts.
+        reserved: names of services that are not offered to other processes.
     """
 
     remote: RemoteServices | None = None
@@ -242,6 +244,15 @@ class Services(ProviderTable[MemoryProvider]):
         super().__init__(changes)
         self.deadlines = Deadlines(clock)
         self.dds_rules = dds_rules
+        self.reserved: set[str] = set()
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """Offer services of these names to nodes of this process only."""
+        for name in names:
+            self.reserved.add(name)
+            provider = self.current.get(name)
+            if provider is not None and self.remote is not None:
+                self.remote.withdrawn(provider)
 
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall

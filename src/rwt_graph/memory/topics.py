@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from operator import is_not
 from typing import Protocol
@@ -145,10 +145,15 @@ class RemoteTopics(Protocol):
 
 
 class Topic:
-    """Topic with its endpoints."""
+    """Topic with its endpoints.
 
-    def __init__(self, name: str) -> None:
+    Attributes:
+        is_reserved: True if samples of other processes are ignored.
+    """
+
+    def __init__(self, name: str, *, is_reserved: bool = False) -> None:
         self.name = name
+        self.is_reserved = is_reserved
         self.type: MessageType | None = None
         self.publishers: tuple[MemoryPublisher, ...] = ()
         self.subscribers: tuple[MemorySubscription, ...] = ()
@@ -192,6 +197,11 @@ class Topic:
         if self.type is not None:
             return self.type
         return next((s.type for s in self.remote_subscribers if s.type is not None), None)
+
+    @property
+    def announced_subscribers(self) -> tuple[MemorySubscription, ...]:
+        """Return the subscriptions that receive the samples of other processes."""
+        return () if self.is_reserved else tuple(s for s in self.subscribers if not s.owner.private)
 
     @property
     def all_publishers(self) -> tuple[MemoryPublisher | RemoteEndpoint, ...]:
@@ -364,6 +374,7 @@ class Topics:
     Attributes:
         remote: announces them to other processes; None in a graph of one process.
         dds_rules: True if incompatible publishers and subscriptions do not exchange samples.
+        reserved: names of topics on which samples of other processes are ignored.
     """
 
     def __init__(
@@ -375,11 +386,26 @@ class Topics:
         self._changes = changes
         self.remote: RemoteTopics | None = None
         self.lately_read = LatelyRead()
+        self.reserved: set[str] = set()
         self._topics: dict[str, Topic] = {}
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """Ignore publishers of other processes on topics of these names, present and future ones."""
+        for name in names:
+            self.reserved.add(name)
+            topic = self._topics.get(name)
+            if topic is not None:
+                topic.is_reserved = True
+                topic.remote_publishers = ()
+                self.left(topic)
+
+    def _found(self, name: str) -> Topic:
+        """Return the topic of a name, a new one if it does not exist."""
+        return self._topics.get(name) or Topic(name, is_reserved=name in self.reserved)
 
     def advertise(self, name: str, interface: MessageType, qos: QoS, owner: NodeResources) -> MemoryPublisher:
         """Add a publisher. Raises :exc:`TypeConflict`."""
-        topic = self._topics.get(name) or Topic(name)
+        topic = self._found(name)
         # Created first, so that a failure does not establish the topic's type.
         publisher = MemoryPublisher(self, topic, interface, qos, owner)
         topic.establish(interface, self.registry)
@@ -400,7 +426,7 @@ class Topics:
         owner: NodeResources,
     ) -> MemorySubscription:
         """Add a subscriber and deliver the history to it. Raises :exc:`TypeConflict`."""
-        topic = self._topics.get(name) or Topic(name)
+        topic = self._found(name)
         subscription = MemorySubscription(self, topic, on_sample, interface is not None, qos, owner)
         if interface is not None:
             topic.establish(interface, self.registry)
@@ -438,7 +464,12 @@ class Topics:
         return tuple(self._topics.values())
 
     def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
-        topic = self._topics.setdefault(name, Topic(name))
+        if publishes and name in self.reserved:
+            logger.warning(
+                "node %s of another process publishes on %s, which is ignored", endpoint.node, name
+            )
+            return
+        topic = self._topics.setdefault(name, self._found(name))
         if publishes:
             topic.remote_publishers = (*topic.remote_publishers, endpoint)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Self
 
 from rwt_graph.api import Graph, Participant
@@ -61,6 +62,14 @@ class PairedGraph(Graph):
 
     def participant(self, name: str) -> Participant:
         return SplitParticipant(self.provider.participant(name), self.consumer.participant(name))
+
+    def reserve(self, names: Iterable[str]) -> None:
+        names = tuple(names)
+        self.provider.reserve(names)
+        self.consumer.reserve(names)
+
+    def is_reserved(self, name: str) -> bool:
+        return self.consumer.is_reserved(name)
 
     @property
     def version(self) -> int:

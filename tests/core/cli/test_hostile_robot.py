@@ -20,12 +20,12 @@ from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
 from tests.core.cli.conftest import response, served
 
-EVIL: Final = "evil\x1b]0;x\x07\x1b[2J\x9b31m\u202e\x7f\r\nforged"
+EVIL: Final = "evil\x1b]0;x\x07\x1b[2J\x9b31m\u202e\u200b\u061c\x7f\r\nforged"
 """Sets the title, clears, turns the direction, and begins a line of its own."""
 
 _REGISTRY: Final = Registry(JAZZY)
 _OWN: Final = re.compile(r"\x1b\[(?:36|32|33|31|2|1|0)m")
-_HARMFUL: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+_HARMFUL: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2066-\u2069]")
 _WRONG: Final[tuple[object, ...]] = (
     None, True, -1, 2**63, 1e308, "x", "", [], {}, [None], [1], [["x"]], {"x": {"x": 1}}, ["x"] * 3, [{}],
     "9" * 5000, {"values": 1}, [[[]]], "/x", ["/x", 1, None],

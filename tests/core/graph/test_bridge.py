@@ -149,3 +149,22 @@ async def test_conflicts_are_reported_once(graphs: Pair, caplog: pytest.LogCaptu
     await until(lambda: graphs[1].topic("/mark") is not None)
     await until(lambda: caplog.text.count("topic /mixed is not relayed to the other graph") == 2)
     assert logging.WARNING in {each.levelno for each in caplog.records}
+
+
+async def test_reserved_names_of_a_graph_take_nothing_of_the_other(graphs: Pair) -> None:
+    first, second = graphs
+    nodes = [Node(graph, f"node_{number}") for number, graph in enumerate(graphs)]
+    first.reserve(["/own", "/held"])
+    heard: list[list[str]] = [[], []]
+    for node, texts in zip(nodes, heard, strict=True):
+        node.subscribe("/own", partial(_append, texts), "std_msgs/String")
+        node.subscribe("/open", partial(_append, texts), "std_msgs/String")
+    for name in ("/held", "/offered"):
+        nodes[0].advertise_service(name, "std_srvs/Trigger", lambda request: {})
+    publishers = [node.advertise("/own", "std_msgs/String", latch=True) for node in nodes]
+    publishers[1].publish({"data": "forged"})
+    publishers[0].publish({"data": "true"})
+    nodes[1].advertise("/open", "std_msgs/String", latch=True).publish({"data": "open"})
+    await until(lambda: "open" in heard[0] and "true" in heard[1] and second.service("/offered") is not None)
+    assert "forged" not in heard[0]
+    assert second.service("/held") is None

@@ -11,7 +11,7 @@ import pytest
 from websockets.asyncio.client import connect
 
 from rwt import Server
-from rwt.access.audit import LogRate
+from rwt.access.audit import LogRate, PlainText
 
 pytestmark = pytest.mark.anyio
 
@@ -64,7 +64,7 @@ async def test_the_log_is_the_programs_own_again_when_the_server_has_ended() -> 
 async def test_a_module_that_is_imported_while_the_server_runs_logs_with_limits() -> None:
     async with Server("ws://127.0.0.1:0"):
         late, own = logging.getLogger("rwt.imported_late"), logging.getLogger("my_robot.imported_late")
-        assert [type(each) for each in late.filters] == [LogRate]
+        assert [type(each) for each in late.filters] == [LogRate, PlainText]
         assert own.filters == []
         await anyio.lowlevel.checkpoint()
     assert late.filters == []

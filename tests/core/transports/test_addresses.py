@@ -98,10 +98,12 @@ def test_listeners_count_together() -> None:
     [
         (1, "127.0.0.1", "127.0.0.1"),
         (1, "::1", "::1"),
+        (1, "::ffff:127.0.0.1", "::ffff:127.0.0.1"),
         (1, "", ""),
         (0, NEAR, NEAR),
         (1, NEAR, FAR),
         (1, "2001:db8:0:1::7", "2001:db8:0:2::7"),
+        (1, f"::ffff:{NEAR}", f"::ffff:{FAR}"),
     ],
 )
 def test_what_is_not_counted_together(most: int, address: str, another: str) -> None:
@@ -109,6 +111,14 @@ def test_what_is_not_counted_together(most: int, address: str, another: str) -> 
     for each in (address, another):
         addresses.enter(each)
         addresses.check(each)
+
+
+def test_an_address_counts_together_with_its_form_within_ipv6() -> None:
+    addresses = AddressCount(1)
+    addresses.enter(NEAR)
+    addresses.enter(f"::ffff:{NEAR}")
+    with pytest.raises(Refused, match=r"limits\.connections_per_address"):
+        addresses.check(NEAR)
 
 
 def test_a_network_of_64_bits_is_one_address() -> None:

@@ -127,8 +127,28 @@ async def test_slashes_in_names_stay_encoded(server: Server) -> None:
 async def test_who_asks_and_by_which_name_is_looked_at(server: Server) -> None:
     foreign = {"headers": [(b"host", b"attacker.example")]}
     assert (await get(server.asgi(), "/api", **foreign))[0] == 403
+    both_versions = {"server": ("::ffff:127.0.0.1", 80), "client": ("::ffff:127.0.0.1", 1)}
+    assert (await get(server.asgi(), "/api", **foreign, **both_versions))[0] == 403
     public = {"server": ("192.0.2.1", 80), "client": ("192.0.2.2", 1)}
     assert (await get(server.asgi(), "/api", **foreign, **public))[0] == 200
+
+
+@pytest.mark.parametrize("client", [None, ("192.0.2.2", 1), ("::ffff:192.0.2.2", 1)])
+async def test_clients_without_an_address_have_the_limits_of_one(client: tuple[str, int] | None) -> None:
+    server = Server(web={"enabled": False}, limits={"connections_per_address": 2})
+    app = server.asgi()
+    async with server, anyio.create_task_group() as tasks:
+        sockets = [Socket(scope("websocket", client=client)) for _ in range(3)]
+        for socket in sockets:
+            tasks.start_soon(app, socket.scope, socket.receive, socket.send)
+            socket.feed(type="websocket.connect")
+            await socket.until(bool)
+        began = [socket.sent[0]["type"] for socket in sockets]
+        assert began == ["websocket.accept", "websocket.accept", "websocket.close"]
+        for socket in sockets:
+            socket.feed(type="websocket.disconnect", code=1000)
+    for socket in sockets:
+        socket.close()
 
 
 async def test_head_has_no_body_and_a_missing_server_says_so() -> None:

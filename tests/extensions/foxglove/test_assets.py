@@ -10,7 +10,8 @@ import anyio.lowlevel
 import pytest
 
 from rwt.extensions.demo.model.meshes import mesh_pages
-from rwt.extensions.foxglove.assets import MAX_BYTES, MAX_WAITING, package_pages
+from rwt.extensions.foxglove.assets import MAX_WAITING, package_pages
+from rwt.extensions.foxglove.files_in_transit import MAX_BYTES
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
 from rwt.extensions.meshes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph, SimulatedClock

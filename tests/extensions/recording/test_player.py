@@ -321,3 +321,13 @@ def test_a_topic_that_cannot_be_played_keeps_no_other_from_it(tmp_path: Path, ba
         assert heard == ["a", "a"]
         (loss,) = player.losses
         assert loss.startswith(f"{bad}: ")
+
+
+def test_what_only_the_server_publishes_is_not_played(path: Path) -> None:
+    graph = MemoryGraph(Registry(JAZZY), SimulatedClock(START))
+    graph.reserve(["/mode"])
+    with open_recording([path]) as recording:
+        player = Player(graph, recording)
+        assert player.publications.topics == {"/count"}
+        assert player.publications.skipped == {"/mode": "only this server publishes on /mode"}
+        player.close()

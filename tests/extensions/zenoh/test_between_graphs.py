@@ -171,3 +171,39 @@ async def test_introspection_does_not_say_twice_what_an_action_says_of_itself(pa
     await until(lambda: heard[-1:] == [2])
     assert heard == [1, 2]
     introspection.close()
+
+
+async def test_reserved_names_are_announced_and_take_nothing_of_others(pair: Pair) -> None:
+    a, b = pair
+    heard: list[tuple[str, str]] = []
+
+    def hear(graph: ZenohGraph, name: str) -> None:
+        graph.node("ear").subscribe(
+            "/own", lambda message: heard.append((name, message.data)), "std_msgs/String"
+        )
+
+    forger = b.node("forger")
+    forged = forger.advertise("/own", "std_msgs/String", latch=True)
+    forged.publish({"data": "before"})
+    await until(lambda: a.topic("/own") is not None)
+    hear(a, "a")
+    await until(lambda: ("a", "before") in heard)
+    own = a.node("own")
+    service = own.advertise_service("/held", "std_srvs/Trigger", lambda request: {})
+    await until(lambda: b.service("/held") is not None)
+    a.reserve(["/own", "/held"])
+    hear(b, "b")
+    own.advertise("/own", "std_msgs/String", latch=True).publish({"data": "true"})
+    await until(lambda: ("b", "true") in heard and b.service("/held") is None)
+    service.close()
+    own.advertise_service("/held", "std_srvs/Trigger", lambda request: {})
+    own.advertise_service("/open", "std_srvs/Trigger", lambda request: {})
+    control = a.node("ear")
+    control.subscribe("/control", lambda message: heard.append(("a", "control")), "std_msgs/String")
+    forged.publish({"data": "after"})
+    forger.advertise("/control", "std_msgs/String", latch=True).publish({"data": ""})
+    await until(lambda: ("a", "control") in heard and b.service("/open") is not None)
+    assert b.service("/held") is None
+    assert [text for name, text in heard if name == "a"] == ["before", "true", "control"]
+    info = a.topic("/own")
+    assert info is not None and [each.node for each in info.publishers] == ["/own"]

@@ -24,6 +24,8 @@ const TYPED_ARRAYS: Record<number, Reader> = {
 
 class Decoder {
   private at = 0;
+  /** Items of all arrays so far, of which each takes a byte: arrays in arrays could claim the same bytes again. */
+  private claimed = 0;
   private readonly view: DataView;
 
   constructor(private readonly bytes: Uint8Array) {
@@ -54,7 +56,8 @@ class Decoder {
       case 3:
         return utf8.decode(this.take(size));
       case 4: {
-        if (size > this.bytes.length - this.at) throw new CborError("an array is longer than the message");
+        this.claimed += size;
+        if (this.claimed > this.bytes.length) throw new CborError("an array is longer than the message");
         const items = new Array<unknown>(size);
         for (let index = 0; index < size; index++) items[index] = this.value(depth + 1);
         return items;

@@ -52,6 +52,10 @@ const SIZE: Record<number, number> = { 1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4,
 export function decodeCloud(cloud: PointCloud2, by = "", palette: Palette = "turbo"): Points {
   const data = bytesOf(cloud.data);
   const step = cloud.point_step;
+  // A part of a point would make the search for a stride endless.
+  if (![cloud.width, cloud.height, step].every((each) => Number.isSafeInteger(each) && each >= 0)) {
+    throw new Error(`a cloud of ${cloud.width} × ${cloud.height} points of ${step} bytes`);
+  }
   const total = Math.min(cloud.width * cloud.height, step > 0 ? Math.floor(data.length / step) : 0);
   const field = (name: string) => {
     const found = cloud.fields.find((each) => each.name === name);

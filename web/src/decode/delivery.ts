@@ -76,16 +76,15 @@ function deliver(socket: number, message: Envelope): void {
       message.msg.$error = (error as Error).message;
     }
   }
-  say(
-    { kind: "message", socket, message: message as { op: string }, mustTake: decoding !== undefined },
-    moved(message.msg, []),
-  );
+  say({ kind: "message", socket, message: message as { op: string }, mustTake: decoding !== undefined }, [
+    ...moved(message.msg, new Set()),
+  ]);
 }
 
 /** The buffers in a message that can change hands without a copy. */
-function moved(value: unknown, found: Transferable[]): Transferable[] {
+function moved(value: unknown, found: Set<Transferable>): Set<Transferable> {
   if (ArrayBuffer.isView(value)) {
-    if (!found.includes(value.buffer as ArrayBuffer)) found.push(value.buffer as ArrayBuffer);
+    found.add(value.buffer as ArrayBuffer);
   } else if (Array.isArray(value)) {
     if (typeof value[0] === "object") for (const item of value) moved(item, found);
   } else if (value !== null && typeof value === "object") {

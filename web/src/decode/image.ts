@@ -30,7 +30,8 @@ const DEPTHS: Record<string, "u16" | "f32"> = { mono16: "u16", "16UC1": "u16", "
 /** Depth images are stretched over their own range. Throws for encodings that are not known. */
 export function decodeImage(image: RawImage): Pixels {
   const { width, height, encoding } = image;
-  if (!(width > 0 && height > 0 && width * height <= MOST_PIXELS)) {
+  const isWhole = Number.isSafeInteger(width) && Number.isSafeInteger(height);
+  if (!(isWhole && width > 0 && height > 0 && width * height <= MOST_PIXELS)) {
     throw new Error(`an image of ${width} × ${height} pixels`);
   }
   const data = bytesOf(image.data);

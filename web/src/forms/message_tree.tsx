@@ -7,6 +7,8 @@ import { type Change, selectedFields } from "../robot/fields";
 
 const MOST_TEXT = 300;
 const MOST_ITEMS = 50;
+/** Fields of one message: no type has as many, but a robot may say what it likes. */
+const MOST_FIELDS = 500;
 /** Items of a list that is unfolded from the start. */
 const MOST_UNFOLDED = 20;
 const MOST_COLUMNS = 12;
@@ -35,23 +37,35 @@ function summary(value: object): string {
   return Array.isArray(value) ? `[${value.length}]` : "";
 }
 
-function parts(value: object): [string, unknown][] {
+/** The first parts of a value, and the number of all others. */
+export function parts(value: object): { shown: [string, unknown][]; hidden: number } {
   if (ArrayBuffer.isView(value) || Array.isArray(value)) {
     const items = value as unknown as ArrayLike<unknown>;
-    return Array.from({ length: Math.min(items.length, MOST_ITEMS) }, (_, at) => [String(at), items[at]]);
+    const count = Math.min(items.length, MOST_ITEMS);
+    const shown = Array.from({ length: count }, (_, at): [string, unknown] => [String(at), items[at]]);
+    return { shown, hidden: items.length - count };
   }
   // What the worker has added is no part of the message.
-  return Object.entries(value).filter(([name]) => !name.startsWith("$"));
+  const fields = Object.entries(value).filter(([name]) => !name.startsWith("$"));
+  return { shown: fields.slice(0, MOST_FIELDS), hidden: Math.max(0, fields.length - MOST_FIELDS) };
+}
+
+function Parts({ value, depth }: { value: object; depth: number }) {
+  const { shown, hidden } = parts(value);
+  return (
+    <>
+      {shown.map(([name, part]) => (
+        <Branch key={name} name={name} value={part} depth={depth} />
+      ))}
+      {hidden > 0 && <li class="faint">{t("topics.longer", { count: hidden })}</li>}
+    </>
+  );
 }
 
 export function MessageTree({ value }: { value: unknown }) {
   return (
     <ul class="tree">
-      {isCompound(value) ? (
-        parts(value).map(([name, part]) => <Branch key={name} name={name} value={part} depth={0} />)
-      ) : (
-        <li>{shortValue(value)}</li>
-      )}
+      {isCompound(value) ? <Parts value={value} depth={0} /> : <li>{shortValue(value)}</li>}
     </ul>
   );
 }
@@ -112,8 +126,7 @@ function Branch({ name, value, depth }: { name: string; value: unknown; depth: n
     );
   }
   const rows = open.value ? rowsOf(value) : null;
-  const shown = open.value && !rows ? parts(value) : [];
-  const hidden = "length" in value ? (value as unknown[]).length - MOST_ITEMS : 0;
+  const hiddenRows = rows ? (value as unknown[]).length - rows.length : 0;
   return (
     <li>
       <button
@@ -129,10 +142,8 @@ function Branch({ name, value, depth }: { name: string; value: unknown; depth: n
       {rows && <Rows rows={rows} />}
       {open.value && (
         <ul>
-          {shown.map(([key, part]) => (
-            <Branch key={key} name={key} value={part} depth={depth + 1} />
-          ))}
-          {hidden > 0 && <li class="faint">{t("topics.longer", { count: hidden })}</li>}
+          {!rows && <Parts value={value} depth={depth + 1} />}
+          {hiddenRows > 0 && <li class="faint">{t("topics.longer", { count: hiddenRows })}</li>}
         </ul>
       )}
     </li>

@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-from rwt.access.audit import Audit
+from rwt.access.audit import Audit, one_line
 from rwt.access.disclosure import affected_parameters
 from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import Approvals, Subject
@@ -738,7 +738,7 @@ class Gate:
         # From here on every command is rejected, each when it is checked.
         self.stopped_by = self.last_by = by
         self.presses += 1
-        self.stopped_reason = reason[:500]
+        self.stopped_reason = one_line(reason)
         self.stopped_ns = self.clock.time_ns()
         self.stop_path.press()
         text = f"stopped by {by}: {self.stopped_reason}"
@@ -800,7 +800,7 @@ class Gate:
             return
         self.stopped_by = ""
         self.last_by = str(actor or "the robot")
-        self.stopped_reason = reason[:500]
+        self.stopped_reason = one_line(reason)
         self.stopped_ns = self.clock.time_ns()
         text = f"released by {self.last_by}: {self.stopped_reason}"
         self.recorder.note("stop", "release", "", actor, text, before="stopped", after="released")

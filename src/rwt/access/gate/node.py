@@ -75,6 +75,8 @@ class GateNode:
         #: Clients that ask for a lease, by its topic and their identity, with the end of the request.
         self._requests: dict[tuple[str, str], tuple[Actor, Timer]] = {}
         participant = gate.participant
+        # Other processes may press the stop, by service and topic. They have no role for anything else.
+        graph.reserve({*TOPICS, *SERVICES} - {STOP})
         self._publishers: dict[str, Publisher] = {
             name: participant.advertise(name, graph.registry.message(type), LATCHED)
             for name, type in (

@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Final, Literal, TextIO
 
+from rwt.access.audit import visible_json
+
 Format = Literal["text", "json", "logfmt"]
 
 FORMATS: Final[tuple[Format, ...]] = ("text", "json", "logfmt")
@@ -50,7 +52,7 @@ class JsonFormatter(logging.Formatter):
         return self._written(line)
 
     def _written(self, line: Mapping[str, object]) -> str:
-        return json.dumps(line, default=str, ensure_ascii=False)
+        return visible_json(json.dumps(line, default=str, ensure_ascii=False))
 
 
 class LogfmtFormatter(JsonFormatter):
@@ -62,7 +64,9 @@ class LogfmtFormatter(JsonFormatter):
 
 def _word(text: str) -> str:
     """Return a value of logfmt, quoted as in JSON unless it is one plain word."""
-    return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=False)
+    if _PLAIN.fullmatch(text) and text.isprintable():
+        return text
+    return visible_json(json.dumps(text, ensure_ascii=False))
 
 
 class SteadyHandler(logging.StreamHandler[TextIO]):

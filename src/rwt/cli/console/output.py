@@ -26,10 +26,9 @@ _UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
 
 
 _OWN_CODE: Final = "|".join(re.escape(f"\x1b[{code}m") for code in sorted({*_CODES.values(), "0"}))
-_COMMANDS: Final = re.compile(
-    f"({_OWN_CODE})|[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]"
-)
-"""Control characters of terminals and text direction; colours of this module match first."""
+_CONTROLS: Final = r"\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff"
+_COMMANDS: Final = re.compile(f"({_OWN_CODE})|[{_CONTROLS}]")
+"""Control characters of terminals and text direction, invisible ones; colours of this module match first."""
 
 
 class OutputClosed(Exception):

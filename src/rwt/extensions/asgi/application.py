@@ -6,6 +6,7 @@ import logging
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import replace
+from typing import Final
 from urllib.parse import quote
 
 import anyio
@@ -140,7 +141,7 @@ class AsgiListener:
         headers = joined_headers(
             (name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"]
         )
-        client = scope.get("client") or ("", 0)
+        client = scope.get("client") or (UNKNOWN_CLIENT, 0)
         address, prefix = self._state.proxies.resolve(str(client[0]), headers)
         if scope.get("scheme") in ("https", "wss"):
             headers["x-forwarded-proto"] = "https"
@@ -349,6 +350,9 @@ async def asgi_listener(
     async with state.serving():
         yield AsgiListener(state, routes)
 
+
+UNKNOWN_CLIENT: Final = "unknown"
+"""Address of all clients that the ASGI server does not name, as behind a Unix socket: one, with limits."""
 
 Lifespan = Callable[[], AbstractAsyncContextManager[object]]
 """Factory of the context in which an app runs."""

@@ -10,16 +10,15 @@ from urllib.parse import quote
 from rwt.access.client_graph import ClientGraph
 from rwt.access.graph_view import GraphView
 from rwt.extensions.foxglove.errors import NotPossible
+from rwt.extensions.foxglove.files_in_transit import MAX_BYTES, FileInTransit, FilesInTransit
 from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import FetchAsset
 from rwt.extensions.foxglove.wire.server_messages import asset, asset_failure
 from rwt_transports.http.routes import HttpExtension, HttpRequest, HttpResponse
+from rwt_transports.websocket.close_codes import TRY_AGAIN_LATER
 
 SCHEME: Final = "package://"
 PATH: Final = "/packages/"
-
-MAX_BYTES: Final = 64 * 1024 * 1024
-"""Maximum size of a file that a client may fetch, in bytes."""
 
 MAX_WAITING: Final = 256
 """Maximum number of pending requests of a client."""
@@ -37,11 +36,20 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 class Assets:
     """Files that one client has requested, sent one at a time."""
 
-    def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, pages: Pages, address: str) -> None:
+    def __init__(
+        self,
+        graph: ClientGraph,
+        replies: FoxgloveReplies,
+        pages: Pages,
+        address: str,
+        files: FilesInTransit,
+    ) -> None:
         self._graph = graph
         self._replies = replies
         self._pages = pages
         self._address = address
+        self._files = files
+        self._file: FileInTransit | None = None
         self._asked: deque[FetchAsset] = deque()
         self._runs = False
         self._closed = False
@@ -64,17 +72,34 @@ class Assets:
         try:
             while self._asked and not self._closed:
                 asked = self._asked.popleft()
+                file = self._file = FileInTransit(self._address, self._cut)
                 try:
-                    chunks = await self._read(asked.uri.removeprefix(SCHEME))
-                except (NotPossible, OSError) as error:
-                    self._fail(asked.request_id, str(error))
-                    continue
-                if not self._closed:
-                    self._replies.send(asset(asked.request_id, chunks))
-                while self._replies.sink.backlog > _UNREAD and not self._closed:
-                    await self._graph.clock.sleep(_LOOK_SECONDS)
+                    await self._files.enter(file)
+                    await self._send(asked, file)
+                finally:
+                    self._files.leave(file)
         finally:
             self._runs = False
+
+    async def _send(self, asked: FetchAsset, file: FileInTransit) -> None:
+        """Send a file, and wait until the client has read most of it."""
+        if self._closed:
+            return
+        try:
+            chunks = await self._read(asked.uri.removeprefix(SCHEME))
+        except (NotPossible, OSError) as error:
+            self._fail(asked.request_id, str(error))
+            return
+        self._files.resize(file, sum(map(len, chunks)))
+        if not self._closed:
+            self._replies.send(asset(asked.request_id, chunks))
+        del chunks
+        while self._replies.sink.backlog > _UNREAD and not self._closed:
+            await self._graph.clock.sleep(_LOOK_SECONDS)
+
+    def _cut(self, reason: str) -> None:
+        self._closed = True
+        self._replies.sink.close(TRY_AGAIN_LATER, reason)
 
     async def _read(self, path: str) -> list[bytes]:
         request = HttpRequest("GET", PATH + quote(path, safe="/%"), address=self._address)
@@ -120,6 +145,8 @@ class Assets:
         """Discard all requests."""
         self._closed = True
         self._asked.clear()
+        if self._file is not None:
+            self._files.leave(self._file)
 
 
 def package_pages(http: Sequence[HttpExtension]) -> Pages | None:

@@ -92,7 +92,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
         graph.tell_notices(self._tell_notice)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
         self.parameters = ParameterRequests(graph, replies, gateway.scheduler)
-        self.assets = None if pages is None else Assets(graph, replies, pages, info.address)
+        self.assets = None if pages is None else Assets(graph, replies, pages, info.address, gateway.files)
         self.playback = None if playback is None else PlaybackControl(graph, replies, playback)
 
     # -- from the client -----------------------------------------------------------------------------------

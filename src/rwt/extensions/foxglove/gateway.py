@@ -17,6 +17,7 @@ from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
 from rwt.extensions.foxglove.assets import Pages
 from rwt.extensions.foxglove.catalogue import Catalogue, RoleListing
 from rwt.extensions.foxglove.client import FoxgloveClient
+from rwt.extensions.foxglove.files_in_transit import FilesInTransit
 from rwt.extensions.foxglove.parameters import GET, ParameterFeed
 from rwt.extensions.foxglove.playback import PlaybackState, state_frame, state_of
 from rwt.extensions.foxglove.wire.payloads import encodings
@@ -53,6 +54,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     Attributes by purpose:
 
     * Settings: ``call_timeout``, ``pages``, ``playback``.
+    * Files of packages for all clients: ``files``.
     * Announcements: ``_catalogue`` (ids of channels and services), ``_listings`` (what each role sees),
       ``_seen`` (version of the graph that all clients know), ``_look_timer`` (runs while clients are
       connected).
@@ -83,6 +85,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         super().__init__(graph, access, NODE, linger)
         self.call_timeout = call_timeout
         self.pages = pages
+        self.files = FilesInTransit()
         self.playback: Playback | None = graph.clock.playback
         self.websockets = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))
         self.http = HttpExtension(section=_section)

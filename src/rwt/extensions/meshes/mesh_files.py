@@ -48,6 +48,8 @@ CONTENT_TYPES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 _CHUNK = 256 * 1024
+_AS_DATA: Final = MappingProxyType({"Content-Security-Policy": "default-src 'none'; sandbox"})
+"""Header of every file: browsers draw XML that is opened by itself, and would run the scripts in it."""
 
 
 class MeshFilesError(ValueError):
@@ -159,7 +161,7 @@ def _file(path: Path, content_type: str, known_tag: str) -> HttpResponse:
         return _refusal(403, f"{path.name} cannot be read: {error.strerror}")
     tag = f'"{state.st_mtime_ns:x}-{state.st_size:x}"'
     # With "no-cache", browsers store it and revalidate it on each use (RFC 9111 section 5.2.2.4).
-    headers = {"ETag": tag, "Cache-Control": "no-cache"}
+    headers = {**_AS_DATA, "ETag": tag, "Cache-Control": "no-cache"}
     if tag in known_tag:
         return HttpResponse(b"", 304, content_type, headers)
     return HttpResponse(file_chunks(path), 200, content_type, headers)

@@ -16,6 +16,7 @@ from rwt.extensions.ros1.wire import rpc
 from rwt.extensions.ros1.wire.links import connected, exchange_headers, request_topic
 from rwt_graph.backend import RemoteEndpoint, TransientLocalCache
 from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.names import is_printable
 from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ async def _in_steps(items: Iterable[T]) -> AsyncIterator[T]:
 
 @dataclass(slots=True)
 class State:
-    """The master's tables: nodes by topic or service."""
+    """The master's tables: nodes by topic or service, without names that cannot be listed."""
 
     publishers: dict[str, list[str]] = field(default_factory=dict)
     subscribers: dict[str, list[str]] = field(default_factory=dict)
@@ -93,8 +94,12 @@ class State:
                 ):
                     async for entry in _in_steps(entries):
                         match entry:
-                            case [str(name), list(nodes)]:
-                                table[name] = [node for node in nodes[:_MOST_NODES] if isinstance(node, str)]
+                            case [str(name), list(nodes)] if is_printable(name):
+                                table[name] = [
+                                    node
+                                    for node in nodes[:_MOST_NODES]
+                                    if isinstance(node, str) and is_printable(node)
+                                ]
                 return state
         raise Ros1Error("the master's response to getSystemState is malformed")
 
@@ -156,7 +161,7 @@ class Discovery:
         types: dict[str, str] = {}
         async for entry in _in_steps(answer):
             match entry:
-                case [str(topic), str(type_name)]:
+                case [str(topic), str(type_name)] if is_printable(f"/{type_name}"):
                     types[topic] = type_name
         return types
 

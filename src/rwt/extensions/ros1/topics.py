@@ -336,7 +336,7 @@ class Ros1Topics:
                 publication.close()
 
     def _follow_subscribers(self, session: Session, discovery: Discovery, topic: Topic) -> None:
-        owners = {each.owner.name: each.owner for each in topic.subscribers if not each.owner.private}
+        owners = {each.owner.name: each.owner for each in topic.announced_subscribers}
         subscription = self.subscriptions.get(topic.name)
         if subscription is not None:
             if any(session.nodes.get(name) is subscription.node for name in owners):

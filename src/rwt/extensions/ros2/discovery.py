@@ -14,7 +14,7 @@ from rwt.extensions.ros2 import qos as profiles
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.rcl import GID_BYTES
 from rwt_graph.backend import EndpointTypes, RemoteEndpoint
-from rwt_graph.names import namespace_of
+from rwt_graph.names import is_printable, namespace_of
 
 if TYPE_CHECKING:
     from rwt.extensions.ros2.services import Ros2Services
@@ -148,11 +148,12 @@ class Discovery:
 def read(connection: Connection) -> Snapshot:
     """Read the ROS graph; safe from any thread."""
     began = now()
-    names = [
-        _absolute(name, namespace) for name, namespace in connection.node.get_node_names_and_namespaces()
-    ]
+    all_names = connection.node.get_node_names_and_namespaces()
+    names = list(filter(is_printable, (_absolute(name, namespace) for name, namespace in all_names)))
     endpoints: dict[bytes, FoundEndpoint] = {}
     for topic, _ in _rclpy.rclpy_get_topic_names_and_types(connection.node, False):
+        if not is_printable(topic):
+            continue
         for each in (*_publishers(connection, topic), *_subscriptions(connection, topic)):
             endpoints[each.gid] = each
     nodes = Counter(name for name in names if not _is_hidden(name))
@@ -168,8 +169,9 @@ def _services(connection: Connection, node: str) -> Iterator[tuple[str, str, str
     except _rclpy.NodeNameNonExistentError:
         return  # Left while the graph is read.
     for service, types in found:
-        for type_name in types:
-            yield node, service, type_name
+        if is_printable(service):
+            for type_name in types:
+                yield node, service, type_name
 
 
 def _publishers(connection: Connection, topic: str) -> Iterator[FoundEndpoint]:
@@ -184,11 +186,14 @@ def _subscriptions(connection: Connection, topic: str) -> Iterator[FoundEndpoint
 
 def _found(topic: str, infos: Iterable[Mapping[str, Any]], *, publishes: bool) -> Iterator[FoundEndpoint]:
     for info in infos:
-        is_known = info["node_name"] != _UNKNOWN_NODE
+        node = _absolute(info["node_name"], info["node_namespace"])
+        is_known = info["node_name"] != _UNKNOWN_NODE and is_printable(node)
+        if not is_printable(f"/{info['topic_type']}"):
+            continue
         yield FoundEndpoint(
             bytes(info["endpoint_gid"])[:GID_BYTES],
             topic,
-            _absolute(info["node_name"], info["node_namespace"]) if is_known else "",
+            node if is_known else "",
             info["topic_type"],
             _hash_text(info["topic_type_hash"]),
             profiles.from_ros(info["qos_profile"]),

@@ -8,7 +8,7 @@ follow the publishers, as `ros2 topic echo` does: best effort as soon as one of 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from rwt.extensions.ros2.connection import Connection, now
@@ -327,7 +327,7 @@ def is_latched(publisher: RemoteEndpoint) -> bool:
 
 def _profiles(topic: Topic) -> dict[bool, tuple[MessageType, NodeResources, QoS]]:
     """Return type, owner and QoS of each needed reader: with history, and without."""
-    subscriptions = [s for s in topic.subscribers if not s.owner.private]
+    subscriptions = topic.announced_subscribers
     if topic.type is None or not subscriptions:
         return {}
     latched = [p for p in topic.remote_publishers if is_latched(p)]
@@ -350,7 +350,7 @@ def _profiles(topic: Topic) -> dict[bool, tuple[MessageType, NodeResources, QoS]
 
 
 def _reliability(
-    publishers: list[RemoteEndpoint] | tuple[RemoteEndpoint, ...], subscriptions: list[MemorySubscription]
+    publishers: list[RemoteEndpoint] | tuple[RemoteEndpoint, ...], subscriptions: Sequence[MemorySubscription]
 ) -> Reliability:
     best_effort = Reliability.BEST_EFFORT
     if any(p.qos.reliability is best_effort for p in publishers):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -23,8 +24,11 @@ logger = logging.getLogger(__name__)
 #: Limits of queued samples per topic; beyond them, the oldest are dropped.
 MOST_SAMPLES, MOST_BYTES = 16_384, 128 * 1024 * 1024
 
-#: Maximum samples per turn, so that a flood on one topic does not block the event loop.
+#: Maximum samples per turn, and seconds after which no more begin, so that a flood on one topic does not
+#: block the event loop. The clock is read after some samples each.
 _BATCH = 256
+_TURN_SECONDS = 0.005
+_CLOCK_SAMPLES = 16
 
 OnSample = Callable[[zenoh.Sample], None]
 
@@ -78,7 +82,10 @@ class ReceiveQueue:
         """Called on the graph's thread."""
         self._scheduled = False
         waiting = self._waiting
-        for _ in range(min(len(waiting), _BATCH)):
+        until = perf_counter() + _TURN_SECONDS
+        for number in range(min(len(waiting), _BATCH)):
+            if number % _CLOCK_SAMPLES == 0 and perf_counter() > until:
+                break
             try:
                 sample = waiting.popleft()
             except IndexError:

@@ -94,7 +94,7 @@ class ZenohTopics:
 
     def _follow_subscribers(self, link: ZenohLink, topic: Topic, channel: Channel) -> None:
         type = topic.type
-        wanted = [] if type is None else [s for s in topic.subscribers if not s.owner.private]
+        wanted = [] if type is None else topic.announced_subscribers
         kinds = {subscription.wants_history for subscription in wanted}
         retyped = channel.type is not type
         gone = [s for s in channel.subscribers if retyped or s not in wanted]

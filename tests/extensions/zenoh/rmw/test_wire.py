@@ -251,6 +251,8 @@ def test_a_token_that_lacks_parts_or_has_too_many(key: str) -> None:
         ("@ros2_lv/0/a/0/0/XX/%/%/n", "unknown kind, 'XX'"),
         ("@ros2_lv/0/a/0/0/NN/%/ns/n", "'ns' does not begin with %"),
         ("@other/0/a/0/0/NN/%/%/n", "is not a liveliness token"),
+        ("@ros2_lv/0/a/0/0/MP/%/%/n/%t/\u202ep::msg::dds_::T_/h/::,1:,:,:,,", "expected printable ASCII"),
+        ("@ros2_lv/0/a/0/0/NN/%/%/\x1b[2J", "expected printable ASCII"),
         ("@ros2_lv/" + "9" * 5000, "a liveliness token of 5009 characters"),
     ],
 )

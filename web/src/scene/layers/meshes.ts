@@ -17,14 +17,13 @@ export function isAllowed(session: RobotSession, url: URL): boolean {
   return url.origin === new URL(session.httpBase).origin || session.meshOrigins.has(url.origin);
 }
 
-/** A loading manager for what is within a file, such as textures: what is not allowed is replaced by nothing. */
-function guardedManager(session: RobotSession, base: URL): LoadingManager {
-  const manager = new LoadingManager();
+/** Let a manager load what is within a file, such as textures: what is not allowed is replaced by nothing. */
+export function guard(manager: LoadingManager, session: RobotSession, base: URL): LoadingManager {
   manager.setURLModifier((written) => {
     if (!URL.canParse(written, base)) return "data:,";
     const url = new URL(written, base);
     return url.protocol === "data:" || url.protocol === "blob:" || isAllowed(session, url)
-      ? written
+      ? url.href
       : "data:,";
   });
   return manager;
@@ -61,7 +60,7 @@ export async function readMesh(url: URL, session: RobotSession, material: Materi
   const own = url.origin === new URL(session.httpBase).origin;
   const response = await fetch(url, { headers: own ? session.httpHeaders : {}, redirect: "error" });
   if (!response.ok) throw new Error((await response.text()).trim().slice(0, 200));
-  const manager = guardedManager(session, url);
+  const manager = guard(new LoadingManager(), session, url);
   const kind = url.pathname.split(".").at(-1)?.toLowerCase();
   if (kind === "stl") {
     const { STLLoader } = await import("three/addons/loaders/STLLoader.js");

@@ -4,7 +4,7 @@ import { Group, LoadingManager, type Mesh, type Object3D } from "three";
 import URDFLoader, { type URDFRobot } from "urdf-loader";
 import type { Message } from "../../robot/subscriptions";
 import { Layer, type LayerContext } from "./layer";
-import { readMesh } from "./meshes";
+import { guard, readMesh } from "./meshes";
 
 const MOST_TEXT = 16 * 1024 * 1024;
 
@@ -51,7 +51,7 @@ export class RobotLayer extends Layer {
         this.problem.value = `${missing.size} of its files cannot be loaded, as ${url}`;
       },
     );
-    const loader = new URDFLoader(manager);
+    const loader = new URDFLoader(guard(manager, session, new URL(session.httpBase)));
     loader.parseCollision = this.parsesCollision;
     loader.packages = (name) => new URL(`packages/${name}`, session.httpBase).href;
     // The library's own loaders show no token.

@@ -20,15 +20,23 @@ from typing import TYPE_CHECKING, BinaryIO, Final, NamedTuple
 
 import msgspec
 
+from rwt.access.audit import visible_json
+
 if TYPE_CHECKING:
     from rwt.access.settings import AuditSettings
 
 logger: Final = logging.getLogger("rwt.bridge")
 
-encode: Final = msgspec.json.Encoder().encode
+_encode: Final = msgspec.json.Encoder().encode
 
 #: Hash that the first line of a new audit names as that of the line before.
 NO_LINE: Final = "0" * 64
+
+
+def encode(value: object) -> bytes:
+    """Return a value as JSON that can be shown on a terminal."""
+    return visible_json(_encode(value).decode()).encode()
+
 
 #: Bytes at the end of a file in which its last line is found; lines are shorter.
 _TAIL_BYTES: Final = 256 * 1024

@@ -124,7 +124,7 @@ class Player(Playback):
         add_recorded_types(graph.registry, recording)
         self._participant = graph.participant(NODE)
         self.publications = Publications(
-            self._participant, graph.registry, recording, options.selection, options.remap
+            graph, self._participant, recording, options.selection, options.remap
         )
         self._ahead: ReadAhead | None = None
         self._failure = ""

@@ -55,8 +55,8 @@ class Publications:
 
     def __init__(
         self,
+        graph: Graph,
         participant: Participant,
-        registry: Registry,
         recording: Recording,
         selection: TopicSelection,
         remap: Mapping[str, str],
@@ -64,7 +64,7 @@ class Publications:
         self.skipped: dict[str, str] = {}
         self.unreadable = 0
         self._participant = participant
-        self._registry = registry
+        self._graph = graph
         self._remap = {resolve(old): resolve(new) for old, new in remap.items()}
         self._by_topic: dict[tuple[str, str], _Publication] = {}
         for topic in recording.topics:
@@ -95,11 +95,14 @@ class Publications:
             self.skipped[topic.name] = f"as {topic.type}: it was recorded with another type, too"
             return
         try:
-            message = self._registry.message(topic.type)
+            message = self._graph.registry.message(topic.type)
         except InterfaceError as error:
             self.skipped[topic.name] = str(error)
             return
         name = self._remap.get(topic.name, topic.name)
+        if self._graph.is_reserved(name):
+            self.skipped[topic.name] = f"only this server publishes on {name}"
+            return
         try:
             publisher = self._participant.advertise(name, message, combined(topic.offered_qos))
         except RobotError as error:  # a bad name or type must not prevent playing the others

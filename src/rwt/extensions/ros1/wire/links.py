@@ -15,6 +15,7 @@ from rwt.extensions.ros1.wire import rpc
 from rwt.extensions.ros1.wire.network import listening
 from rwt.extensions.ros1.wire.tcpros import MESSAGE_BYTES, TcprosWire, decode_header, encode_header, frame_of
 from rwt_graph.errors import Ros1Error
+from rwt_graph.names import is_printable
 from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import RemoteAddress
 from rwt_transports.background import background_tasks
@@ -87,8 +88,9 @@ class Link:
 
     @property
     def caller(self) -> str:
-        """Name of the peer's node."""
-        return self.header.get("callerid", "")
+        """Name of the peer's node; empty if it has none that can be listed."""
+        name = self.header.get("callerid", "")
+        return name if is_printable(name) else ""
 
     @property
     def traffic(self) -> Traffic:

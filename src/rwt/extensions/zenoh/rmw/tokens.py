@@ -100,6 +100,9 @@ def parse(key: str) -> Token:
     """Decode a token. Raises :exc:`WireError`, which names the invalid part."""
     if len(key) > MAX_LENGTH:
         raise WireError(f"a liveliness token of {len(key)} characters; the longest read is {MAX_LENGTH}")
+    if not (key.isascii() and key.isprintable()):
+        # Names and types of ROS are ASCII; others could look like them, or control what shows them.
+        raise WireError(f"{key[:120]!a} is not a liveliness token of ROS 2: expected printable ASCII")
     parts = key.split("/")
     if len(parts) < _NODE_PARTS or parts[0] != _PREFIX:
         raise WireError(f"{key[:120]!r} is not a liveliness token of ROS 2")
