@@ -289,8 +289,9 @@ class ClientGraph(GraphView):
     def tell_ended(self, on_ended: OnEnded) -> None:
         """Call `on_ended` after something that the client advertises has ended, with kind, name and reason.
 
-        The kinds are `topic`, `service` and `action`. They end if the robot uses the topic with another type, or offers the service or action: what a client
-        advertises never stands in the robot's way. Publishers of the topic must not be used any more.
+        The kinds are `topic`, `service` and `action`. They end if the robot uses the topic with another type,
+        or offers the service or action: what a client advertises does not stand in the robot's way.
+        Publishers of the topic must not be used any more.
         """
         self._on_ended = on_ended
 

@@ -212,9 +212,7 @@ class Topic:
     def _held_by_robot(self) -> list[MessageType]:
         """Return the types that endpoints of the robot hold: those of this process, or else publishers."""
         local = [
-            end.held_type
-            for end in self._local
-            if end.held_type is not None and not end.owner.for_clients
+            end.held_type for end in self._local if end.held_type is not None and not end.owner.for_clients
         ]
         return local or [p.type for p in self.remote_publishers if p.type is not None and not p.for_clients]
 

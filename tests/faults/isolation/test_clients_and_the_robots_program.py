@@ -16,7 +16,7 @@ import pytest
 from tests.faults.isolation.served import Client, Served
 from tests.processes import ROOT
 
-_PROGRAM: Final = '''
+_PROGRAM: Final = """
 import sys
 
 from rwt import Server
@@ -41,7 +41,7 @@ with Server("ws://127.0.0.1:0", roles=roles, auth=auth) as robot:
             print(f"error: {error}", flush=True)
         else:
             print("done", flush=True)
-'''
+"""
 
 POSE: Final = "geometry_msgs/PoseWithCovarianceStamped"
 """Type with which the robot uses its topic."""
