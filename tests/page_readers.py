@@ -30,6 +30,8 @@ class CountedWork(WorkAccount):
 class NobodyInParticular:
     """A reader of whom nothing is asked but whether an answer may last."""
 
+    is_admitted = True
+
     @property
     def work(self) -> CountedWork:
         raise NotImplementedError
@@ -43,6 +45,8 @@ class NobodyInParticular:
 
 class SeesNothing:
     """A reader who may subscribe to no topic."""
+
+    is_admitted = True
 
     def __init__(self) -> None:
         self.work = CountedWork()

@@ -1,4 +1,4 @@
-"""Images of a robot's cameras on pages of other servers: shown where the page may connect, and else refused."""
+"""Images of a robot on pages of other servers: shown where the page may connect, and else refused."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ pytestmark = pytest.mark.anyio
 _PAGE: Final = """<!doctype html>
 <meta charset="utf-8">{head}
 <style>body {{ margin: 0; background: rgb(0, 0, 255) }} img {{ display: block }}</style>
-<img src="http://127.0.0.1:{port}/{image}" width="64" height="48" onload="shown = true" onerror="refused = true">
+<img src="http://127.0.0.1:{port}/{image}" width="64" height="48"
+  onload="shown = true" onerror="refused = true">
 <script>var shown = false, refused = false;</script>
 """
 
@@ -45,9 +46,7 @@ def site(folder: Path, name: str, text: str) -> Iterator[int]:
 @asynccontextmanager
 async def robot(*allow: str) -> AsyncIterator[Server]:
     """Server with a camera, for which a page of `localhost` is foreign: it is addressed as `127.0.0.1`."""
-    async with Server(
-        "ws://0.0.0.0:0", registry=REGISTRIES["jazzy"], origins={"allow": [*allow]}
-    ) as server:
+    async with Server("ws://0.0.0.0:0", registry=REGISTRIES["jazzy"], origins={"allow": [*allow]}) as server:
         node = server.node("test")
         camera = node.advertise("/wide_stereo/left/image_color", "sensor_msgs/Image")
         other = node.advertise("/l_forearm_cam/image_color", "sensor_msgs/Image")

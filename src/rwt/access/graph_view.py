@@ -30,6 +30,7 @@ class GraphView(GraphListings):
 
     Attributes:
         work: account of the work that the server does for the holder of the view.
+        is_admitted: True if the holder may connect; False for the view in which everything is hidden.
 
     Args:
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
@@ -43,6 +44,7 @@ class GraphView(GraphListings):
         keep: Callable[[Iterable[str], Callable[[str], None]], Callable[[], None]] | None = None,
     ) -> None:
         self.role = role
+        self.is_admitted = True
         self._keep = keep
         self.work = work
         self._graph = graph

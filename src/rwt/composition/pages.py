@@ -186,6 +186,8 @@ def guarded(
         if not origin.isascii() or not access.admission.allows_page(
             origin, request.headers, loopback=loopback
         ):
+            if audience is Audience.IF_ADMITTED:
+                return page(request, access.nobody)
             if not is_navigation(request.method, request.headers):
                 return refusal(request, _foreign(origin))
             origin = ""
@@ -195,6 +197,8 @@ def guarded(
         try:
             reader = _admitted(access, audience, request, presses)
         except Refused as refused:
+            if audience is Audience.IF_ADMITTED:
+                return page(request, access.nobody)
             return refusal(request, refused)
         if (
             scheduler is not None

@@ -101,6 +101,10 @@ class Reader(Protocol):
     """Sender of a request for a page: visible graph and charged work."""
 
     @property
+    def is_admitted(self) -> bool:
+        """True if the reader may connect; False on pages for everybody, where it is not known."""
+
+    @property
     def work(self) -> WorkAccount:
         """Account of the work for the reader's address."""
 
@@ -140,6 +144,8 @@ class Audience(Enum):
 
     ANYBODY = auto()
     """All clients, without credentials: the page reveals nothing of the robot (a health check)."""
+    IF_ADMITTED = auto()
+    """All clients; what the page reveals of the robot, it shows only if :attr:`Reader.is_admitted`."""
     ADMITTED = auto()
     """Clients that may connect; the page shows what its :class:`Reader` may see."""
     EVERY_TOPIC = auto()

@@ -503,6 +503,10 @@ async def test_a_form_of_a_foreign_page_is_refused_though_it_opens_in_a_tab() ->
     async with Server("ws://127.0.0.1:0", gateways=["http"]) as server:
         for method in ("POST", "PUT", "DELETE", "GET"):
             answer = await _answer(
-                server.urls[0], "/api/topics/talk?wait=0", *_TAB, b"Referer: https://evil.example/", method=method
+                server.urls[0],
+                "/api/topics/talk?wait=0",
+                *_TAB,
+                b"Referer: https://evil.example/",
+                method=method,
             )
             assert answer.startswith(b"HTTP/1.1 403") is (method != "GET")
