@@ -103,7 +103,8 @@ class Publisher(ABC):
     """Publisher of one topic.
 
     Attributes:
-        on_displaced: set by a node for clients; called if the robot uses the topic with another type.
+        on_displaced: called if the robot uses the topic with another type. Nodes for clients set it; an
+            endpoint of another node for which it is set gives way to the robot, too.
     """
 
     topic: str
@@ -134,7 +135,8 @@ class Subscription(ABC):
     """Subscriber of one topic.
 
     Attributes:
-        on_displaced: set by a node for clients; called if the robot uses the topic with another type.
+        on_displaced: called if the robot uses the topic with another type. Nodes for clients set it; an
+            endpoint of another node for which it is set gives way to the robot, too.
     """
 
     topic: str
@@ -158,7 +160,7 @@ class Registration(ABC):
     """Service or action that a node offers.
 
     Attributes:
-        on_displaced: set by a node for clients; called if the robot offers the same name.
+        on_displaced: as of :class:`Publisher`, called if the robot offers the same name.
     """
 
     name: str

@@ -211,9 +211,7 @@ class Topic:
 
     def _held_by_robot(self) -> list[MessageType]:
         """Return the types that endpoints of the robot hold: those of this process, or else publishers."""
-        local = [
-            end.held_type for end in self._local if end.held_type is not None and not end.owner.for_clients
-        ]
+        local = [end.held_type for end in self._local if end.held_type is not None and not end.gives_way]
         return local or [p.type for p in self.remote_publishers if p.type is not None and not p.for_clients]
 
     def _held_by_clients(self) -> list[MessageType]:
@@ -237,8 +235,8 @@ class Topic:
 
     @property
     def of_clients(self) -> tuple[MemoryPublisher | MemorySubscription, ...]:
-        """Endpoints in this process of nodes for clients."""
-        return tuple(end for end in self._local if end.owner.for_clients)
+        """Endpoints in this process that give way to the robot."""
+        return tuple(end for end in self._local if end.gives_way)
 
     @property
     def all_publishers(self) -> tuple[MemoryPublisher | RemoteEndpoint, ...]:
@@ -313,6 +311,11 @@ class MemoryPublisher(Publisher):
     @property
     def is_closed(self) -> bool:
         return self._state is None
+
+    @property
+    def gives_way(self) -> bool:
+        """True if it is displaced when the robot gives the topic another type."""
+        return self.owner.for_clients or self.on_displaced is not None
 
     @property
     def held_type(self) -> MessageType | None:
@@ -392,6 +395,11 @@ class MemorySubscription(Subscription):
         self.owner = owner
         self._topics = topics
         self._state: Topic | None = topic
+
+    @property
+    def gives_way(self) -> bool:
+        """True if it is displaced when the robot gives the topic another type."""
+        return self.owner.for_clients or self.on_displaced is not None
 
     @property
     def type(self) -> MessageType | None:

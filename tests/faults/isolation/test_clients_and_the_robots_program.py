@@ -17,13 +17,12 @@ from tests.faults.isolation.served import Client, Served
 from tests.processes import ROOT
 
 _PROGRAM: Final = """
+import json
 import sys
 
 from rwt import Server
 
-roles = {"viewer": {"subscribe": ["*"]}, "helper": {"publish": ["*"], "provide": ["*"], "call": ["*"]}}
-auth = {"tokens": {role: {"role": role, "token": f"long-token-of-the-{role}"} for role in roles}}
-with Server("ws://127.0.0.1:0", roles=roles, auth=auth) as robot:
+with Server("ws://127.0.0.1:0", **json.loads(sys.argv[1])) as robot:
     print(robot.server.urls[0], flush=True)
     publisher = None
     for line in sys.stdin:
@@ -42,6 +41,13 @@ with Server("ws://127.0.0.1:0", roles=roles, auth=auth) as robot:
         else:
             print("done", flush=True)
 """
+
+_ROLES: Final = {
+    "viewer": {"subscribe": ["*"]},
+    "helper": {"publish": ["*"], "provide": ["*"], "call": ["*"]},
+}
+_TOKENS: Final = {role: {"role": role, "token": f"long-token-of-the-{role}"} for role in _ROLES}
+_SETTINGS: Final = {"roles": _ROLES, "auth": {"tokens": _TOKENS}}
 
 POSE: Final = "geometry_msgs/PoseWithCovarianceStamped"
 """Type with which the robot uses its topic."""
@@ -63,6 +69,11 @@ class Robot:
         self._process.stdin.flush()
         return self._process.stdout.readline().strip()
 
+    def hears(self) -> str:
+        """Return what the program writes when a message arrives."""
+        assert self._process.stdout is not None
+        return self._process.stdout.readline().strip()
+
     def client(self, role: str) -> Client:
         client = self._served.connect(headers={"Authorization": f"Bearer long-token-of-the-{role}"})
         client.send("set_level", level="warning")
@@ -74,17 +85,17 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Robot]:
-    with _running(tmp_path) as robot:
+    with running(tmp_path, _SETTINGS) as robot:
         yield robot
 
 
 @contextmanager
-def _running(folder: Path) -> Iterator[Robot]:
+def running(folder: Path, settings: dict[str, Any]) -> Iterator[Robot]:
     program = folder / "program.py"
     program.write_text(_PROGRAM)
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            [sys.executable, str(program)],
+            [sys.executable, str(program), json.dumps(settings)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
@@ -160,3 +171,20 @@ def test_clients_still_hold_a_type_against_each_other(robot: Robot) -> None:
         second.send("subscribe", topic="/talk", type=POSE, id="other")
         refused = second.wait_for(op="status", level="error", id="other")
         assert "already established" in refused["msg"], json.dumps(refused)
+
+
+def test_the_gate_does_not_hold_the_type_that_a_client_gave_a_topic(tmp_path: Path) -> None:
+    """Without roles everybody may drive: the gate prepares its stop message with the type of the client."""
+    rule = {"topics": ["/cmd_vel"], "stop": {"message": {}}, "emergency": True}
+    with running(tmp_path, {"gate": {"rules": {"drive": rule}}}) as robot, robot.client("anybody") as client:
+        client.send("advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
+        client.send("publish", topic="/cmd_vel", msg={"linear": {"x": 1.0}})
+        asked(client)
+        assert robot.tell("subscribe", "/cmd_vel", "geometry_msgs/TwistStamped") == "done"
+        assert "/cmd_vel" in client.wait_for(op="status", level="error")["msg"]
+        client.send("advertise", topic="/cmd_vel", type="geometry_msgs/TwistStamped")
+        client.send("publish", topic="/cmd_vel", msg={"twist": {"linear": {"x": 1.0}}})
+        asked(client)
+        assert robot.hears() == "heard"
+        assert client.call("/gate/stop")["values"]["success"] is True
+        assert robot.hears() == "heard"  # The stop message, with the robot's type.
