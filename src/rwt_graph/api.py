@@ -160,7 +160,7 @@ class Registration(ABC):
     """Service or action that a node offers.
 
     Attributes:
-        on_displaced: as of :class:`Publisher`, called if the robot offers the same name.
+        on_displaced: set by a node for clients; called if the robot offers the same name.
     """
 
     name: str

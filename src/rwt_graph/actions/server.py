@@ -61,9 +61,10 @@ class Ros2ActionServer:
             ),
             participant.advertise_service(names.send_goal, send, self._on_send_goal),
         )
-        # A client's action ends as a whole if the robot uses a part of it.
-        for part in (self._feedback, self._status, self._reasons, *self._services):
-            part.on_displaced = partial(displace, self._server)
+        if self._server.owner.for_clients:
+            # A client's action ends as a whole if the robot uses a part of it.
+            for part in (self._feedback, self._status, self._reasons, *self._services):
+                part.on_displaced = partial(displace, self._server)
 
     def close(self) -> None:
         """Withdraw the services and topics; open calls for a result end with :exc:`ProviderGone`."""

@@ -177,7 +177,7 @@ class ProviderTable(Generic[P]):
     def displace(self, name: str, reason: str) -> None:
         """End the providers of nodes for clients: a program of the robot offers the name."""
         for provider in (*self._replaced.get(name, ()), self.current.get(name)):
-            if provider is not None and (provider.owner.for_clients or provider.on_displaced is not None):
+            if provider is not None and provider.owner.for_clients:
                 displace(provider, reason)
 
     def put(self, provider: P) -> P | None:

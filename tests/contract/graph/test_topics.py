@@ -9,6 +9,7 @@ from rwt_graph import NotRunning, TypeConflict
 from rwt_graph.api import Sample, Subscription
 from rwt_participant.messages import Message
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, Durability, QoS
+from tests.contract.graph.harness import CLIENTS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.anyio
 
 STRING = "std_msgs/String"
-
-#: Name by which other processes know a node for clients.
-CLIENTS = "/rosbridge_websocket"
 
 
 def type_of(subscription: Subscription) -> MessageType | None:
