@@ -160,7 +160,9 @@ class _Direction:
         if _is_bridge(info.node) or _is_hidden(info.name) or info.type.name.split("/")[0] in _LOCAL_SERVICES:
             return False
         there = self._target.service(info.name)
-        return there is None or _is_bridge(there.node)
+        if there is None or _is_bridge(there.node):
+            return True
+        return is_for_clients(there.node) and not is_for_clients(info.node)
 
     def _add_service(self, info: ServiceInfo) -> None:
         source, target = info.type, info.type
