@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -69,6 +70,11 @@ class Robot:
         self._process.stdin.flush()
         return self._process.stdout.readline().strip()
 
+    @property
+    def address(self) -> tuple[str, int]:
+        host, _, port = self._served.host.rpartition(":")
+        return host, int(port)
+
     def hears(self) -> str:
         """Return what the program writes when a message arrives."""
         assert self._process.stdout is not None
@@ -124,6 +130,30 @@ def test_a_viewer_does_not_give_a_topic_of_the_robot_its_type(robot: Robot, verb
         ended = viewer.wait_for(op="status", level="error")
         assert "/initialpose" in ended["msg"]
         assert "PoseWithCovarianceStamped" in ended["msg"]
+
+
+@pytest.mark.parametrize(
+    ("type", "path"),
+    [
+        ("sensor_msgs/Image", "/stream?topic=/initialpose"),
+        ("sensor_msgs/CompressedImage", "/snapshot?topic=/initialpose"),
+        (WRONG, "/api/topics/initialpose?type=std_msgs/String"),
+        (WRONG, "/api/topics/initialpose?wait=20"),
+    ],
+)
+def test_pages_that_a_viewer_has_open_do_not_either(tmp_path: Path, type: str, path: str) -> None:
+    settings = {**_SETTINGS, "gateways": ["http"]}
+    with running(tmp_path, settings) as robot, robot.viewer() as viewer, ExitStack() as requests:
+        viewer.send("subscribe", topic="/initialpose", type=type)
+        asked(viewer)
+        connection = socket.create_connection(robot.address)
+        requests.callback(connection.close)
+        head = f"GET {path} HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream, */*\r\n"
+        connection.sendall(f"{head}Authorization: Bearer long-token-of-the-viewer\r\n\r\n".encode())
+        for _ in range(3):
+            asked(viewer)  # The request, which was sent before, has begun by now.
+        assert robot.tell("advertise", "/initialpose", POSE) == "done"
+        assert "/initialpose" in viewer.wait_for(op="status", level="error")["msg"]
 
 
 def test_the_viewer_may_then_subscribe_with_the_type_of_the_robot(robot: Robot) -> None:
