@@ -104,7 +104,7 @@ class Publisher(ABC):
 
     Attributes:
         on_displaced: called if the robot uses the topic with another type. Nodes for clients set it; an
-            endpoint of another node for which it is set gives way to the robot, too.
+            endpoint of another node for which it is set is displaced, too.
     """
 
     topic: str
@@ -136,7 +136,7 @@ class Subscription(ABC):
 
     Attributes:
         on_displaced: called if the robot uses the topic with another type. Nodes for clients set it; an
-            endpoint of another node for which it is set gives way to the robot, too.
+            endpoint of another node for which it is set is displaced, too.
     """
 
     topic: str
@@ -532,8 +532,8 @@ class Graph(GraphListings):
         """Join as a node with that absolute name. Several nodes may have the same name, as in ROS 2.
 
         Args:
-            for_clients: True for a node as which a server acts for its clients: what it holds gives way to
-                the robot. In other processes, such nodes are known by :func:`rwt_graph.names.is_for_clients`.
+            for_clients: True for a node as which a server acts for its clients: the robot displaces what it
+                holds. In other processes, such nodes are known by :func:`rwt_graph.names.is_for_clients`.
         """
 
     @property

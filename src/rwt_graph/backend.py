@@ -17,8 +17,8 @@ Rules:
 * What belongs to a node (:class:`NodeResources`) is released when it leaves; `private` ones are not announced.
 * Samples of a transient-local publisher of another process are kept in `RemoteEndpoint.cache`, while this
   process subscribes, and belong to that publisher.
-* What clients of a server hold gives way to the robot, here and in other processes. The tables see to that:
-  `remote_joined` and :class:`RemoteServiceTable` displace what clients of this process hold. A backend that
+* The robot displaces what clients of a server hold, here and in other processes: `remote_joined` and
+  :class:`RemoteServiceTable` do so for clients of this process. A backend that
   overrides `participant` passes `for_clients` on.
 * What a backend cannot do, it declares in `limitations`, in one place (:class:`~rwt_graph.api.Limitation`).
 

@@ -93,7 +93,7 @@ class GraphBridge:
 class _Nodes:
     """Nodes of the bridge in one graph.
 
-    What only clients of a server publish or offer in one graph gives way to the robot in the other, too.
+    What only clients of a server publish or offer in one graph, the robot displaces in the other, too.
     """
 
     def __init__(self, graph: Graph) -> None:

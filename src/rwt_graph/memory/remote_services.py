@@ -62,7 +62,7 @@ class RemoteServiceTable(Generic[T]):
     """Services of other processes, by name.
 
     Args:
-        services: services of this process, whose clients give way to the robot's.
+        services: services of this process; those of clients are displaced by the robot's.
     """
 
     def __init__(self, services: Services) -> None:

@@ -52,7 +52,7 @@ class NodeResources:
 
     Attributes:
         private: True if the node and its endpoints are hidden from other processes.
-        for_clients: True if the node acts for clients of a server: what it holds gives way to the robot.
+        for_clients: True if the node acts for clients of a server: the robot displaces what it holds.
     """
 
     def __init__(self, name: str, *, private: bool = False, for_clients: bool = False) -> None:

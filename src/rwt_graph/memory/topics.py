@@ -211,7 +211,9 @@ class Topic:
 
     def _held_by_robot(self) -> list[MessageType]:
         """Return the types that endpoints of the robot hold: those of this process, or else publishers."""
-        local = [end.held_type for end in self._local if end.held_type is not None and not end.gives_way]
+        local = [
+            end.held_type for end in self._local if end.held_type is not None and not end.is_displaceable
+        ]
         return local or [p.type for p in self.remote_publishers if p.type is not None and not p.for_clients]
 
     def _held_by_clients(self) -> list[MessageType]:
@@ -235,8 +237,8 @@ class Topic:
 
     @property
     def of_clients(self) -> tuple[MemoryPublisher | MemorySubscription, ...]:
-        """Endpoints in this process that give way to the robot."""
-        return tuple(end for end in self._local if end.gives_way)
+        """Endpoints in this process that the robot may displace."""
+        return tuple(end for end in self._local if end.is_displaceable)
 
     @property
     def all_publishers(self) -> tuple[MemoryPublisher | RemoteEndpoint, ...]:
@@ -313,7 +315,7 @@ class MemoryPublisher(Publisher):
         return self._state is None
 
     @property
-    def gives_way(self) -> bool:
+    def is_displaceable(self) -> bool:
         """True if it is displaced when the robot gives the topic another type."""
         return self.owner.for_clients or self.on_displaced is not None
 
@@ -397,7 +399,7 @@ class MemorySubscription(Subscription):
         self._state: Topic | None = topic
 
     @property
-    def gives_way(self) -> bool:
+    def is_displaceable(self) -> bool:
         """True if it is displaced when the robot gives the topic another type."""
         return self.owner.for_clients or self.on_displaced is not None
 

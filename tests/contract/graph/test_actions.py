@@ -285,7 +285,7 @@ async def test_a_client_that_raises_is_logged(
 
 
 @pytest.mark.parametrize("where", ["here", "elsewhere"])
-async def test_an_action_of_clients_gives_way_to_the_robots(harness: Harness, where: str) -> None:
+async def test_the_robots_action_displaces_that_of_clients(harness: Harness, where: str) -> None:
     registry = harness.graph.registry
     clients = harness.graph.participant(CLIENTS, for_clients=True)
     displaced: list[str] = []

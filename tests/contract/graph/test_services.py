@@ -323,7 +323,7 @@ async def test_a_caller_that_raises_is_logged(
 
 
 @pytest.mark.parametrize("where", ["here", "elsewhere"])
-async def test_a_service_of_clients_gives_way_to_the_robots(
+async def test_the_robots_service_displaces_that_of_clients(
     harness: Harness, trigger: ServiceType, replies: Replies, where: str
 ) -> None:
     clients = harness.graph.participant(CLIENTS, for_clients=True)

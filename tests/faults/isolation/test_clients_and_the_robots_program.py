@@ -171,7 +171,7 @@ def test_the_viewer_may_then_subscribe_with_the_type_of_the_robot(robot: Robot) 
         assert message["msg"]["header"]["frame_id"] == "map"
 
 
-def test_an_advertisement_of_a_client_gives_way_to_the_robot(robot: Robot) -> None:
+def test_the_robot_displaces_an_advertisement_of_a_client(robot: Robot) -> None:
     with robot.client("helper") as helper:
         helper.send("advertise", topic="/initialpose", type=WRONG, latch=True)
         helper.send("publish", topic="/initialpose", msg={"data": "not a pose"})
@@ -182,7 +182,7 @@ def test_an_advertisement_of_a_client_gives_way_to_the_robot(robot: Robot) -> No
         assert helper.wait_for(op="status", level="error", id="wrong")
 
 
-def test_a_service_of_a_client_gives_way_to_the_robot(robot: Robot) -> None:
+def test_the_robot_displaces_a_service_of_a_client(robot: Robot) -> None:
     with robot.client("helper") as helper:
         helper.send("advertise_service", service="/set_mode", type="std_srvs/Trigger")
         asked(helper)
