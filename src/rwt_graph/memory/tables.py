@@ -119,6 +119,7 @@ class Provider(Registration):
     def close(self) -> None:
         if not self.closed:
             self.closed = True
+            self.on_displaced = None
             self.owner.drop(self)
             self.withdraw()
             self.end_requests()

@@ -364,6 +364,7 @@ class MemoryPublisher(Publisher):
     def close(self) -> None:
         state, self._state = self._state, None
         self.subscribers = ()
+        self.on_displaced = None  # It may refer to what holds this publisher.
         if state is not None:
             if self.cache is not None:
                 self.cache.clear()
@@ -443,6 +444,7 @@ class MemorySubscription(Subscription):
         state, self._state = self._state, None
         if state is not None:
             self.on_sample = _ignore
+            self.on_displaced = None
             state.subscribers = tuple(s for s in state.subscribers if s is not self)
             self._topics.match(state)
             self.owner.drop(self)
