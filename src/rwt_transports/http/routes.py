@@ -161,8 +161,8 @@ class Route(Generic[AnyReader]):
         page: handler, limited to the rights of its reader.
         audience: clients that may request it.
         method: HTTP method in upper case; ``GET`` includes ``HEAD``, and ``*`` is every method without a
-            handler. Pages of other origins may use any
-            other method only where they may connect by WebSocket (the setting `origins`).
+            handler. Web pages of other origins may use a route only where they may connect by WebSocket (the
+            setting `origins`), unless it is for everybody.
         refusal: builds the response to a request that is refused before it reaches the page.
         presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
         feature: name under which ``/role`` lists it, for pages that check first whether a server has it.
