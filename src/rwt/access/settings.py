@@ -559,7 +559,7 @@ class RoleSettings(Table):
 
 
 class OriginSettings(Table):
-    """Web pages that may connect, and accepted host names. Requests of programs, which name no page, are not checked."""
+    """Web pages that may connect, and accepted host names. Programs name no page, and are not checked."""
 
     allow: OriginGlobs = Field(
         (),
