@@ -23,7 +23,7 @@ from typing import Any
 
 import anyio
 
-from bench.gate.operators import OVER, PATIENCE_SECONDS, Operator
+from bench.gate.operators import OVER, PATIENCE_SECONDS, TOKENLESS, Operator
 from bench.gate.robot import ASKER_TOKEN, LEASE_SECONDS, LIST, TOKEN, URLS
 from bench.traffic.processes import Server, ServerFailed
 from rwt_client import Robot, connect
@@ -129,7 +129,7 @@ async def measure(urls: Mapping[str, str], over: str, options: argparse.Namespac
         for _ in range(options.leases if operator.drives else 0):
             ends = await leased.driven(operator, "/leased") + LEASE_SECONDS
             found[LEASE].append(max(0.0, await leased.wait(0.0) - ends))
-        for _ in range(options.approvals):
+        for _ in range(0 if over in TOKENLESS else options.approvals):
             found[APPROVAL].append(await asked.approved(operator))
     found[TURN] = stopped.turns[1:] + leased.turns
     return {name: sorted(values) for name, values in found.items() if values}

@@ -258,3 +258,6 @@ OVER: Final[Mapping[str, Over]] = {
     "mcp": _mcp,
 }
 """Protocols of operators; for rosbridge, each transport and encoding."""
+
+TOKENLESS: Final = frozenset({"tcp", "unix", "udp"})
+"""Those without a token, which may not approve."""

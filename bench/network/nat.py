@@ -211,7 +211,7 @@ async def hub() -> None:
     transport, _ = await loop.create_datagram_endpoint(StunServer, local_addr=(OUTSIDE, STUN_PORT))
     async with open_hub(f"ws://{OUTSIDE}:{HUB_PORT}") as opened:
         print("up", flush=True)
-        await until(lambda: any(each.idle for each in opened.robots), "no robot has connected")
+        await until(lambda: any(each.is_reachable for each in opened.robots), "no robot has connected")
         print("the robot is there", flush=True)
         await anyio.to_thread.run_sync(sys.stdin.read)
     transport.close()

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_transports.endpoint import Accept
     from rwt_transports.http.addresses import AddressCount
-    from rwt_transports.http.routes import HttpExtension, MetricFamily, Proxies, Route, Routes
+    from rwt_transports.http.proxies import Proxies
+    from rwt_transports.http.routes import HttpExtension, MetricFamily, Route, Routes
     from rwt_transports.limits import Limits
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
@@ -121,9 +122,12 @@ class GatewayPart(Part):
 
     Attributes:
         make: creates the gateway for a running graph.
+        asked_role: returns the role of its clients without a token, if it asks a client's user for approvals
+            that the role may give; None if it asks nobody.
     """
 
     make: Callable[[GatewayContext, Any], Gateway]
+    asked_role: Callable[[Any], str] | None = None
 
 
 # -- nodes -------------------------------------------------------------------------------------------------

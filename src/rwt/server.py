@@ -520,6 +520,8 @@ class Server:
             await stack.enter_async_context(self._worker.serve_metrics(metrics.text))
         self._warn_of_strangers(access, listeners)
         self._warn_of_readable_tokens(listeners)
+        if self._is_first:
+            ports.proxies.log()
         return _Running(
             bridge, tuple(reload_roles), metrics, tuple(listeners), connections, tls, stack.pop_all()
         )

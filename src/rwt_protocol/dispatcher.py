@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, Generic, Never, TypeVar, cast
 
-from rwt_protocol.errors import IncompleteDispatcher, Refused
+from rwt_protocol.errors import IncompleteDispatcher, Misread, Refused
 from rwt_protocol.ops import OPS, Direction, Op, ReplyTo, inbound
 from rwt_protocol.ops.light import LIGHT, LightOp
 
@@ -70,6 +70,9 @@ class Dispatcher(Generic[C]):
 
         Returns:
             None, or the op that reports the rejection to the sender.
+
+        Raises:
+            Misread: a light op stands for another frame, and its handler has done nothing.
         """
         try:
             handler, part = self._handlers[type(op)]
@@ -77,6 +80,8 @@ class Dispatcher(Generic[C]):
             # Most ops take one step, which needs no further calls.
             if steps is None or next(steps, _DONE) is _DONE:
                 return None
+        except Misread:
+            raise
         except Exception as error:
             return self.refused(context, op, error)
         return (self._later or self._at_once)(context, op, steps)

@@ -46,6 +46,18 @@ class MalformedPayload(Refused):
     """The payload is not one JSON value in UTF-8, or holds a value that the encoding does not support."""
 
 
+class Misread(ProtocolError):
+    """A light op stands for a frame that is something else: read it with `Session.decode_again`.
+
+    Attributes:
+        frame: the frame.
+    """
+
+    def __init__(self, frame: bytes) -> None:
+        super().__init__(f"a frame of {len(frame)} bytes is not the message that its ends show")
+        self.frame = frame
+
+
 class EncodingUnavailable(Refused):
     """The encoding needs a package that is not installed."""
 

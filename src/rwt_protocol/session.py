@@ -14,7 +14,7 @@ from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SteppedCodec
 from rwt_protocol.codecs.head_tail_split import head_members
 from rwt_protocol.codecs.quick_frames import quick_reader
 from rwt_protocol.error_text import describe, explain
-from rwt_protocol.errors import Level, Refused
+from rwt_protocol.errors import Level, Misread, Refused
 from rwt_protocol.fragments import MessageReassembly, cut
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WIRE_LIMITS, WireLimits
@@ -59,7 +59,9 @@ class Session:
         limits: limits of the peer.
         codec: exclusive encoding of all messages both ways; None: JSON, and binary encodings are accepted.
         light: True to return common small messages as light ops (:mod:`rwt_protocol.ops.light`). They are no
-            `Op`, and have its attributes; a `Dispatcher` calls the handler of the op.
+            `Op`, and have its attributes; a `Dispatcher` calls the handler of the op. The message of a light
+            publish may be unvalidated: act on nothing before it is checked against a type, or validated. If
+            its validation raises :class:`Misread`, call :meth:`decode_again`.
 
     Attributes:
         encode: encodes an op; raises `MalformedPayload` if its payload came from another peer and is not
@@ -116,6 +118,10 @@ class Session:
                 return (op,)
         codec = self._codec or (codec_of(data) if binary else JSON)
         return self._decode(data, codec, now)
+
+    def decode_again(self, misread: Misread, now: float) -> Sequence[Op | Refusal]:
+        """Return the messages of a frame that was taken for a light op."""
+        return self._decode(misread.frame, JSON, now)
 
     def decode_in_steps(
         self, data: bytes, binary: bool, now: float

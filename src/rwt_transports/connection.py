@@ -31,10 +31,11 @@ from rwt_transports.api import (
     drop_message,
 )
 from rwt_transports.background import TaskStarter, background_tasks
-from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
+from rwt_transports.endpoint import Accept, Admit, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
+from rwt_transports.http.routes import EVERY_NAME, Hosts
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.scheduler import REQUESTS, Scheduler
@@ -102,6 +103,7 @@ class ListenerState:
         proxies: proxies whose headers about their clients are trusted.
         access_log: True if each HTTP request is logged.
         subprotocols: WebSocket subprotocols other than rosbridge.
+        admit: decides about WebSockets in place of `accept`, and may wait; None: `accept` decides at once.
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: scheduler of the reading of HTTP requests.
         ended: set when the only peer is gone, and when the listener has closed.
@@ -121,6 +123,7 @@ class ListenerState:
     proxies: Proxies = NO_PROXIES
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
+    admit: Admit | None = None
     tasks: TaskStarter | None = None
     requests: Scheduler = field(default_factory=partial(Scheduler.immediate, REQUESTS))
     ended: anyio.Event = field(default_factory=anyio.Event)
@@ -130,6 +133,8 @@ class ListenerState:
     _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> None:
+        if self.http is None:  # No request will name the client of a proxy.
+            address, _ = self.proxies.resolve(address, {})
         self.add((self.http or Connection)(self, link, address, port), link)
 
     def add(self, connection: PeerConnection, link: Link) -> None:
@@ -420,9 +425,9 @@ class Connection:
 
     # -- life cycle ----------------------------------------------------------------------------------------
 
-    def open(self, peer: PeerInfo) -> None:
-        """Get an endpoint from the accept function, and raise what it raises."""
-        endpoint = self._listener.accept(self.outbox, peer)
+    def open(self, peer: PeerInfo, accept: Accept | None = None) -> None:
+        """Get an endpoint from the accept function, by default the listener's, and raise what it raises."""
+        endpoint = (accept or self._listener.accept)(self.outbox, peer)
         if self._state is _ConnectionState.OPENING:  # The accept function may have closed the connection.
             self._state = self._state.become(_ConnectionState.OPEN)
         self._set_endpoint(endpoint)

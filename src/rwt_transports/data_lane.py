@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 
 from rwt_protocol.frames import Frame
 from rwt_transports.endpoint import DropReason, FlowRules
@@ -108,24 +108,45 @@ class DataLane:
         """Remove and return the next frame; None if nothing is queued that has not expired."""
         while self.schedule:
             _, _, queue = heappop(self.schedule)
-            queue.scheduled = False
-            self._drop_expired(queue)
-            if not queue.begun and not queue.waiting:
-                continue
-            frame = queue.begun.popleft() if queue.begun else self._begin(queue)
-            queue.size -= frame.size
-            self.size -= frame.size
-            # The position never goes back: queues that were idle compete from here on.
-            self._position = max(self._position, queue.finish)
-            # The tag counts this frame alone, so that fragments of a message take turns with other topics.
-            queue.finish = self._position + frame.size
-            self._last = max(self._last, queue.finish)
-            if queue.begun or queue.waiting:
-                self._schedule(queue)
-            self._forgive()
-            return frame
+            frame = self._serve(queue)
+            if frame is not None:
+                return frame
         self._forgive()
         return None
+
+    def next_within(self, most: int | None, busy: TopicQueue | None) -> tuple[TopicQueue, Frame] | None:
+        """Remove and return the next frame of at most `most` bytes, of another queue than `busy`."""
+        waiting = sorted(entry for entry in self.schedule if entry[2] is not busy)
+        for entry in waiting:
+            queue = entry[2]
+            self._drop_expired(queue)
+            if most is not None and queue.next_size() > most:
+                continue
+            self.schedule.remove(entry)
+            heapify(self.schedule)
+            frame = self._serve(queue)
+            if frame is not None:
+                return queue, frame
+        return None
+
+    def _serve(self, queue: TopicQueue) -> Frame | None:
+        """Remove and return the next frame of a queue that was taken from the schedule."""
+        queue.scheduled = False
+        self._drop_expired(queue)
+        if not queue.begun and not queue.waiting:
+            return None
+        frame = queue.begun.popleft() if queue.begun else self._begin(queue)
+        queue.size -= frame.size
+        self.size -= frame.size
+        # The position never goes back: queues that were idle compete from here on.
+        self._position = max(self._position, queue.finish)
+        # The tag counts this frame alone, so that fragments of a message take turns with other topics.
+        queue.finish = self._position + frame.size
+        self._last = max(self._last, queue.finish)
+        if queue.begun or queue.waiting:
+            self._schedule(queue)
+        self._forgive()
+        return frame
 
     def _forgive(self) -> None:
         """Reset the tags if nothing is queued: no topic is penalised for earlier traffic."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from time import time_ns
@@ -183,3 +183,7 @@ class Endpoint(Protocol):
 
 Accept = Callable[[Sink, PeerInfo], Endpoint]
 """Called by a listener for each new connection, before its first frame."""
+
+Admit = Callable[[PeerInfo], Awaitable[Accept]]
+"""Coroutine function that decides about a WebSocket before it opens, and returns the accept function for it;
+raises :exc:`~rwt_transports.errors.Refused`."""

@@ -10,11 +10,12 @@ from ssl import SSLContext
 
 from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
-from rwt_transports.endpoint import Accept
+from rwt_transports.endpoint import Accept, Admit
 from rwt_transports.errors import BadUrl
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import HttpConnection
-from rwt_transports.http.routes import NO_PROXIES, Hosts, Proxies, Routes, is_local
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
+from rwt_transports.http.routes import Hosts, Routes, is_local
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_listen_url
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -48,6 +49,7 @@ async def listen(
     proxies: Proxies = NO_PROXIES,
     access_log: bool = False,
     subprotocols: Iterable[str] = (),
+    admit: Admit | None = None,
     addresses: AddressCount | None = None,
     limits: Limits | None = None,
     buffers: ReceiveBufferPool | None = None,
@@ -69,6 +71,7 @@ async def listen(
         access_log: True if each HTTP request is logged, to ``rwt_transports.access``.
         subprotocols: what WebSockets may speak besides rosbridge; a client that offers one gets it, and
             `accept` is told (:class:`~rwt_transports.endpoint.PeerInfo`).
+        admit: decides about WebSockets in place of `accept`, and may wait.
         addresses: counts the connections of each address; one of its own by default.
         limits: limits per listener and per connection.
         buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``
@@ -104,6 +107,7 @@ async def listen(
         proxies=proxies,
         access_log=access_log,
         subprotocols=frozenset(subprotocols),
+        admit=admit,
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     bound = replace(

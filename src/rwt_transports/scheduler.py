@@ -105,7 +105,7 @@ class Scheduler:
 
     __slots__ = (
         "__weakref__", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back", "_line",
-        "_one_at_a_time", "_ready", "_used", "budget", "is_full", "monotonic",
+        "_one_at_a_time", "_ready", "_turn", "_used", "budget", "is_full", "monotonic",
     )  # fmt: skip
 
     def __init__(
@@ -129,6 +129,7 @@ class Scheduler:
         self._line: deque[Callable[[], object]] = deque()
         self._is_begun = False
         self._holder: object = None
+        self._turn = 0
         self._used = 0.0  # seconds of this turn
         self.is_full = False
 
@@ -166,6 +167,12 @@ class Scheduler:
     def must_wait(self) -> bool:
         """True if work in order has to wait: the turn is full, or other work is queued."""
         return self.is_full or bool(self._line) or (self._is_held_back is not None and self._is_held_back())
+
+    @property
+    def turn(self) -> int:
+        """Number of this turn of the event loop, which no other turn has."""
+        self._begin()  # Else the number would stay while there is nothing to do.
+        return self._turn
 
     def note(self, seconds: float) -> None:
         """Count work that was done in this turn."""
@@ -260,6 +267,7 @@ class Scheduler:
 
     def _next(self) -> None:
         self._is_begun = self.is_full = False
+        self._turn += 1
         self._used = 0.0
         self._holder = None
         line, held_back = self._line, self._is_held_back

@@ -118,7 +118,7 @@ async def test_a_person_answers_what_a_client_asks(browser: Browser) -> None:
     tokens = {"agent": {"token": AGENT, "role": "agent"}, "person": {"token": PERSON, "role": "admin"}}
     settings: dict[str, Any] = {
         "gate": ASKING,
-        "auth": {"tokens": tokens, "default_role": "admin"},
+        "auth": {"tokens": tokens},
         "roles": {"agent": {"call": ["*"]}},
     }
     async with (
@@ -137,6 +137,7 @@ async def test_a_person_answers_what_a_client_asks(browser: Browser) -> None:
 
         url = server.urls[0].replace("ws", "http", 1) + "/"
         async with browser.page(f"{url}healthz", 700, 600) as page, anyio.create_task_group() as tasks:
+            await page.evaluate(f"sessionStorage.setItem('rwt-token {server.urls[0]}/', '{PERSON}')")
             await open_panels(page, url, [("topics", {})])
             # Whatever is open, that somebody waits is seen, and leads to the panel.
             tasks.start_soon(ask, 1)

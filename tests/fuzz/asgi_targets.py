@@ -7,7 +7,8 @@ import ipaddress
 from typing import Any
 
 from rwt.extensions.asgi.application import asgi_listener
-from rwt_transports.http.routes import HttpRequest, HttpResponse, Proxies, Routes
+from rwt_transports.http.proxies import Proxies
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes, is_local
 
 _PROXY, _STRANGER = "10.0.0.1", "192.0.2.1"
 _PROXIES = Proxies(["10.0.0.0/8"])
@@ -60,8 +61,9 @@ async def _ask(scope: dict[str, Any], body: bytes, peer: str) -> None:
 
 def _check(request: HttpRequest, peer: str) -> None:
     assert request.path.startswith("/") and not request.prefix.endswith("/")
-    ipaddress.ip_address(request.address.partition("%")[0])
-    assert not {name for name in request.headers if name in ("forwarded", "x-forwarded-for")}
+    ipaddress.ip_address(request.address.removeprefix("proxy "))
+    assert not is_local(request.address)
+    assert not {name for name in request.headers if name in ("forwarded", "x-forwarded-for", "x-real-ip")}
     if peer == _STRANGER:
         assert request.address == peer
         assert "x-forwarded-proto" not in request.headers and "x-forwarded-host" not in request.headers

@@ -107,7 +107,7 @@ class World:
         tokens = {
             f"{role}{number}": {"token": _token(f"{role}{number}"), "role": role}
             for role, count in {
-                **dict.fromkeys(_ROLES, 1),
+                **dict.fromkeys((*_ROLES, "admin"), 1),
                 "agent": 1 + MAX_PENDING // MAX_OF_CREDENTIAL,
             }.items()
             for number in range(count)

@@ -16,6 +16,7 @@ from tests.fuzz import (
     foxglove_targets,
     gate_targets,
     http_targets,
+    hub_targets,
     interface_targets,
     peer_targets,
     protocol_targets,
@@ -40,7 +41,7 @@ TARGETS: Mapping[str, Target] = {
         interface_targets.payload_ros1, interface_targets.definition, interface_targets.names,
         admission_targets.admission, admission_targets.settings, agent_targets.agent,
         http_targets.http_resources, gate_targets.gate, asgi_targets.asgi, rclpy_targets.ros_arguments,
-        rclpy_targets.content_filter, ros1_targets.tcpros, ros1_targets.xml_rpc,
+        rclpy_targets.content_filter, ros1_targets.tcpros, ros1_targets.xml_rpc, hub_targets.uplink,
     )
 }  # fmt: skip
 

@@ -11,6 +11,7 @@ from unittest.mock import Mock
 import pytest
 from aioice import Connection, stun
 
+from rwt_transports.http.proxies import behind_proxy
 from rwt_webrtc.packets import ice_guard
 from rwt_webrtc.packets.ice_guard import (
     CHECKS,
@@ -72,6 +73,10 @@ def _guard(reach: Reach = Reach.PRIVATE, take: Callable[[], bool] = lambda: True
 )
 def test_where_an_address_is(address: str, reach: Reach) -> None:
     assert reach_of(address) is reach
+
+
+def test_a_client_behind_a_proxy_exchanges_no_address_of_this_network() -> None:
+    assert reach_of(behind_proxy("127.0.0.1")) is reach_of(behind_proxy("10.0.0.1")) is Reach.PUBLIC
 
 
 def test_addresses_of_one_host() -> None:

@@ -12,7 +12,7 @@ from rwt.access.audit import Audit
 from rwt.access.client_graph import ClientGraph, ServerPolicy
 from rwt.access.decisions import decisions_of
 from rwt.access.disclosure import Disclosures, setting_parameters
-from rwt.access.graph_view import GraphView
+from rwt.access.graph_view import GraphView, Keep
 from rwt.access.quotas import AddressQuotas, ClientQuotas, WorkLimit, WorkTotals
 from rwt.access.roles import Role
 from rwt.access.settings import AccessSettings, GateSettings, RoleSettings, SettingsError
@@ -208,7 +208,12 @@ class Access:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         work = self._quotas_of(info.address).work
-        return GraphView(self._graph, role, work, partial(self._while_allowed, info))
+        return self.view(role, work, partial(self._while_allowed, info))
+
+    def view(self, role: Role, work: WorkLimit, keep: Keep | None = None) -> GraphView:
+        """Return the view of the graph for a role, see :class:`~rwt.access.graph_view.GraphView`."""
+        open_services = frozenset[str]() if self.gate is None else self.gate.open_services
+        return GraphView(self._graph, role, work, keep, open_services)
 
     def _while_allowed(
         self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]

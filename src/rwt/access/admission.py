@@ -62,7 +62,7 @@ class Admission:
             SettingsError: the rosauth secret cannot be read.
         """
         known = roles(settings)
-        rosauth = rosauth_of(settings.auth, known, bool(settings.roles), self._now)
+        rosauth = rosauth_of(settings.auth, known, self._now)
         return partial(self._replace, settings, known, rosauth)
 
     def _replace(self, settings: AccessSettings, known: Mapping[str, Role], rosauth: Rosauth | None) -> None:
@@ -91,7 +91,7 @@ class Admission:
             role = self._role(info)
         else:
             known = None if self.rosauth is None else self.roles.get(by_auth)
-            role = None if known is None else known.given_by(ROSAUTH)
+            role = None if known is None else known.given_by(ROSAUTH, is_token=False)
         if role is None:
             raise self._refused(info, 401, "the server's settings have changed: authenticate again")
         return role
@@ -118,6 +118,17 @@ class Admission:
             Refused: the token is unknown.
         """
         return self.role_of_token(info) or self.default_role
+
+    def expected_role(self, info: PeerInfo) -> Role | None:
+        """Return the role that :meth:`role_of` will return; None if it will refuse the request.
+
+        For requests that wait to be read: nothing is logged.
+        """
+        try:
+            token = presented_token(info) if self._tokens else None
+        except NotAuthenticated:
+            return None
+        return self.default_role if token is None else role_of_token(token, self._tokens)
 
     def allows_page(self, origin: str, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Return True if the web page of an origin may connect; an empty one is that of no page."""

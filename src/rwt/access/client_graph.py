@@ -255,7 +255,8 @@ class ClientGraph(GraphView):
         gate: ClientGate | None,
         decisions: Mapping[str, Act],
     ) -> None:
-        super().__init__(shared.graph, role, quotas.work)
+        open_services = frozenset[str]() if gate is None else gate.open_services
+        super().__init__(shared.graph, role, quotas.work, open_services=open_services)
         self._policy = policy
         self._decisions = decisions
         self._shared = shared
@@ -280,6 +281,11 @@ class ClientGraph(GraphView):
         Gateways then run a message that presses it ahead of all that waits.
         """
         return self._gate is not None and self._gate.is_stop_due
+
+    @property
+    def is_stopped(self) -> bool:
+        """True while the emergency stop is pressed."""
+        return self._gate is not None and self._gate.is_stopped
 
     def tell_notices(self, on_notice: Callable[[str], None]) -> None:
         """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
@@ -330,7 +336,9 @@ class ClientGraph(GraphView):
     def require(self, act: Act, name: str) -> str:
         """Like :meth:`GraphView.require`, and record rejections in the gate's audit."""
         absolute = resolve(name)
-        if act == "call" and self._gate is not None and self._gate.is_own(absolute):
+        if (act == "call" and absolute in self._open_services) or (
+            act == "publish" and self._gate is not None and self._gate.is_stop_topic(absolute)
+        ):
             return absolute  # The gate itself decides.
         if not self.role.unrestricted:
             try:
@@ -347,10 +355,6 @@ class ClientGraph(GraphView):
         if act is None:
             raise NotAllowed(f"{verb} is not declared for this gateway (rwt.access.decisions)")
         return self.require(act, name)
-
-    def sees_service(self, name: str) -> bool:
-        """Like :meth:`GraphView.sees_service`; the gate's own services are visible to every role."""
-        return super().sees_service(name) or (self._gate is not None and self._gate.is_own(name))
 
     def withdraw_refused(self) -> None:
         """Withdraw the client's topics, services and actions that its role no longer allows."""
@@ -584,7 +588,7 @@ class ClientGraph(GraphView):
         """
         gate = self._gate
         name = self._admit("call_service", service)
-        is_gates = gate is not None and gate.is_own(name)
+        is_gates = gate is not None and name in self._open_services
         info = self._graph.service(name)
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")

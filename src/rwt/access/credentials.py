@@ -30,8 +30,12 @@ _MAX_SECONDS: Final = 2**53
 
 _BEARER: Final = re.compile(r"bearer +(\S+)", re.IGNORECASE)
 
-#: Name of the credential of clients that authenticate by an `auth` op; tokens have their own names.
+#: Shown in place of a token's name for clients that authenticate by an `auth` op, which names nobody.
 ROSAUTH: Final = "rosauth"
+
+#: The MAC covers the concatenated members, without separators, so a client can move characters from one to
+#: the next. Numbers delimit the level on both sides, and remain what they are if it has no digit.
+_DIGIT: Final = re.compile(r"[0-9]")
 
 _SUBPROTOCOL_TOKEN: Final = "bearer."
 _QUERY_NAMES: Final = ("token", "access_token")
@@ -71,6 +75,7 @@ class Rosauth:
         allowed_delta: maximum difference between ``t`` and now, in seconds.
         now: returns the seconds since 1970.
         role_for: returns the role of a level; None to reject it.
+        most_ahead: maximum of ``end - t``, in seconds.
     """
 
     def __init__(
@@ -79,8 +84,10 @@ class Rosauth:
         allowed_delta: float,
         now: Callable[[], float],
         role_for: Callable[[str], Role | None],
+        most_ahead: float = 86_400.0,
     ) -> None:
         self._secret = secret
+        self._most_ahead = most_ahead
         self._allowed_delta = allowed_delta
         self._now = now
         self._role_for = role_for
@@ -93,8 +100,8 @@ class Rosauth:
         The MAC is checked first, so that only holders of the secret learn of other errors.
 
         Raises:
-            NotAuthenticated: the MAC is wrong or was used before, or the time is out of range (AUT-06,
-                AUT-07).
+            NotAuthenticated: the MAC is wrong or was used before, the time is out of range (AUT-06, AUT-07),
+                or the level has a digit or no role.
         """
         expected = mac_of(self._secret, op)
         if not hmac.compare_digest(expected.encode(), op.mac.encode("utf-8", "surrogatepass")):
@@ -108,9 +115,19 @@ class Rosauth:
             )
         if op.end <= now:
             raise NotAuthenticated("auth: this has ended: `end` is in the past")
+        if op.end - op.t > self._most_ahead:
+            raise NotAuthenticated(
+                f"auth: `end` is more than {self._most_ahead:g} s after t (auth.rosauth_end_seconds)"
+            )
+        if _DIGIT.search(op.level):
+            raise NotAuthenticated(
+                f"auth: the level {op.level[:100]!r} has a digit, which could belong to `t` or `end`"
+            )
         role = self._role_for(op.level)
         if role is None:
-            raise NotAuthenticated(f"auth: the level {op.level!r} names no role (auth.rosauth_role)")
+            raise NotAuthenticated(
+                f"auth: the level {op.level[:100]!r} names no role (roles, auth.rosauth_role)"
+            )
         self._use(expected, min(op.end, op.t + self._allowed_delta + 1), now)
         return role
 
@@ -175,13 +192,10 @@ def _in_subprotocols(info: PeerInfo) -> list[str]:
     return [name.removeprefix(_SUBPROTOCOL_TOKEN) for name in offered if name.startswith(_SUBPROTOCOL_TOKEN)]
 
 
-def rosauth_of(
-    settings: AuthSettings, roles: Mapping[str, Role], configured: bool, now: Callable[[], float]
-) -> Rosauth | None:
+def rosauth_of(settings: AuthSettings, roles: Mapping[str, Role], now: Callable[[], float]) -> Rosauth | None:
     """Return the verifier of `auth` ops; None if no secret is configured.
 
     Args:
-        configured: True if the settings define roles: then a level that names none is rejected by default.
         now: returns the seconds since 1970.
 
     Raises:
@@ -189,12 +203,11 @@ def rosauth_of(
     """
     if settings.rosauth_secret_file is None:
         return None
-    otherwise = settings.rosauth_role or (None if configured else "admin")
-    fallback = roles[otherwise] if otherwise else None
+    fallback = roles[settings.rosauth_role] if settings.rosauth_role else None
     secret = read_secret(settings.rosauth_secret_file)
 
     def role_for(level: str) -> Role | None:
         role = roles.get(level, fallback)
-        return None if role is None else role.given_by(ROSAUTH)
+        return None if role is None else role.given_by(ROSAUTH, is_token=False)
 
-    return Rosauth(secret, settings.allowed_time_delta, now, role_for)
+    return Rosauth(secret, settings.allowed_time_delta, now, role_for, settings.rosauth_end_seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from rwt_graph.api import ActionInfo, Graph, GraphListings, NodeInfo, ServiceInfo, TopicInfo
@@ -10,7 +11,7 @@ from rwt_graph.names import resolve
 from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable, Set
 
     from rwt.access.quotas import WorkLimit
     from rwt.access.roles import Act, Role
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.registry import Registry
 
+
+Keep = Callable[["Iterable[str]", Callable[[str], None]], Callable[[], None]]
+"""Implementation of :meth:`GraphView.while_allowed`."""
 
 STOP: Final = "/gate/stop"
 """Service and topic of the gate that press the emergency stop."""
@@ -31,9 +35,12 @@ class GraphView(GraphListings):
     Attributes:
         work: account of the work that the server does for the holder of the view.
         is_admitted: True if the holder may connect; False for the view in which everything is hidden.
+        has_pressed_stop: True if the holder is a request that has pressed the emergency stop, so that nothing
+            may delay or refuse it.
 
     Args:
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
+        open_services: services that every role sees and may call, because the gate itself decides who may.
     """
 
     def __init__(
@@ -41,12 +48,15 @@ class GraphView(GraphListings):
         graph: Graph,
         role: Role,
         work: WorkLimit,
-        keep: Callable[[Iterable[str], Callable[[str], None]], Callable[[], None]] | None = None,
+        keep: Keep | None = None,
+        open_services: Set[str] = frozenset(),
     ) -> None:
         self.role = role
         self.is_admitted = True
+        self._open_services = open_services
         self._keep = keep
         self.work = work
+        self.has_pressed_stop = False
         self._graph = graph
         # Names of the visible nodes, and the version of the graph that they were read from.
         self._node_names: frozenset[str] = frozenset()
@@ -101,7 +111,11 @@ class GraphView(GraphListings):
 
     def sees_service(self, name: str) -> bool:
         """Return True if a service, given by its absolute name, is visible."""
-        return self.role.sees_service(name)
+        return self.role.sees_service(name) or name in self._open_services
+
+    def may_call(self, service: str) -> bool:
+        """Return True if the role may call a service, given by its absolute name."""
+        return self.role.allows("call", service) or service in self._open_services
 
     def actions(self) -> tuple[ActionInfo, ...]:
         """Return the visible actions, sorted by name."""
@@ -134,7 +148,6 @@ class GraphView(GraphListings):
         return name in self._node_names
 
     def _shows(self, node: NodeInfo) -> bool:
-        # Not `role.sees_service`: a client's view also shows the gate's own services.
         return (
             any(map(self.role.sees_topic, (*node.publishing, *node.subscribing)))
             or any(map(self.sees_service, node.services))

@@ -79,20 +79,22 @@ class Role:
 
     Attributes:
         name: name in the settings.
-        credential: name of the token that gave the role, or `rosauth`; empty without credentials.
+        credential: name of the token that gave the role, or `rosauth`; empty without credentials. For people:
+            a token may be called `rosauth`, too.
+        token: name of the token that gave the role; empty without one. It identifies the role's client.
         unrestricted: True if the role may do everything.
         globs: permissions by act: globs of absolute names.
         answers: last response of each service that lists the graph, as given and as filtered for the role.
     """
 
     __slots__ = (
-        "_decisions", "_patterns", "_subscribes_to_all", "answers", "credential", "globs", "name",
+        "_decisions", "_patterns", "_subscribes_to_all", "answers", "credential", "globs", "name", "token",
         "unrestricted",
     )  # fmt: skip
 
     def __init__(self, name: str, settings: RoleSettings) -> None:
         self.name = name
-        self.credential = ""
+        self.credential = self.token = ""
         self.globs: Mapping[Act, tuple[str, ...]] = {act: _globs(act, settings) for act in ACTS}
         self.unrestricted = all("*" in self.globs[act] for act in ACTS)
         self._patterns = {act: glob_pattern(self.globs[act]) for act in ACTS}
@@ -102,10 +104,16 @@ class Role:
         self._decisions: NameCache[Act, bool] = NameCache(self._decide)
         self.answers: dict[str, tuple[Payload, Payload]] = {}
 
-    def given_by(self, credential: str) -> Role:
-        """Return the role as a credential gives it; both share their cached decisions."""
+    def given_by(self, credential: str, *, is_token: bool = True) -> Role:
+        """Return the role as a credential gives it; both share their cached decisions.
+
+        Args:
+            credential: name of the credential; empty for none.
+            is_token: True if it is a token, which identifies its client.
+        """
         given = copy.copy(self)
         given.credential = credential
+        given.token = credential if is_token else ""
         return given
 
     def allows(self, act: Act, name: str) -> bool:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import ipaddress
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
@@ -209,9 +210,12 @@ class FieldLimit(Table):
 
 
 class ApprovalSettings(Table):
-    """Approval by a person before each request."""
+    """Approval by a person before each request, with another token than the requester's."""
 
-    roles: Globs = Field(min_length=1, description="roles that may approve")
+    roles: Globs = Field(
+        description="roles that may approve, with a token of `auth.tokens`; `[]`: only the robot's own"
+        " programs"
+    )
     seconds: ApprovalSeconds = Field(
         60.0, description="seconds to approve; after them the request is rejected"
     )
@@ -507,8 +511,10 @@ class AuthSettings(Table):
     )
     rosauth_role: str | None = Field(
         None,
-        description="role of rosauth clients whose `level` names no role; not set: `admin` if no roles are"
-        " configured, otherwise they are rejected",
+        description="role of rosauth clients whose `level` names no role; not set: they are rejected",
+    )
+    rosauth_end_seconds: Seconds = Field(
+        86_400.0, description="seconds by which the `end` of an `auth` message may lie after its time"
     )
     allowed_time_delta: Seconds = Field(
         5.0, description="seconds by which the time of an `auth` message may differ from the server's clock"
@@ -614,6 +620,10 @@ BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
 """Roles that are there without being configured; a configured one of the same name takes their place."""
 
 
+def _fits(globs: Globs, role: str) -> bool:
+    return any(fnmatchcase(role, glob) for glob in globs)
+
+
 class AccessSettings(Table):
     """Limits, credentials, roles, origins and the gate."""
 
@@ -624,6 +634,20 @@ class AccessSettings(Table):
     )
     origins: OriginSettings = OriginSettings.model_construct()
     gate: GateSettings = GateSettings.model_construct()
+
+    def unanswered_rules(self, asked: Iterable[str] = ()) -> Iterator[str]:
+        """Yield the names of rules with an approval that no client can give.
+
+        Args:
+            asked: roles of clients whose users are asked, and therefore need no other token.
+        """
+        auth = self.auth
+        others = len(auth.tokens) > 1 or auth.role_without_credentials or auth.rosauth_secret_file
+        for name, rule in self.gate.rules.items():
+            roles = () if rule.approval is None else rule.approval.roles
+            with_token = any(_fits(roles, token.role) for token in auth.tokens.values())
+            if roles and not (with_token and others) and not any(_fits(roles, role) for role in asked):
+                yield name
 
     @model_validator(mode="after")
     def _roles_exist(self) -> AccessSettings:

@@ -18,6 +18,8 @@ class Health(msgspec.Struct, kw_only=True):
         version: version of the server; empty if it does not report one.
         work: processor seconds per second spent on clients, recently.
         clients_beyond_rate: number of clients that exceed their work rate.
+        proxy_headers: headers of reverse proxies that it trusts; empty without proxies.
+        unread_proxy_headers: headers in which proxies named clients, but which it does not trust.
     """
 
     running: bool = False
@@ -25,6 +27,8 @@ class Health(msgspec.Struct, kw_only=True):
     clients: int
     work: float
     clients_beyond_rate: int
+    proxy_headers: tuple[str, ...] = ()
+    unread_proxy_headers: tuple[str, ...] = ()
 
 
 async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> Health | None:

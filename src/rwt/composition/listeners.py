@@ -10,7 +10,8 @@ from rwt.access.origins import is_loopback_listener
 from rwt.composition.pages import routes
 from rwt.declarations import Mounts, PortOptions
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.routes import HttpExtension, Proxies, Route, Routes
+from rwt_transports.http.proxies import Proxies
+from rwt_transports.http.routes import HttpExtension, Route, Routes
 from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import Listener, listen
 
@@ -40,6 +41,7 @@ class Listeners:
         mounts: apps of other frameworks; None without.
 
     Attributes:
+        proxies: trusted reverse proxies.
         routes: factories of further routes of each port.
     """
 
@@ -64,12 +66,12 @@ class Listeners:
         self._middleware = tuple(middleware)
         self._worker = worker
         self._mounts = mounts
-        self._proxies = Proxies(settings.proxies)
+        self.proxies = Proxies(settings.proxies, settings.proxy_headers)
         self.limits = _limits(settings)
         # One pool for all ports: its size bounds the memory of half-received messages.
         self.buffers = self.limits.receive_pool()
         # Over all ports, so that an address gains nothing by connecting to several.
-        self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
+        self.addresses = AddressCount(self.limits.connections_per_address, self.proxies)
         self.routes: list[MakeRoutes] = []
 
     def listen(self, url: str) -> AbstractAsyncContextManager[Listener]:
@@ -118,6 +120,7 @@ class Listeners:
             (*self._http, HttpExtension(added)),
             loopback=is_loopback_listener(url),
             gather=gather,
+            proxies=self.proxies,
         )
         if self._mounts is not None:
             self._mounts.add_to(found, secure=url.startswith("wss:"))
@@ -128,7 +131,7 @@ class Listeners:
         return PortOptions(
             self.pages(url),
             settings.origins.hosts,
-            self._proxies,
+            self.proxies,
             settings.access_log,
             self._gateways,
             self.addresses,

@@ -17,12 +17,14 @@ from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
 from rwt.access.graph_view import GraphView
 from rwt.access.origins import is_navigation, page_of
+from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt.rosbridge.bridge import Bridge
 from rwt_interfaces.steps import Steps
 from rwt_transports.errors import Refused
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import (
     Audience,
     Handler,
@@ -52,6 +54,7 @@ def routes(
     *,
     loopback: bool = True,
     gather: Gather | None = None,
+    proxies: Proxies = NO_PROXIES,
 ) -> Routes:
     """Return the routes of the server, its nodes and gateways; `gather` joins metrics of worker processes.
 
@@ -60,7 +63,7 @@ def routes(
     extensions = tuple(extensions)
     index = partial(_index, bridge, metrics, extensions)
     own: tuple[Route[GraphView], ...] = (
-        Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
+        Route("/healthz", lambda request, reader: _health(bridge, metrics, proxies), Audience.ANYBODY),
         Route("/metrics", partial(_metrics, metrics, bridge.scheduler, gather), Audience.EVERY_TOPIC),
         Route("/index", index, Audience.ADMITTED),
     )
@@ -71,6 +74,7 @@ def routes(
     routes = Routes()
     methods: dict[str, list[str]] = {}
     role = partial(_role, _features(brought))
+    routes.early = looks = RequestLooks(bridge.access, bridge.scheduler)
     for route in (Route("/role", role, Audience.ADMITTED), *brought, *own):
         page = guarded(
             bridge.access,
@@ -79,9 +83,11 @@ def routes(
             loopback=loopback,
             refusal=route.refusal,
             scheduler=bridge.scheduler,
-            presses_stop=route.presses_stop,
+            press=None if route.stop is None else partial(looks.press, route.stop),
         )
         routes.add(route.path, page, route.method)
+        if route.stop is not None:
+            looks.add(route.path, route.stop)
         if route.method != "*":  # A route for every method answers OPTIONS itself.
             methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():
@@ -133,12 +139,10 @@ def _shared(request: HttpRequest, page: str, response: HttpResponse) -> HttpResp
     return replace(response, headers={**response.headers, **headers})
 
 
-def _admitted(
-    access: Access, audience: Audience, request: HttpRequest, presses_stop: Callable[[HttpRequest], bool]
-) -> GraphView:
+def _admitted(access: Access, audience: Audience, request: HttpRequest, press: Press | None) -> GraphView:
     """Return the graph as the sender of a request may see it.
 
-    A request that presses the emergency stop has no rate of work.
+    A request that has pressed the emergency stop has no rate of work.
 
     Raises:
         Refused: the sender is not of the audience, or its address exceeds its rate of work.
@@ -147,13 +151,18 @@ def _admitted(
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
         raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+    if press is not None and press(request, reader):
+        reader.has_pressed_stop = True
+        return reader
     # Refused, not delayed: unlike messages, a request cannot wait without its client noticing.
-    if (beyond := reader.work.refusal()) is not None and not (
-        access.is_stop_due(reader.role) and presses_stop(request)
-    ):
+    if (beyond := reader.work.refusal()) is not None:
         reason, seconds = beyond
         raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
     return reader
+
+
+Press = Callable[[HttpRequest, GraphView], bool]
+"""Presses the emergency stop ahead of all that waits; returns True if the request has done so."""
 
 
 def guarded(
@@ -164,19 +173,18 @@ def guarded(
     loopback: bool = True,
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
     scheduler: Scheduler | None = None,
-    presses_stop: Callable[[HttpRequest], bool] | None = None,
+    press: Press | None = None,
 ) -> Handler:
     """Return a page for its audience only, with the reader that the request proves to be. It is
     refused to addresses that exceed their rate of work. If the current turn of the event loop is
-    full, the page waits for its own turn.
+    full, the page waits for its own turn. A request that has pressed the emergency stop by `press` is
+    answered at once.
 
     Unless the page is public, a web page of another origin may use it if it may connect by WebSocket (the
     setting `origins`): its scripts may read the response (the Fetch standard's CORS protocol, without
     credentials), and its images and frames may show it. All else is refused before it has an effect, as it
     would show what exists, and cost work. A link to the page is not.
     """
-
-    presses = presses_stop or (lambda request: False)
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         if audience is Audience.ANYBODY:
@@ -195,16 +203,12 @@ def guarded(
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         try:
-            reader = _admitted(access, audience, request, presses)
+            reader = _admitted(access, audience, request, press)
         except Refused as refused:
             if audience is Audience.IF_ADMITTED:
                 return page(request, access.nobody)
             return refusal(request, refused)
-        if (
-            scheduler is not None
-            and scheduler.is_full
-            and not (access.is_stop_due(reader.role) and presses(request))
-        ):
+        if scheduler is not None and scheduler.is_full and not reader.has_pressed_stop:
             return _answer_in_turn(scheduler, partial(answer_now, request, reader))
         return answer_now(request, reader)
 
@@ -323,13 +327,17 @@ def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> H
     return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
 
 
-def _health(bridge: Bridge, metrics: ServerMetrics) -> HttpResponse:
+def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpResponse:
     running = bridge.shared.graph.running
-    body = {
+    body: dict[str, object] = {
         "status": "ok" if running else "stopped",
         "version": version("robot-web-tools"),
         "clients": bridge.client_count,
         "work": round(metrics.work, 3),
         "clients_beyond_rate": metrics.clients_beyond_rate,
     }
+    if proxies:
+        body["proxy_headers"] = proxies.headers
+    if proxies.unread:
+        body["unread_proxy_headers"] = sorted(proxies.unread)
     return HttpResponse(json.dumps(body).encode(), 200 if running else 503, "application/json")

@@ -24,6 +24,7 @@ from rwt.access.decisions import declare
 from rwt.access.graph_view import GraphView
 from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph, scheduler_of
+from rwt.gateways.early_look import MAX_STOP_BYTES, EarlyLook, Seen
 from rwt_graph.api import Graph
 from rwt_graph.clock import Clock
 from rwt_protocol.states import StateEnum
@@ -242,10 +243,6 @@ class Arriving(NamedTuple):
     may_go_on: Callable[[], bool] = lambda: True
 
 
-#: Maximum size of a frame that presses the emergency stop ahead of queued frames, in bytes.
-MAX_STOP_BYTES: Final = 4096
-
-
 class UnreadFrame(NamedTuple):
     """Frame that waits for a later turn before it is read."""
 
@@ -283,7 +280,8 @@ class ConnectedClient(ABC, Generic[T, W]):
 
     A frame waits beyond the client's share of a turn (`MESSAGES`), in turns that all clients together have
     filled, and beyond the client's rate of work. A client that exceeds its rate of messages, or is no longer
-    admitted, is disconnected.
+    admitted, is disconnected. Before a frame waits or its client is disconnected, it may get an early look
+    (:mod:`rwt.gateways.early_look`).
 
     Attributes by purpose:
 
@@ -292,6 +290,7 @@ class ConnectedClient(ABC, Generic[T, W]):
     * View of the graph: ``graph``, and ``is_role_by_auth`` (True once an `auth` op gave the role).
     * Reading: ``_decode``.
     * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one), ``_work``.
+    * Emergency stop: ``_look`` (early look of the connection).
     * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_turn_began``
       (``_worked`` at the beginning of this turn), ``_began`` (monotonic time at which the current frame
       began).
@@ -329,6 +328,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         self.messages = 0
         self._rate = RateLimit(rate, limits.messages_burst) if rate else None
         self._work = graph.work
+        self._look = EarlyLook(gateway.scheduler)
         self._flow_control: FlowControl | None = None
         self._state = _READING
         self._received = 0
@@ -369,8 +369,7 @@ class ConnectedClient(ABC, Generic[T, W]):
             or self._turns.is_full
             or self._worked - self._turn_began > MESSAGES.share
         ) and self._must_wait(size):
-            if not self._stop_ahead(data, binary):
-                self._wait_unread(data, binary)
+            self._put_off(data, binary)
             return
         now = self._began = self._monotonic()
         if self._rate is None or self._is_within_rate(now, data, binary):
@@ -383,29 +382,51 @@ class ConnectedClient(ABC, Generic[T, W]):
         if self._worked - self._counted > MESSAGES.share:
             self._count_work()
 
-    def _stop_ahead(self, data: bytes, binary: bool) -> bool:
-        """Press the emergency stop ahead of queued frames, if the frame requests it.
+    def _put_off(self, data: bytes, binary: bool) -> None:
+        """Queue a frame, unless it is for the emergency stop and has an early look."""
+        seen = self._look_at(data, binary)
+        if seen is Seen.OTHER:
+            self._wait_unread(data, binary)
+        elif seen is Seen.REFUSED:
+            self._is_within_rate(self._began)  # Charged after all, like any other message.
 
-        Returns False for other frames, and for all frames while the stop is pressed.
-        """
-        if len(data) > MAX_STOP_BYTES or not self.graph.is_stop_due:
-            return False
+    def _look_at(self, data: bytes, binary: bool) -> Seen:
+        """Press the emergency stop ahead of all that waits, if a frame asks for it and has an early look."""
+        if (
+            len(data) > MAX_STOP_BYTES
+            or not self.graph.is_stop_due
+            or not self._names_stop(data, binary)
+            or not self._look.begin()
+        ):
+            return Seen.OTHER
         now = self._began = self._monotonic()
-        # Looked at twice: the first time has no effects, so a frame that is not a stop can still wait.
-        presses = self._presses_stop(data, binary)
-        if presses:
-            self.messages += 1
-            self._run(self._decode(data, binary, now), now)
-        self._worked += self._monotonic() - now
-        return presses
+        is_for_stop = False
+        try:
+            # Decoded twice: the first time has no effects, so a frame for something else can still wait.
+            is_for_stop = self._presses_stop(data, binary)
+            if is_for_stop:
+                self.messages += 1
+                self._run(self._decode(data, binary, now), now)
+        finally:
+            is_stopped = self.graph.is_stopped
+            self._look.end(is_stopped=is_stopped)
+            self._worked += self._monotonic() - now
+            self._count_work()
+        if is_for_stop:
+            return Seen.PRESSED if is_stopped else Seen.REFUSED
+        return Seen.OTHER
 
     @abstractmethod
     def report_connection(self, text: str, is_connected: bool) -> None:
         """Send a notice about the graph's connection to other processes."""
 
     @abstractmethod
+    def _names_stop(self, data: bytes, binary: bool) -> bool:
+        """Return True if a small frame may be for the emergency stop. Decodes nothing."""
+
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
-        """Return True if a small frame only presses the emergency stop. Has no effects."""
+        """Return True if a frame that names the emergency stop only presses it. Has no effects."""
+        return True
 
     def _wait_unread(self, data: bytes, binary: bool) -> None:
         # The wire reuses its buffers.
@@ -443,11 +464,11 @@ class ConnectedClient(ABC, Generic[T, W]):
         """Return True if one more message is within the rate, and disconnect the client otherwise.
 
         Without disconnecting, further reading would favour the client over all others. A frame that presses
-        the emergency stop is processed first, beyond the rate too.
+        the emergency stop in its early look is beyond the rate, too.
         """
         if self._rate is None or self._rate.take(now):
             return True
-        if not self._stop_ahead(data, binary):
+        if self._look_at(data, binary) is not Seen.PRESSED:
             rate = self._gateway.access.limits.messages_per_second
             reason = f"more than {rate} messages a second (limits.messages_per_second)"
             self.replies.log(logging.WARNING, reason)

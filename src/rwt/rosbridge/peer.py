@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -11,12 +10,13 @@ from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.access.graph_view import STOP, canonical
 from rwt.delivery.counters import UNKNOWN
 from rwt.gateways.base import LARGE_BYTES, Arriving, ConnectedClient, UnreadFrame
+from rwt.gateways.early_look import may_name_stop
 from rwt.rosbridge.ops.actions import PeerActions
 from rwt.rosbridge.ops.services import PeerServices
 from rwt.rosbridge.ops.topics import PeerTopics
 from rwt.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
-from rwt_protocol.errors import ProtocolError, Refused
+from rwt_protocol.errors import Misread, ProtocolError, Refused
 from rwt_protocol.ops import OPS, Auth, Op, Status
 from rwt_protocol.session import Refusal, Session
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     from rwt.rosbridge.bridge import Bridge
     from rwt_protocol.dispatcher import Steps
     from rwt_transports.endpoint import PeerInfo, Sink
-
-
-#: Frames with any other name cannot press the emergency stop. JSON may escape the slash.
-_find_stop: Final = re.compile(rb"gate\\?/stop").search
 
 
 _WITH_REPLY: Final = frozenset({"call_service", "send_action_goal"})
@@ -103,9 +99,10 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
         """Send a status: an error if the connection is lost."""
         self.replies.send(Status(level="warning" if is_connected else "error", msg=text))
 
+    def _names_stop(self, data: bytes, binary: bool) -> bool:
+        return may_name_stop(data)
+
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
-        if _find_stop(data) is None:
-            return False
         members = self._session.peek(data, binary)
         if members is None:
             return False
@@ -130,7 +127,11 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
         if isinstance(message, Refusal):
             self._reject(message)
         else:
-            answer = self._dispatch(self, message)
+            try:
+                answer = self._dispatch(self, message)
+            except Misread as misread:
+                self._run(self._session.decode_again(misread, now), now)
+                return
             if answer is not None or self._session.level == "info":
                 self._after(message, answer)
 

@@ -33,10 +33,16 @@ if TYPE_CHECKING:
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
     if networks:
-        from rwt_transports.http.routes import Proxies  # Settings without proxies load no transport.
+        from rwt_transports.http.proxies import Proxies  # Settings without proxies load no transport.
 
         Proxies(networks)
     return networks
+
+
+def _check_proxy_headers(names: tuple[str, ...]) -> tuple[str, ...]:
+    from rwt_transports.http.proxies import Proxies
+
+    return Proxies(headers=names).headers
 
 
 MEMORY: Final = "memory"
@@ -225,10 +231,19 @@ class Settings(BridgeSettings):
         tuple[str, ...],
         AfterValidator(_check_proxies),
         Field(
-            description="addresses or networks of trusted reverse proxies, whose forwarded client addresses"
-            " are used"
+            description="addresses or networks of trusted reverse proxies, which name their clients in"
+            " `proxy_headers`"
         ),
     ] = ()
+    proxy_headers: Annotated[
+        tuple[str, ...],
+        AfterValidator(_check_proxy_headers),
+        Field(
+            description="headers that each of `proxies` writes itself, with exactly one for the client's"
+            " address: `x-forwarded-for`, `forwarded`, `x-real-ip`, `true-client-ip` or `cf-connecting-ip`;"
+            " also `x-forwarded-proto`, `x-forwarded-host` and `x-forwarded-prefix`. Others are ignored"
+        ),
+    ] = ("x-forwarded-for", "x-forwarded-proto")
     access_log: bool = Field(False, description="log each HTTP request")
     limits: LimitSettings = LimitSettings.model_construct()
     tls: TlsSettings = TlsSettings.model_construct()
@@ -300,6 +315,13 @@ class Settings(BridgeSettings):
         for each in type(self).tables:
             if each.part.check is not None:
                 each.part.check(self, self.of(each.part.settings))
+        needs_approval = any(rule.approval is not None for rule in self.gate.rules.values())
+        for name in self.unanswered_rules(tuple(self._roles_of_asked_users()) if needs_approval else ()):
+            raise ValueError(
+                f"`gate.rules.{name}.approval.roles`: no client can approve: expected a token in"
+                " `auth.tokens` with one of these roles, beside that of the client that asks; or `[]` if only"
+                " the robot's own programs approve"
+            )
         if not self.listen and not self.brings_clients:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
         if self.gate.audit.stdout and any(url.lower().startswith("stdio:") for url in self.listen):
@@ -315,6 +337,16 @@ class Settings(BridgeSettings):
         if self.gate.rules or self.gate.audit.is_on:
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self
+
+    def _roles_of_asked_users(self) -> Iterator[str]:
+        """Yield the roles of clients whose gateway asks their user for an approval."""
+        for name in self.gateways:
+            part = parts.load("gateway", name)
+            role_of = getattr(part, "asked_role", None)
+            if role_of is not None:
+                yield from (token.role for token in self.auth.tokens.values())
+                if self.auth.role_without_credentials is not None:
+                    yield role_of(self.of(part.settings))
 
     @property
     def brings_clients(self) -> bool:

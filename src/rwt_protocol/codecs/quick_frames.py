@@ -1,21 +1,31 @@
 """Fast branch of :meth:`rwt_protocol.session.Session.decode` for common small JSON frames.
 
 Nine of ten messages to a server are small calls, responses and messages on topics, with the few members that
-client libraries write:
+client libraries write. One strict parse reads such a frame as a light op. A `publish` of more than
+`PARSED_BYTES` is only matched at both ends, because its message is parsed anyway, when it is checked against
+its type:
 
-    {"op":"publish","id":"publish:/cmd_vel:7","topic":"/cmd_vel","msg":{...},"latch":false}
+    {"op":"publish","id":"publish:/cmd_vel:7","topic":"/cmd_vel","msg":  {...}  ,"latch":false}
+    `------------------------------ head ----------------------------' payload  `---- tail ---'
 
-One strict parse reads such a frame as a light op. Frames with any other member, member type or byte take the
-general path, whose op has the same members for the frames that are read here.
+The head holds each member once, the tail is one of a few. So if the payload is one JSON value, the frame is
+one message with these members. Otherwise the strict decoder of the type rejects the payload, and
+:attr:`RawJson.validate` raises :class:`Misread`: the frame is read again, on the general path.
+
+Frames with any other member, member type or byte take the general path, whose op has the same members for the
+frames that are read here.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
+from functools import partial
 from typing import Annotated, Final
 
 import msgspec
 
+from rwt_protocol.errors import Misread
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops.base import MOST_MARK
 from rwt_protocol.ops.light import LightCall, LightOp, LightPublish, LightResponse
@@ -25,6 +35,12 @@ from rwt_protocol.profiles import Profile
 QUICK_BYTES: Final = 16 * 1024
 """Maximum size of a frame for the fast branch; larger frames are dominated by their payload."""
 
+PARSED_BYTES: Final = 512
+"""Maximum size of a frame that is parsed, since that takes no longer than a match of its ends."""
+
+_MIN_DEPTH: Final = 32
+"""Minimum limit of nesting at which the nesting of messages is left to their types, which have less."""
+
 QUICK_OPS: Final = frozenset({"publish", "call_service", "service_response"})
 
 _ANY_NUMBERS_BYTES: Final = 4096
@@ -32,6 +48,18 @@ _ANY_NUMBERS_BYTES: Final = 4096
 
 _MAX_EXPONENTS: Final = 1000
 """Maximum number of exponents in larger frames, as for slow numbers in :mod:`rwt_interfaces`."""
+
+_STRING: Final = rb'"([ !#-\[\]-~]%b)"'
+"""ASCII string without escapes."""
+
+_HEAD: Final = re.compile(
+    rb'\{"op": ?"publish", ?(?:"id": ?%b, ?)?"topic": ?%b, ?(?:"type": ?%b, ?)?"msg": ?(?=\{)'
+    % (_STRING % (b"{0,%d}+" % MOST_MARK), _STRING % b"*+", _STRING % b"*+")
+)
+_match: Final = _HEAD.match
+
+_LATCH: Final = b'},"latch":false}'
+_SPACED_LATCH: Final = b'}, "latch": false}'
 
 _Mark = Annotated[str, msgspec.Meta(max_length=MOST_MARK)]
 
@@ -59,6 +87,7 @@ class _Response(msgspec.Struct, tag_field="op", tag="service_response", forbid_u
 
 
 _decode: Final = msgspec.json.Decoder(_Publish | _Call | _Response).decode
+_decode_value: Final = msgspec.json.Decoder(msgspec.Raw).decode
 
 
 class QuickReader:
@@ -76,11 +105,21 @@ class QuickReader:
         self._ignores_type = ignores_type
 
     def read(self, data: bytes) -> LightOp | None:
-        """Return the op of a text frame; None if the frame needs the general path."""
+        """Return the op of a text frame; None if the frame needs the general path.
+
+        The message of a publish may be unvalidated.
+        """
         size = len(data)
-        if size > 2 * self._max_depth and not self._is_flat(data, size):
-            return None
         if not data.isascii():
+            return None
+        if size > PARSED_BYTES:
+            if size > QUICK_BYTES or (size > _ANY_NUMBERS_BYTES and _has_exponents(data)):
+                return None
+            head = _match(data) if self._max_depth >= _MIN_DEPTH else None
+            publish = None if head is None else self._split_publish(data, head)
+            if publish is not None:
+                return publish
+        if size > 2 * self._max_depth and _brackets(data) > self._max_depth:
             return None
         try:
             found = _decode(data)
@@ -104,14 +143,45 @@ class QuickReader:
             else None
         )
 
-    def _is_flat(self, data: bytes, size: int) -> bool:
-        """True if a frame is small, is not nested too deeply, and does not hold many slow numbers."""
-        # The decoder of the message type takes 10 microseconds for a slow number, such as 1e308.
-        return (
-            size <= QUICK_BYTES
-            and data.count(b"{") + data.count(b"[") <= self._max_depth
-            and (size <= _ANY_NUMBERS_BYTES or data.count(b"e") + data.count(b"E") <= _MAX_EXPONENTS)
+    def _split_publish(self, data: bytes, head: re.Match[bytes]) -> LightPublish | None:
+        """Return a publish whose message is not validated; None if its tail is another."""
+        begin = head.end()
+        if data.endswith(b"}}"):
+            payload = data[begin:-1]
+        elif data.endswith(_LATCH):
+            payload = data[begin : 1 - len(_LATCH)]
+        elif data.endswith(_SPACED_LATCH):
+            payload = data[begin : 1 - len(_SPACED_LATCH)]
+        else:
+            return None
+        id_, topic, kind = head.groups()
+        return LightPublish(
+            topic.decode(),
+            RawJson(payload, partial(_validate, data, payload, self._max_depth)),
+            None if id_ is None else id_.decode(),
+            None if kind is None or "publish" in self._ignores_type else kind.decode(),
+            latch=False,
         )
+
+
+def _validate(frame: bytes, payload: bytes, max_depth: int) -> bytes:
+    """Return a payload that is one JSON value; raises Misread if it is not, or is nested too deeply."""
+    if len(frame) > 2 * max_depth and _brackets(frame) > max_depth:
+        raise Misread(frame)
+    try:
+        return bytes(_decode_value(payload))
+    except (msgspec.DecodeError, RecursionError):
+        raise Misread(frame) from None
+
+
+def _brackets(data: bytes) -> int:
+    return data.count(b"{") + data.count(b"[")
+
+
+def _has_exponents(data: bytes) -> bool:
+    """True if a frame may hold many slow numbers."""
+    # The decoder of the message type takes 10 microseconds for a slow number, such as 1e308.
+    return data.count(b"e") + data.count(b"E") > _MAX_EXPONENTS
 
 
 def quick_reader(profile: Profile, limits: WireLimits, arriving: Collection[object]) -> QuickReader | None:

@@ -6,7 +6,8 @@ import ipaddress
 from collections import Counter
 
 from rwt_transports.errors import Refused
-from rwt_transports.http.routes import NO_PROXIES, Proxies, is_local
+from rwt_transports.http.proxies import NO_PROXIES, Proxies, parsed
+from rwt_transports.http.routes import is_local
 
 
 class AddressCount:
@@ -17,7 +18,8 @@ class AddressCount:
 
     Args:
         most: connections of one address; 0 for any number.
-        proxies: proxies whose own connections are not counted; those of their clients are.
+        proxies: proxies whose connections count only once a request names their client, or does not
+            (:func:`~rwt_transports.http.proxies.behind_proxy`).
     """
 
     def __init__(self, most: int = 0, proxies: Proxies = NO_PROXIES) -> None:
@@ -58,9 +60,7 @@ class AddressCount:
 
 def network_of(address: str) -> str:
     """Return the unit of counting: for IPv6 the /64 network, because its holder has all of its addresses."""
-    if ":" not in address:
+    found = parsed(address.partition("%")[0]) if ":" in address else None
+    if found is None:
         return address
-    try:
-        return str(ipaddress.ip_network((address.partition("%")[0], 64), strict=False))
-    except ValueError:
-        return address
+    return str(found) if found.version == 4 else str(ipaddress.ip_network((str(found), 64), strict=False))

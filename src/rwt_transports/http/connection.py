@@ -16,7 +16,7 @@ from rwt_protocol.frames import Buffer
 from rwt_protocol.states import StateEnum
 from rwt_transports.api import DeliveryAware, Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
-from rwt_transports.endpoint import PeerInfo
+from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Routes, joined_headers
 from rwt_transports.outbox import Outbox
@@ -26,6 +26,9 @@ from rwt_transports.wires.receive_buffer import STAGING_BYTES
 
 logger = logging.getLogger("rwt_transports.http")
 access = logging.getLogger("rwt_transports.access")
+
+EARLY_BYTES: Final = 8192
+"""Maximum size of a request that is answered early, in bytes."""
 
 LIVE_QUEUE_SECONDS: Final = 0.1
 """Delay by a queue on the path above which the next chunk of a live body waits."""
@@ -53,7 +56,7 @@ class HttpConnection(UnbufferedCallbacks):
             └──────── a turn ──────────> ^ <──────── answer is sent ───────────┘
 
     * **READING**: requests are read as their bytes arrive.
-    * **WAITING**: received bytes wait for a turn.
+    * **WAITING**: received bytes wait for a turn, unless they are an early request (`Routes.early`).
     * **ANSWERING**: a handler runs, or the network has not yet accepted the answer. Requests behind it wait.
     * **STREAMING**: the answer's body comes piece by piece, and may have no end.
     * **ENDED**: nothing more is read or sent; reached from every state, and final. The link closes once the
@@ -64,7 +67,8 @@ class HttpConnection(UnbufferedCallbacks):
     * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take``
       and ``put_back`` (of the outbox, for the driver).
     * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
-      ``_refused`` (answer to every request of this address, or None).
+      ``_identity`` (of the connection, for its requests), ``_refused`` (answer to every request of this
+      address, or None).
     * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
       answered).
     * Answer: ``_scope`` (cancels the handler), ``_served`` (True after the first answer), ``_half_closed``
@@ -84,6 +88,7 @@ class HttpConnection(UnbufferedCallbacks):
         self.put_back = self.outbox.put_back
         self._peer = self.address = address
         self._port = port
+        self._identity = object()
         self._refused: HttpResponse | None = None
         self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
         self._request: h11.Request | None = None
@@ -105,6 +110,10 @@ class HttpConnection(UnbufferedCallbacks):
         return self._state is _HttpState.ENDED
 
     @property
+    def _is_waiting(self) -> bool:
+        return self._state is _HttpState.WAITING
+
+    @property
     def _is_answering(self) -> bool:
         return self._state in (_HttpState.ANSWERING, _HttpState.STREAMING)
 
@@ -123,6 +132,8 @@ class HttpConnection(UnbufferedCallbacks):
             self._h11.receive_data(data)
             if self._state is _HttpState.READING:
                 self._go_on()
+            elif self._is_waiting:
+                self._answer_early()
 
     def eof(self) -> None:
         """Handle the end of the peer's stream.
@@ -154,6 +165,14 @@ class HttpConnection(UnbufferedCallbacks):
             self._listener.addresses.check(self.address)
         except Refused as refused:
             self._refused = HttpResponse.refusing(refused)
+
+    def _count_as(self, address: str) -> None:
+        """Count for another address: behind a proxy, each request may come from another client."""
+        if address != self.address:
+            self._listener.addresses.leave(self.address)
+            self.address = address
+            self._listener.addresses.enter(address)
+            self._check_address()
 
     def close(self, code: int, reason: str) -> None:
         """Close after the pending answer; end a stream."""
@@ -211,12 +230,54 @@ class HttpConnection(UnbufferedCallbacks):
         if scheduler.must_wait:
             self._become(_HttpState.WAITING)
             scheduler.wait(self._take_waiting)
+            self._answer_early()
         else:
             scheduler.do(self._take_requests)
 
-    def _take_waiting(self) -> None:
-        if self._is_over:
+    def _answer_early(self) -> None:
+        """Answer a request that waits for its turn, if it is complete and admitted as an early one."""
+        early = self._routes.early
+        if early is None or self._ahead > EARLY_BYTES:
             return
+        data = self._h11.trailing_data[0]
+        target = b"" if self._request is None else self._request.target
+        if len(data) > EARLY_BYTES or not early.may_begin(self._identity, target + data):
+            return
+        request = self._small_request(data)
+        if request is None or not early.begin(request):
+            return
+        self._become(_HttpState.READING)
+        try:
+            self._listener.requests.do(self._take_requests)
+        finally:
+            early.end(self._identity)
+
+    def _small_request(self, data: bytes) -> HttpRequest | None:
+        """Return a request with a body that waits to be read, without an effect on h11.
+
+        None if it is incomplete, or has a form in which few clients send a small request.
+        """
+        raw = self._request
+        if raw is None:
+            head, _, body = data.partition(b"\r\n\r\n")
+            first, *lines = head.decode("latin-1").split("\r\n")
+            method, target = (*first.split(" "), "", "")[:2]
+            pairs = [
+                (name.lower(), value.strip()) for name, _, value in (line.partition(":") for line in lines)
+            ]
+        else:
+            body = bytes(self._body) + data
+            method, target = raw.method.decode("latin-1"), raw.target.decode("latin-1")
+            pairs = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in raw.headers]
+        headers = joined_headers(pairs)
+        if headers.get("content-length") != str(len(body)):
+            return None
+        path, _, query = target.partition("?")
+        return HttpRequest(method, path, query, headers, body, self.address, connection=self._identity)
+
+    def _take_waiting(self) -> None:
+        if not self._is_waiting:
+            return  # Ended, or answered early.
         self._become(_HttpState.READING)
         with self._cutting("a route"):
             self._take_requests()
@@ -279,13 +340,10 @@ class HttpConnection(UnbufferedCallbacks):
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
-        # Behind a proxy, each request of a connection may come from another client.
-        if address != self.address:
-            self._listener.addresses.leave(self.address)
-            self.address = address
-            self._listener.addresses.enter(address)
-            self._check_address()
-        request = HttpRequest(method, path, query, headers, bytes(self._body), address, prefix)
+        self._count_as(address)
+        request = HttpRequest(
+            method, path, query, headers, bytes(self._body), address, prefix, self._identity
+        )
         if not self._listener.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"
@@ -310,11 +368,34 @@ class HttpConnection(UnbufferedCallbacks):
         if answer.status != 101:
             self._respond_text(answer.status, f"{answer.reason}\n", {"Sec-WebSocket-Version": "13"})
             return
-        refusal = self._open(request, target, answer)
+        peer = PeerInfo(
+            self._listener.transport,
+            self.address,
+            self._port,
+            target,
+            request.headers,
+            subprotocol=answer.subprotocol,
+        )
+        if self._listener.admit is not None:
+            self._respond(self._admitted(self._listener.admit(peer), peer, answer))
+            return
+        refusal = self._open(peer, answer)
         if refusal is not None:
             self._respond(refusal)
 
-    def _open(self, request: HttpRequest, target: str, answer: HandshakeAnswer) -> HttpResponse | None:
+    async def _admitted(
+        self, admission: Awaitable[Accept], peer: PeerInfo, answer: HandshakeAnswer
+    ) -> HttpResponse | None:
+        """Become a WebSocket once it is admitted. Returns a response if it is refused."""
+        try:
+            accept = await admission
+        except Refused as refused:
+            return HttpResponse.refusing(refused)
+        return self._open(peer, answer, accept)
+
+    def _open(
+        self, peer: PeerInfo, answer: HandshakeAnswer, accept: Accept | None = None
+    ) -> HttpResponse | None:
         """Become a WebSocket. Returns a response if the listener or the accept function refuses."""
         state = self._listener
         if state.closing:
@@ -324,14 +405,6 @@ class HttpConnection(UnbufferedCallbacks):
                 f"all {state.limits.connections} connections of this server are taken (limits.connections)\n"
             )
             return HttpResponse(text.encode(), 503)
-        peer = PeerInfo(
-            state.transport,
-            self.address,
-            self._port,
-            target,
-            request.headers,
-            subprotocol=answer.subprotocol,
-        )
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
         # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
@@ -342,7 +415,7 @@ class HttpConnection(UnbufferedCallbacks):
         for data in (*unsent, answer.head):
             connection.outbox.push(data)
         try:
-            connection.open(peer)
+            connection.open(peer, accept)
         except Refused as refused:
             refusal = HttpResponse.refusing(refused)
         except Exception:
@@ -358,6 +431,8 @@ class HttpConnection(UnbufferedCallbacks):
             self.outbox.discard()  # Break the cycle: it refers to this connection.
             if rest:
                 connection.receive(rest)
+            if self._half_closed:
+                connection.eof()  # It arrived while the admission was awaited.
             return None
         # Taken for the WebSocket that was refused: earlier answers still come before the refusal.
         for data in unsent:
@@ -373,7 +448,7 @@ class HttpConnection(UnbufferedCallbacks):
             logger.exception("the handler of %s %s failed", request.method, request.path)
             return _INTERNAL_ERROR
 
-    def _respond(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+    def _respond(self, response: HttpResponse | Awaitable[HttpResponse | None]) -> None:
         if isinstance(response, HttpResponse) and isinstance(response.body, bytes):
             self._send_whole(response, response.body)
             if self.outbox.room > 0 and not self._h11.trailing_data[0]:
@@ -398,7 +473,7 @@ class HttpConnection(UnbufferedCallbacks):
             self._become(_HttpState.WAITING)
             self._listener.requests.wait(self._take_waiting)
 
-    async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+    async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse | None]) -> None:
         with anyio.CancelScope() as self._scope:
             # Ended between start_soon() and the start of the task: nothing else would cancel it.
             if self._is_over:
@@ -407,13 +482,16 @@ class HttpConnection(UnbufferedCallbacks):
                 await self._respond_later(response)
         self._scope = None
 
-    async def _respond_later(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
-        if not isinstance(response, HttpResponse):
+    async def _respond_later(self, awaited: HttpResponse | Awaitable[HttpResponse | None]) -> None:
+        response: HttpResponse | None = awaited if isinstance(awaited, HttpResponse) else None
+        if not isinstance(awaited, HttpResponse):
             try:
-                response = await response
+                response = await awaited
             except Exception:
                 logger.exception("a route's handler failed")
                 response = _INTERNAL_ERROR
+        if response is None:
+            return  # The connection is a WebSocket now.
         if isinstance(response.body, bytes):
             self._send_whole(response, response.body)
             if self.outbox.room <= 0:
@@ -515,6 +593,7 @@ class HttpConnection(UnbufferedCallbacks):
         done = self._h11.our_state is h11.DONE and self._h11.their_state is h11.DONE
         if done and not (self._half_closed and not self._h11.trailing_data[0]):
             self._h11.start_next_cycle()
+            self._count_as(self._peer)
         else:
             self._end()
 

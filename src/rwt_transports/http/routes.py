@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import fnmatch
-import ipaddress
 import re
 from abc import ABC, abstractmethod
 from base64 import b64encode
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from hashlib import sha256
@@ -17,6 +16,7 @@ from urllib.parse import urlsplit
 from typing_extensions import TypeVar
 
 from rwt_transports.errors import Refused
+from rwt_transports.http.proxies import parsed
 
 TEXT = "text/plain; charset=utf-8"
 
@@ -29,11 +29,13 @@ class HttpRequest:
         method: upper case.
         path: path without the query, still percent-encoded.
         query: text after the question mark, undecoded.
-        headers: names in lower case; repeated ones joined with a comma. Behind a trusted proxy,
-            ``host`` and ``x-forwarded-proto`` are those of the client's request.
+        headers: names in lower case; repeated ones joined with a comma, without those in which proxies name
+            clients (:class:`~rwt_transports.http.proxies.Proxies`). Behind a trusted proxy, ``host`` and
+            ``x-forwarded-proto`` are those of the client's request.
         body: the whole body.
-        address: the client's address.
+        address: the client's address; see :func:`~rwt_transports.http.proxies.behind_proxy`.
         prefix: path below which a proxy serves this server, without a trailing slash.
+        connection: identity of the connection that the request came over; None if it is not known.
     """
 
     method: str
@@ -43,6 +45,7 @@ class HttpRequest:
     body: bytes = b""
     address: str = ""
     prefix: str = ""
+    connection: Hashable | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +155,19 @@ class Audience(Enum):
     """Clients that may subscribe to every topic: the page names them all (metrics)."""
 
 
+class StopRequests(NamedTuple, Generic[AnyReader]):
+    """How requests for a route press the robot's emergency stop, ahead of all that waits.
+
+    Attributes:
+        may_press: returns True if a request names the stop and its sender may press it that way now. Decodes
+            no body.
+        press: presses the stop if the request, which is decoded now, asks for that; never raises a refusal.
+    """
+
+    may_press: Callable[[HttpRequest, AnyReader], bool]
+    press: Callable[[HttpRequest, AnyReader], None]
+
+
 @dataclass(frozen=True)
 class Route(Generic[AnyReader]):
     """Path and method that a node or a gateway serves.
@@ -164,7 +180,7 @@ class Route(Generic[AnyReader]):
             handler. Web pages of other origins may use a route only where they may connect by WebSocket (the
             setting `origins`), unless it is for everybody.
         refusal: builds the response to a request that is refused before it reaches the page.
-        presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
+        stop: how requests press the robot's emergency stop; None if they cannot.
         feature: name under which ``/role`` lists it, for pages that check first whether a server has it.
     """
 
@@ -173,7 +189,7 @@ class Route(Generic[AnyReader]):
     audience: Audience
     method: str = "GET"
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
-    presses_stop: Callable[[HttpRequest], bool] | None = None
+    stop: StopRequests[AnyReader] | None = None
     feature: str = ""
 
 
@@ -225,13 +241,38 @@ _PAGE_POLICY: Final = (
 )
 
 
+class EarlyRequests(Protocol):
+    """Decides which requests are answered ahead of those that wait."""
+
+    def may_begin(self, connection: Hashable, data: bytes) -> bool:
+        """Return False if a connection has no early request now. Decodes nothing.
+
+        Args:
+            data: what has arrived of its request.
+        """
+
+    def begin(self, request: HttpRequest) -> bool:
+        """Return True to answer a request early, whose connection then gets :meth:`end`.
+
+        Args:
+            request: as it arrived, so without the names that a proxy gives.
+        """
+
+    def end(self, connection: Hashable) -> None:
+        """Called after an early request was handled."""
+
+
 class Routes:
     """Method and path → handler. ``HEAD`` uses the handler of ``GET``.
 
     A path ending in ``/*`` matches everything below it. Exact paths win, then the longest.
+
+    Attributes:
+        early: decides which requests are answered ahead of their turn; None: none are.
     """
 
     def __init__(self) -> None:
+        self.early: EarlyRequests | None = None
         self._handlers: dict[str, dict[str, Handler]] = {}
 
     def add(self, path: str, handler: Handler, method: str = "GET") -> None:
@@ -292,58 +333,7 @@ class Hosts:
         name = host_name(host)
         if is_local(name) or self._names.fullmatch(name):
             return True
-        return self._every_address and _address(name) is not None
-
-
-class Proxies:
-    """Trusted reverse proxies, whose ``Forwarded`` (RFC 7239) or ``X-Forwarded-For``, ``-Proto``, ``-Host``
-    and ``-Prefix`` apply. From others these headers are dropped.
-
-    Args:
-        networks: addresses of the proxies, or networks such as ``10.0.0.0/8``.
-
-    Raises:
-        ValueError: an item is neither an address nor a network.
-    """
-
-    def __init__(self, networks: Iterable[str] = ()) -> None:
-        self._networks = tuple(ipaddress.ip_network(each) for each in networks)
-
-    def __contains__(self, address: str) -> bool:
-        found = _address(address)
-        return found is not None and any(found in network for network in self._networks)
-
-    def resolve(self, address: str, headers: dict[str, str]) -> tuple[str, str]:
-        """Return the address and the prefix of the client behind a request, and reduce `headers` in place."""
-        given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}
-        if address not in self:
-            return address, ""
-        hops = [_parameters(hop) for hop in given["forwarded"].split(",")]
-        clients = [hop["for"] for hop in hops if "for" in hop] or given["x-forwarded-for"].split(",")
-        # Each proxy appends its peer: the last address that is not a proxy is the client.
-        for client in reversed(clients):
-            named = host_name(client.strip().strip('"')) or client.strip()
-            # An obfuscated or unknown hop (RFC 7239 section 6): what is before it cannot be verified.
-            if _address(named) is None:
-                break
-            address = named
-            if address not in self:
-                break
-        last = {f"x-forwarded-{name}": value for name, value in hops[-1].items() if name in ("proto", "host")}
-        for name in ("x-forwarded-host", "x-forwarded-proto"):
-            value = last.get(name) or given[name].rpartition(",")[2].strip()
-            if value:
-                headers["host" if name.endswith("host") else name] = value
-        return address, given["x-forwarded-prefix"].rpartition(",")[2].strip().rstrip("/")
-
-
-_X_FORWARDED = ("x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-forwarded-prefix")
-
-
-def _parameters(hop: str) -> dict[str, str]:
-    """Return the parameters of one element of a ``Forwarded`` header (RFC 7239 section 4)."""
-    pairs = (part.partition("=") for part in hop.split(";"))
-    return {name.strip().lower(): value.strip().strip('"') for name, equals, value in pairs if equals}
+        return self._every_address and parsed(name) is not None
 
 
 def any_of(globs: Iterable[str]) -> re.Pattern[str]:
@@ -355,7 +345,7 @@ def is_local(host: str) -> bool:
     """Return True if a host name or address is the loopback of this machine."""
     if host == "localhost" or host.endswith(".localhost"):
         return True
-    address = _address(host)
+    address = parsed(host)
     return address is not None and address.is_loopback
 
 
@@ -367,12 +357,4 @@ def host_name(text: str) -> str:
         return ""
 
 
-def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    try:
-        return ipaddress.ip_address(host)
-    except ValueError:
-        return None
-
-
 EVERY_NAME = Hosts((), loopback=False)
-NO_PROXIES = Proxies()

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from websockets.client import ClientProtocol
 from websockets.http11 import Response
+from websockets.typing import Subprotocol
 from websockets.uri import WebSocketURI
 
 from rwt_transports.errors import ConnectError
@@ -16,6 +17,7 @@ _quiet = logging.getLogger("rwt_transports.websocket.client_handshake")
 _END_OF_HEAD = b"\r\n\r\n"
 _MOST_HEAD_BYTES = 64 * 1024
 _SWITCHING = b"101"
+_SUBPROTOCOLS = "Sec-WebSocket-Protocol"
 
 
 class ClientHandshake:
@@ -27,9 +29,11 @@ class ClientHandshake:
 
     def __init__(self, target: WebSocketURI, headers: Mapping[str, str]) -> None:
         self._where = f"{target.host}:{target.port}"
-        self._protocol = ClientProtocol(target, logger=_quiet)
+        given = dict(headers)
+        offered = [Subprotocol(each.strip()) for each in given.pop(_SUBPROTOCOLS, "").split(",") if each]
+        self._protocol = ClientProtocol(target, subprotocols=offered or None, logger=_quiet)
         request = self._protocol.connect()
-        for name, value in headers.items():
+        for name, value in given.items():
             request.headers[name] = value
         self._protocol.send_request(request)
         self.request = b"".join(self._protocol.data_to_send())

@@ -35,12 +35,13 @@ def token(role: str) -> str:
     return f"{role}-token-of-the-test"
 
 
-def settings_of(gate: Mapping[str, Any], **others: object) -> Settings:
+def settings_of(gate: Mapping[str, Any], auth: Mapping[str, Any] | None = None, **others: object) -> Settings:
     """Settings with a token for each role, all of which but `admin` may do what `RIGHTS` says."""
     tokens = {role: {"token": token(role), "role": role} for role in ROLES}
     tokens["operator2"] = {"token": token("operator2"), "role": "operator"}
     roles = {role: RIGHTS for role in ROLES if role != "admin"}
-    return Settings.model_validate({"auth": {"tokens": tokens}, "roles": roles, "gate": gate, **others})
+    values = {"auth": {"tokens": tokens, **(auth or {})}, "roles": roles, "gate": gate, **others}
+    return Settings.model_validate(values)
 
 
 @cache
@@ -65,6 +66,7 @@ class GatedRobot:
         rules: Mapping[str, Any],
         distro: str = "jazzy",
         clock: SimulatedClock | None = None,
+        auth: Mapping[str, Any] | None = None,
         **gate: Any,
     ) -> None:
         self.clock = clock or SimulatedClock(1_700_000_000 * 10**9)
@@ -75,7 +77,7 @@ class GatedRobot:
         self.graph.participant("/base").subscribe(
             "/cmd_vel", self._on_sample, self.graph.registry.message(TWIST)
         )
-        settings = settings_of({"rules": rules, **gate})
+        settings = settings_of({"rules": rules, **gate}, auth or {})
         self.access = Access(self.graph, settings, DISCLOSURES)
         self.bridge = Bridge(self.graph, settings, self.access)
 

@@ -113,7 +113,9 @@ VERBS: Mapping[str, tuple[Any, ...]] = {
 """Requests that access the graph: rejected for a role without rights."""
 
 LISTINGS = {"topics", "services", "actions", "nodes"}
-LOOK_UPS = {"topic", "service", "action", "may_subscribe", "sees_node", "sees_service", "lease_seconds"}
+LOOK_UPS = {
+    "topic", "service", "action", "may_call", "may_subscribe", "sees_node", "sees_service", "lease_seconds",
+}  # fmt: skip
 COUNTS = {"hidden"}
 """Numbers of names, which are not revealed."""
 OWN = {
@@ -239,12 +241,15 @@ def test_every_kind_of_rule_and_every_verb_is_walked_over() -> None:
     assert set(ACTS) | set(NOT_GATED) == set(VERBS)
 
 
+APPROVER = {"default_role": "guest", "tokens": {"person": {"token": "a-token-of-a-person", "role": "admin"}}}
+
+
 def _gated(graph: Graph, verb: str, kind: str, mode: str) -> ClientGraph:
     names, name, _, field = ACTS[verb]
     value = {field: RULE_KINDS[kind]} if kind == "fields" else RULE_KINDS[kind]
     rule = {names: [name], kind: value, **({"stop": {}} if names == "topics" else {})}
     gate = {"mode": mode, "rules": {"it": rule}, "emergency": {"at_start": kind == "emergency"}}
-    return _client(graph, GUEST, gate=gate)
+    return _client(graph, GUEST, gate=gate, auth=APPROVER if kind == "approval" else {})
 
 
 def _message(verb: str, kind: str) -> dict[str, object]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from rwt import Settings, SettingsError
 from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import MAX_OF_CREDENTIAL, MAX_PENDING, Approval
 from rwt.access.gate.fields import describe_fields
@@ -20,6 +22,7 @@ from rwt.rosapi import Rosapi
 from rwt_interfaces.payload import Payload
 from tests.core.access.gated_robot import FIBONACCI, GatedRobot, call, drive, settings_of
 from tests.core.rosbridge.recording_client import Client
+from tests.core.rosbridge.test_auth import signed
 
 APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
 DRIVE: Mapping[str, Any] = {"topics": ["/cmd_vel"], "emergency": True, "stop": {}}
@@ -35,7 +38,7 @@ class QuietRobot(GatedRobot):
 class AskedRobot(QuietRobot):
     """A robot of which everything needs a yes."""
 
-    def __init__(self, **approval: Any) -> None:
+    def __init__(self, auth: Mapping[str, Any] | None = None, **approval: Any) -> None:
         rule = {
             "services": ["/blink"],
             "actions": ["/count"],
@@ -43,7 +46,7 @@ class AskedRobot(QuietRobot):
             "topics": ["/cmd_vel"],
             "approval": {**APPROVAL, **approval},
         }
-        super().__init__({"asked": rule})
+        super().__init__({"asked": rule}, auth=auth or {})
         self._blinks = self.offer("/blink")
         self._orders, _ = self.accept_goals("/count")
         self.node.parameters.declare("limit", 1.0)
@@ -119,6 +122,86 @@ def test_without_a_yes_nothing_happens_and_the_caller_hears_why(
         assert reply["result"] is False
         assert reply["values"] == f"call /blink: {text} (gate.rules.asked.approval)"
     assert "nothing waits for an answer" in _answer(supervisor, "1")["message"]
+
+
+def test_who_answers_has_another_token(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("abcdefghijklmnop")
+    auth = {"default_role": "supervisor", "rosauth_secret_file": secret}
+    robot = AskedRobot(auth=auth, roles=["supervisor"])
+    someone, other, supervisor = Client(robot.bridge), Client(robot.bridge), robot.client("supervisor")
+    by_auth = Client(robot.bridge)
+    by_auth.say("auth", **signed(level="supervisor"))
+    for asking in (someone, by_auth, supervisor):
+        _blink(asking)
+    for id in "123":
+        for answering in (someone, other, by_auth):
+            for approve in (True, False):
+                said = _answer(answering, id, approve=approve)
+                assert not said["success"] and "without a token" in said["message"]
+    assert "nor one of its token" in _answer(supervisor, "3")["message"]
+    assert all(_answer(supervisor, id)["success"] for id in "12")
+    assert robot.done == [True, True]
+
+
+def test_a_client_that_gives_up_its_token_has_asked_with_it(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("abcdefghijklmnop")
+    robot = AskedRobot(auth={"rosauth_secret_file": secret}, roles=["supervisor"])
+    asking, other = robot.clients("supervisor", "supervisor")
+    _blink(asking)
+    asking.say("auth", **signed(level="supervisor"))
+    assert not _answer(other, "1")["success"] and robot.done == []
+
+
+def test_the_robot_itself_needs_no_token() -> None:
+    robot = AskedRobot(roles=[])
+    agent, admin = robot.clients("agent", "admin")
+    _blink(agent)
+    assert "role 'admin' may not answer" in _answer(admin, "1")["message"]
+    type = robot.graph.registry.service("rwt_gate_msgs/Approve")
+    request = Payload.from_value(type.request, {"id": "1", "approve": True})
+    robot.graph.participant("/own").call_service("/gate/approve", request, lambda _: None)
+    assert robot.done == [True]
+
+
+_BOSS = {"token": "the-token-of-the-boss", "role": "admin"}
+_AIDE = {"token": "the-token-of-the-aide", "role": "viewer"}
+
+
+@pytest.mark.parametrize(
+    ("auth", "gateways", "fits"),
+    [
+        ({}, (), False),
+        ({"default_role": "admin"}, (), False),
+        ({"tokens": {"aide": _AIDE}, "default_role": "admin"}, (), False),
+        # Only the boss may approve, and nobody else can ask.
+        ({"tokens": {"boss": _BOSS}}, (), False),
+        ({"tokens": {"boss": _BOSS}, "default_role": "viewer"}, (), True),
+        ({"tokens": {"boss": _BOSS, "aide": _AIDE}}, (), True),
+        ({"tokens": {"boss": _BOSS}, "rosauth_secret_file": "secret"}, (), True),
+        # The user of an agent answers.
+        ({"tokens": {"boss": _BOSS}}, ("mcp",), True),
+        ({}, ("mcp",), True),
+        ({"tokens": {"aide": _AIDE}}, ("mcp",), False),
+    ],
+)
+def test_a_rule_that_no_client_can_answer_is_refused(
+    auth: dict[str, Any], gateways: tuple[str, ...], fits: bool
+) -> None:
+    def settings(roles: list[str]) -> Settings:
+        rule = {"services": ["/blink"], "approval": {"roles": roles}}
+        mcp = {"mcp": {"default_role": "admin"}} if gateways else {}
+        return Settings(auth=auth, gateways=gateways, gate={"rules": {"asked": rule}}, **mcp)
+
+    assert settings([]).gate.rules
+    if fits:
+        settings(["adm*"])
+    else:
+        with pytest.raises(
+            SettingsError, match=r"gate\.rules\.asked\.approval\.roles`: no client can approve"
+        ):
+            settings(["adm*"])
 
 
 def test_who_answers_is_a_role_that_may_and_not_the_one_who_asks() -> None:

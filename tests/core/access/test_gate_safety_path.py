@@ -17,6 +17,7 @@ import pytest
 from rwt.access.errors import QuotaExceeded
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.stop_path import MAX_DRIVEN
+from rwt.access.graph_view import GraphView
 from rwt.access.settings import GateSettings
 from rwt.composition.pages import guarded
 from rwt.extensions.foxglove.gateway import FoxgloveGateway
@@ -24,13 +25,14 @@ from rwt.extensions.http.gateway import HttpGateway
 from rwt.extensions.http.part import HttpSettings
 from rwt.extensions.mcp.gateway import McpGateway
 from rwt.extensions.mcp.settings import McpSettings
+from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of
 from rwt.rosapi import Rosapi
 from rwt_graph.api import GoalEvents, Sample, ServerGoal
 from rwt_graph.clock import SteadyClock
 from rwt_graph.memory.topics import MemoryPublisher
 from rwt_interfaces.payload import Payload
-from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
+from rwt_transports.http.routes import Audience, Handler, HttpRequest, HttpResponse, Route
 from tests.call_counts import count_calls
 from tests.core.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, errors, token
 from tests.extensions.foxglove.viewer import Viewer
@@ -447,6 +449,13 @@ def _request(path: str, body: bytes = b"{}", role: str = "operator") -> HttpRequ
     return HttpRequest("POST", path, "", headers, body, address="192.0.2.1")
 
 
+def _page(robot: GatedRobot, route: Route[GraphView]) -> Handler:
+    """Return the page of a route as the server has it."""
+    assert route.stop is not None
+    looks = RequestLooks(robot.access, robot.bridge.scheduler)
+    return guarded(robot.access, route.page, Audience.ADMITTED, press=partial(looks.press, route.stop))
+
+
 @pytest.mark.parametrize(
     "path", ["/api/services/gate/stop", "/api/services/%2fgate%2Fstop", "/api/topics/gate/stop"]
 )
@@ -455,9 +464,9 @@ def test_a_stop_over_http_has_no_rate_of_work(path: str) -> None:
     gateway = HttpGateway(robot.graph, robot.access, HttpSettings())
     prefix = path[: path.index("/", 5)]
     route = next(each for each in gateway.http.routes if each.path == f"{prefix}/*" and each.method == "POST")
+    page = _page(robot, route)
 
     def ask(path: str) -> int:
-        page = guarded(robot.access, route.page, Audience.ADMITTED, presses_stop=route.presses_stop)
         answered: list[HttpResponse] = []
 
         async def run() -> None:
@@ -485,7 +494,7 @@ def test_a_stop_over_http_has_no_rate_of_work(path: str) -> None:
         ("operator", "POST", {"service": "/gate/stop", "request": {"reason": 5}}, ""),
         ("operator", "POST", {"service": "/gate/stop", "reason": "now"}, ""),
         ("agent", "POST", {"service": "/gate/stop"}, ""),
-        ("supervisor", "POST", {"service": "/gate/stop"}, ""),
+        ("supervisor", "POST", {"service": "/gate/stop"}, "mcp:arm"),
         ("nobody", "POST", {"service": "/gate/stop"}, ""),
     ],
 )
@@ -502,7 +511,7 @@ def test_a_stop_of_an_agent_does_not_wait_for_the_sdk(
     body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}).encode()
     request = replace(_request("/mcp", body, role), method=method)
     route = next(each for each in gateway.http.routes if each.method == method)
-    answer = route.page(request, robot.access.nobody)
+    answer = _page(robot, route)(request)
     if isinstance(answer, Coroutine):
         answer.close()  # Its turns are those of the SDK.
     assert robot.gate.stopped_by.partition(" ")[0] == pressed_by

@@ -111,7 +111,7 @@ class NotingRecorder(Recorder):
 class ServedRobot(GatedRobot):
     """Robot of a running server."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, gate: Mapping[str, Any], **others: object) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, gate: Mapping[str, Any], **others: Any) -> None:
         self.loop = loop
         self._held: list[Held] = []
         self.hub = self.enter(open_hub("ws://127.0.0.1:0"))
@@ -143,7 +143,7 @@ class ServedRobot(GatedRobot):
         self._asgi = asgi = uvicorn.Server(app)
         self._serving = loop.create_task(asgi.serve())
         self.until(lambda: asgi.started)
-        self.until(lambda: any(each.idle for each in self.hub.robots))
+        self.until(lambda: any(each.is_reachable for each in self.hub.robots))
         (self.asgi_port,) = (sock.getsockname()[1] for server in asgi.servers for sock in server.sockets)
 
     def enter(self, context: AbstractAsyncContextManager[T]) -> T:

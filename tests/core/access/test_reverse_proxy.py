@@ -1,9 +1,10 @@
-"""Behind a reverse proxy: who its clients are, what they see; with nginx in front, where it is installed."""
+"""Behind nginx, Caddy and Traefik, where they are installed: who the clients are, and what they see."""
 
 from __future__ import annotations
 
 import json
 import shutil
+import socket
 import ssl
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from http.client import HTTPSConnection
 from pathlib import Path
+from typing import Any
 
 import anyio
 import httpx
@@ -21,52 +23,12 @@ from websockets.sync.client import ClientConnection, connect
 
 from rwt import Server
 from rwt.cli.health import health_of
-from rwt_transports.http.routes import Proxies
+from rwt_transports.http.proxies import PROXY_HEADERS, behind_proxy
 from tests.core.access.test_reload import certify
-from tests.processes import free_port
+from tests.core.transports.test_proxies import HOSTILE
+from tests.processes import ended, free_port
 
 pytestmark = pytest.mark.slow
-
-PEER = "10.0.0.1"
-PROXIES = Proxies(["10.0.0.0/8", "fd00::/8"])
-
-
-@pytest.mark.parametrize(
-    ("headers", "address"),
-    [
-        ({}, PEER),
-        ({"x-forwarded-for": "203.0.113.7"}, "203.0.113.7"),
-        # What the client made up stands before what the proxies have added.
-        ({"x-forwarded-for": "198.51.100.1, 203.0.113.7, 10.0.0.9"}, "203.0.113.7"),
-        ({"x-forwarded-for": "10.0.0.8, 10.0.0.9"}, "10.0.0.8"),
-        ({"x-forwarded-for": "203.0.113.7, nonsense"}, PEER),
-        ({"forwarded": 'for="[2001:db8::7]:4711";proto=https'}, "2001:db8::7"),
-        ({"forwarded": "for=198.51.100.1, for=203.0.113.7;by=10.0.0.2"}, "203.0.113.7"),
-        ({"forwarded": "for=unknown"}, PEER),
-        ({"forwarded": "for=203.0.113.7", "x-forwarded-for": "198.51.100.1"}, "203.0.113.7"),
-    ],
-)
-def test_the_client_is_the_first_from_the_end_that_is_no_proxy(headers: dict[str, str], address: str) -> None:
-    assert PROXIES.resolve(PEER, dict(headers))[0] == address
-    assert PROXIES.resolve("192.0.2.1", dict(headers))[0] == "192.0.2.1"
-
-
-def test_what_a_stranger_says_of_itself_is_dropped() -> None:
-    said = {
-        "host": "robot",
-        "x-forwarded-for": "127.0.0.1",
-        "x-forwarded-host": "other",
-        "x-forwarded-proto": "https",
-        "x-forwarded-prefix": "/robot",
-        "forwarded": "for=127.0.0.1;host=other",
-    }
-    headers = dict(said)
-    assert PROXIES.resolve("192.0.2.1", headers) == ("192.0.2.1", "")
-    assert headers == {"host": "robot"}
-    headers = {**said, "forwarded": ""}
-    assert PROXIES.resolve(PEER, headers) == ("127.0.0.1", "/robot")
-    assert headers == {"host": "other", "x-forwarded-proto": "https"}
-
 
 _NGINX_HEAD = """
 daemon off; pid {folder}/pid; error_log {folder}/error.log; worker_processes 1;
@@ -149,6 +111,7 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
             "ws://127.0.0.1:0",
             demo=True,
             proxies=["127.0.0.1"],
+            proxy_headers=["x-forwarded-for", "x-forwarded-proto", "x-forwarded-prefix"],
             access_log=True,
             limits={"connections_per_address": 2},
         )
@@ -288,7 +251,8 @@ def _command(kind: str, folder: Path) -> list[str]:
 def test_resources_events_and_websockets_through_a_proxy(
     tmp_path: Path, kind: str, config: str, prefix: str
 ) -> None:
-    server = Server("ws://127.0.0.1:0", web={"enabled": False}, proxies=["127.0.0.1"])
+    headers = [*PROXY_HEADERS, "x-forwarded-prefix"] if prefix else PROXY_HEADERS
+    server = Server("ws://127.0.0.1:0", web={"enabled": False}, proxies=["127.0.0.1"], proxy_headers=headers)
     with server as robot:
         robot.publish("/label", {"data": "it is here"}, "std_msgs/String", latch=True)
         with proxy(kind, config, tmp_path, server.urls[0]) as (port, _):
@@ -329,3 +293,139 @@ def _use(address: str, prefix: str, *, follows_bare_path: bool) -> None:
     for slash in ("/", "") if follows_bare_path else ("/",):
         with connect(f"ws://{address}{prefix}{slash}") as robot:
             assert answers(robot)
+
+
+# -- hostile clients behind a proxy ------------------------------------------------------------------------
+
+
+async def _echo(scope: Any, receive: Any, send: Any) -> None:
+    """An ASGI app that answers with what the server tells it of a request."""
+    if scope["type"] != "http":
+        return
+    told = {
+        "client": scope["client"][0],
+        "scheme": scope["scheme"],
+        "root": scope["root_path"],
+        "headers": [[name.decode(), value.decode()] for name, value in scope["headers"]],
+    }
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": json.dumps(told).encode()})
+
+
+def _dial_from(port: int) -> socket.socket:
+    """A connection from an address that is not the proxy's."""
+    return socket.create_connection(("127.0.0.1", port), timeout=60, source_address=("127.0.0.2", 0))
+
+
+def _ask_raw(port: int, path: str, name: str, value: str) -> tuple[int, bytes]:
+    """Status and body; the value may have line breaks."""
+    with _dial_from(port) as wire:
+        head = (
+            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n{name}: {value}\r\n\r\n"
+        )
+        wire.sendall(head.encode())
+        answer = b""
+        while data := wire.recv(65536):
+            answer += data
+    head_bytes, _, body = answer.partition(b"\r\n\r\n")
+    status = int(head_bytes.split()[1]) if head_bytes else 0
+    if b"chunked" in head_bytes:
+        body = body.partition(b"\r\n")[2].partition(b"\r\n")[0]
+    return status, body
+
+
+#: The block for nginx below a path, without TLS.
+_NGINX_BELOW_PLAIN = _NGINX_BELOW.replace(
+    "{port} ssl; ssl_certificate {folder}/cert.pem; ssl_certificate_key {folder}/key.pem;", "{port};"
+).replace("$http_x_test_address", "$proxy_add_x_forwarded_for")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has all of 127.0.0.0/8")
+@pytest.mark.parametrize(
+    ("kind", "config", "prefix"),
+    [
+        ("nginx", _NGINX_AT_ROOT, ""),
+        ("nginx below a path", _NGINX_BELOW_PLAIN, "/robot"),
+        ("caddy", _CADDY_AT_ROOT, ""),
+        ("caddy below a path", _CADDY_BELOW, "/robot"),
+        ("traefik", _TRAEFIK_AT_ROOT, ""),
+        ("traefik below a path", _TRAEFIK_BELOW, "/robot"),
+    ],
+)
+def test_no_header_of_a_client_gets_past_a_proxy(tmp_path: Path, kind: str, config: str, prefix: str) -> None:
+    headers = [*PROXY_HEADERS, "x-forwarded-prefix"] if prefix else PROXY_HEADERS
+    server = Server(
+        "ws://127.0.0.1:0",
+        web={"enabled": False},
+        proxies=["127.0.0.1"],
+        proxy_headers=headers,
+        mounts={"/echo": _echo},
+        limits={"connections_per_address": 4},
+    )
+    with server, ExitStack() as stack:
+        port, _ = stack.enter_context(proxy(kind, config, tmp_path, server.urls[0]))
+        _wait_for(port, f"{prefix}/echo")
+        for name, value in HOSTILE:
+            status, body = _ask_raw(port, f"{prefix}/echo", name, value)
+            if status == 400:
+                continue  # The proxy itself refuses it.
+            assert status == 200, (name, value, body)
+            told = json.loads(body)
+            seen = dict(told["headers"])
+            assert told["client"] == behind_proxy("127.0.0.2"), (name, value)
+            assert (told["scheme"], told["root"]) == ("http", f"{prefix}/echo"), (name, value)
+            assert seen["host"] == f"127.0.0.1:{port}", (name, value)
+            assert seen.keys() <= {"host", "x-forwarded-proto", "connection", "accept-encoding", "user-agent"}
+        # A proxy may drop its own headers as those of the connection; then its clients are one.
+        for name in headers:
+            told = json.loads(_ask_raw(port, f"{prefix}/echo", "Connection", f"close, {name}")[1])
+            assert told["client"] in (behind_proxy("127.0.0.2"), behind_proxy("127.0.0.1"))
+            assert told["scheme"] == "http"
+        # What names other addresses does not make more of one client.
+        opened = 0
+        for name, value in HOSTILE:
+            if "\r" not in value:
+                opened += _opens(stack, port, prefix, {name: value})
+        assert opened == 4
+
+
+@pytest.mark.parametrize(
+    ("settings", "verdict", "text"),
+    [
+        ({"proxies": ["127.0.0.1"]}, "ok", "trusts x-forwarded-for, x-forwarded-proto"),
+        ({"proxies": ["127.0.0.1"], "proxy_headers": ["x-real-ip"]}, "warning", "x-forwarded-for"),
+        ({}, "warning", "x-forwarded-for"),
+    ],
+)
+def test_the_doctor_examines_the_headers_of_a_proxy(
+    tmp_path: Path, settings: dict[str, Any], verdict: str, text: str
+) -> None:
+    server = Server("ws://127.0.0.1:0", web={"enabled": False}, **settings)
+    with server, proxy("nginx", _NGINX_AT_ROOT, tmp_path, server.urls[0]) as (port, _):
+        _wait_for(port, "/healthz")
+        told = json.loads(ended("doctor", f"ws://127.0.0.1:{port}", "--json").stdout)
+    (found,) = (each for each in told["findings"] if each["name"] == "proxies")
+    assert (found["verdict"], text in found["text"]) == (verdict, True)
+
+
+def _opens(stack: ExitStack, port: int, prefix: str, headers: dict[str, str]) -> bool:
+    """Open a WebSocket until the end of the stack; False if it is refused."""
+    url, sock = f"ws://127.0.0.1:{port}{prefix}/", _dial_from(port)
+    try:
+        stack.enter_context(connect(url, sock=sock, additional_headers=headers, open_timeout=60.0))
+    except InvalidStatus as refused:
+        assert refused.response.status_code in (400, 429)
+        return False
+    return True
+
+
+def _wait_for(port: int, path: str) -> None:
+    until = time.monotonic() + 20
+    while True:
+        try:
+            if _ask_raw(port, path, "Accept", "*/*")[0] == 200:
+                return
+        except ConnectionRefusedError:
+            pass
+        assert time.monotonic() < until
+        time.sleep(0.05)

@@ -8,7 +8,7 @@ from typing import Never
 import pytest
 
 from rwt_protocol.dispatcher import Dispatcher, Steps
-from rwt_protocol.errors import IncompleteDispatcher, MalformedPayload, Refused
+from rwt_protocol.errors import IncompleteDispatcher, MalformedPayload, Misread, Refused
 from rwt_protocol.ops import (
     ActionResult,
     CallService,
@@ -137,6 +137,16 @@ def test_a_light_op_goes_to_the_handler_of_its_op() -> None:
     assert Dispatcher(table(refuse), unexpected).dispatch(seen, op) == (
         Status(level="warning", msg="not here", id="1")
     )
+
+
+def test_a_misread_frame_is_left_to_the_caller() -> None:
+    def misread(context: list[Op], op: Op) -> Never:
+        raise Misread(b"frame")
+
+    op = CallService(service="/s", id="i")
+    with pytest.raises(Misread) as caught:
+        Dispatcher(table(misread), unexpected).dispatch([], op)
+    assert caught.value.frame == b"frame"
 
 
 @pytest.mark.parametrize("pauses", [0, 1, 2])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 from rwt import Settings, SettingsError
 from rwt.access.credentials import Rosauth, mac_of, presented_token
 from rwt.access.errors import NotAuthenticated
+from rwt.access.gate.record import Actor
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
 from rwt.rosbridge import Bridge
@@ -101,6 +103,100 @@ def test_the_end_must_lie_ahead() -> None:
         judge(1000).authenticate(op)
 
 
+@pytest.mark.parametrize(
+    ("level", "end", "most", "fault"),
+    [
+        ("admin", 1000 + 86_400, 86_400.0, ""),
+        ("admin", 1000 + 86_401, 86_400.0, "auth.rosauth_end_seconds"),
+        ("admin", 1_000_000, 86_400.0, "auth.rosauth_end_seconds"),  # Milliseconds.
+        ("admin", 1_000_000, 1_000_000.0, ""),
+        ("admin1", 1060, 86_400.0, "has a digit"),
+        ("1admin", 1060, 86_400.0, "has a digit"),
+        ("", 1060, 86_400.0, ""),
+    ],
+)
+def test_what_could_be_another_split_is_refused(level: str, end: int, most: float, fault: str) -> None:
+    op = Auth.model_validate(signed(t=1000, level=level, end=end))
+    rosauth = Rosauth(SECRET, 5.0, lambda: 1000.0, lambda level: ADMIN, most)
+    if fault:
+        with pytest.raises(NotAuthenticated, match=fault):
+            rosauth.authenticate(op)
+    else:
+        assert rosauth.authenticate(op) is ADMIN
+
+
+_WORDS = ("viewer", "admin", "x", "-")
+_DIGITS = tuple("0123456789")
+#: What a client may choose: also texts that look like times, and levels.
+_PIECES = st.lists(
+    st.sampled_from([*_WORDS, *_DIGITS, "17644", "1764443", "1764443000", "1764443017"]), max_size=6
+).map("".join)
+#: What the holder of the secret may choose: anything but a time.
+_LEVELS = st.sampled_from(["viewer", "operator", "admin", "superadmin", "", "guest"]) | st.lists(
+    st.sampled_from([*_WORDS, *_DIGITS]), max_size=5
+).map("".join)
+
+
+def _splits(text: str) -> Iterator[tuple[str, int, str, int]]:
+    """All ways to read a text as what is before `t`, and then `t`, `level` and `end`."""
+    for end_at in range(len(text) - 1, 0, -1):
+        if not (text[end_at].isdigit() or text[end_at] == "-"):
+            return
+        for found in re.finditer(r"(?=(-?[0-9]+))", text[:end_at]):
+            begin, digits = found.start(), found[1]
+            for size in range(1, len(digits) + 1):
+                parts = digits[:size], text[end_at:]
+                # JSON has no leading zeros, and the number would be written without them again.
+                if all(re.fullmatch(r"0|-?[1-9][0-9]*", part) for part in parts):
+                    yield text[:begin], int(parts[0]), text[begin + size : end_at], int(parts[1])
+
+
+@given(
+    before=_PIECES,
+    level=_LEVELS,
+    lasts=st.integers(1, 86_400),
+    fallback=st.sampled_from([None, "admin", "operator"]),
+    most=st.sampled_from([86_400.0, 1e9]),
+)
+def test_no_other_split_of_a_valid_auth_gains_anything(
+    before: str, level: str, lasts: int, fallback: str | None, most: float
+) -> None:
+    """Whoever has a valid op can move characters between its members: the MAC stays right."""
+    roles = {name: Role(name, RoleSettings()) for name in ("viewer", "operator", "admin")}
+    roles |= {name: Role(name, RoleSettings()) for name in ("0viewer", "viewer1", "x1764443000viewer")}
+    t = 1764443000
+
+    def role_of(op: Auth, now: float) -> Role | None:
+        role_for = lambda level: roles.get(level, roles.get(fallback or ""))  # noqa: E731
+        try:
+            return Rosauth(SECRET, 5.0, lambda: now, role_for, most).authenticate(op)
+        except NotAuthenticated:
+            return None
+
+    own = Auth.model_validate(signed(client=before, dest="", rand="", t=t, level=level, end=t + lasts))
+    for start, other_t, other_level, other_end in _splits(f"{before}{t}{level}{t + lasts}"):
+        if abs(other_end) > 2**53 or abs(other_t) > 2**53:
+            continue  # Not a number of an op.
+        other = own.model_copy(update={"client": start, "t": other_t, "level": other_level, "end": other_end})
+        assert mac_of(SECRET, other) == own.mac
+        # It was issued at `t`, and may be used at any time from then on, up to 2286.
+        times = (max(t, each) for each in (t, other_t - 4, other_t, other_t + 4, other_end - 1))
+        for now in (each for each in times if each < 10**10):
+            if (role := role_of(other, now)) is not None:
+                assert role is role_of(own, now)
+                assert other_end == own.end
+
+
+def test_an_auth_identifies_nobody(graph: MemoryGraph) -> None:
+    _, client = _guarded(graph)
+    client.say("auth", **signed(client="tablet", level="admin"))
+    role = client.peer.graph.role
+    assert (role.credential, role.token) == ("rosauth", "")
+    assert Actor("rosbridge:1", role, "192.0.2.7").owner == "@192.0.2.7"
+    of_token = ADMIN.given_by("rosauth")
+    assert Actor("rosbridge:2", of_token, "192.0.2.7").owner == of_token.token == "rosauth"
+
+
 def test_the_clock_is_not_told_to_who_does_not_know_the_secret() -> None:
     op = Auth.model_validate(signed("ponmlkjihgfedcba", t=1, end=2))
     with pytest.raises(NotAuthenticated, match=r"^auth: the mac is wrong$"):
@@ -122,7 +218,7 @@ def test_a_mac_that_can_be_no_good_any_more_is_forgotten() -> None:
     rosauth = Rosauth(SECRET, 5.0, lambda: now[0], lambda level: ADMIN)
     for second in range(1000, 31_000):
         now[0] = second
-        rosauth.authenticate(Auth.model_validate(signed(t=second, end=second + 10**6)))
+        rosauth.authenticate(Auth.model_validate(signed(t=second, end=second + 80_000)))
     assert held(rosauth) < 100
 
 
@@ -270,18 +366,20 @@ def test_a_replayed_auth_is_refused_on_another_connection(graph: MemoryGraph) ->
 
 
 def test_the_level_names_the_role(graph: MemoryGraph) -> None:
-    bridge, viewer = _guarded(graph)
+    _, viewer = _guarded(graph)
     viewer.say("auth", **signed(level="viewer"))
     assert viewer.peer.graph.role.name == "viewer"
-    anybody = Client(bridge)
+    anybody = Client(_guarded(MemoryGraph(), rosauth_role="viewer")[0])
     anybody.say("auth", **signed(level="whatever"))
-    assert anybody.peer.graph.role.name == "admin"
+    assert anybody.peer.graph.role.name == "viewer"
 
 
-def test_with_roles_a_level_that_names_none_is_refused(graph: MemoryGraph) -> None:
-    values = _settings().model_dump() | {"roles": {"operator": {}}}
+@pytest.mark.parametrize("roles", [{}, {"operator": {}}])
+@pytest.mark.parametrize("level", ["opertor", ""])
+def test_a_level_that_names_no_role_is_refused(graph: MemoryGraph, roles: dict[str, Any], level: str) -> None:
+    values = _settings().model_dump() | {"roles": roles}
     client = Client(Bridge(graph, Settings.model_validate(values)))
-    client.say("auth", **signed(level="opertor"))
+    client.say("auth", **signed(level=level))
     assert client.close_code == 1008
     assert "auth.rosauth_role" in client.close_reason
 

@@ -17,6 +17,7 @@ from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
 from rwt_interfaces.registry import Registry
+from rwt_protocol.codecs.quick_frames import PARSED_BYTES
 from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Op
 from rwt_protocol.session import Refusal
@@ -72,6 +73,12 @@ FRAMES = {
     "one that is cut short": [GOOD, GOOD[:-20] + "}}", GOOD],
     "one with a member behind its payload": [GOOD, GOOD[:-15] + ',"topic":"/u","x":{"y":1}}', GOOD],
     "one with two payloads": [GOOD, '{"op":"publish","topic":"/t","msg":{"data":1},"msg":{"data":2}}'],
+    "a member behind the payload of an unknown topic": [
+        '{"op":"publish","topic":"/v","type":"std_msgs/Int32","msg":{"data":1},"type":"x","x":{"y":1}}'
+    ],
+    "a latched one": [GOOD, GOOD.replace("false", "true"), GOOD],
+    "one that is nested too deeply": [GOOD, _publish(msg={"x": 1}).replace("1", "[" * 120 + "]" * 120)],
+    "an id that is too long": [GOOD, GOOD.replace('"1"', f'"{"x" * 5000}"'), GOOD],
     "two in one frame": [GOOD, _publish() + _publish(msg={"data": 2}), GOOD],
     "NaN": [GOOD, GOOD.replace("1}", "NaN}")],
     "an unknown topic": [GOOD, _publish("/unknown")],
@@ -113,10 +120,17 @@ def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool) -> list[ob
     return [reader.heard(), client.heard(), counted, client.peer.messages]
 
 
+def _with_long_ids(frame: str) -> str:
+    """Return a frame whose `publish` is only matched at its ends."""
+    return frame.replace('"id":"1",', "").replace('"publish",', f'"publish","id":"{"1" * PARSED_BYTES}",', 1)
+
+
+@pytest.mark.parametrize("is_long", [False, True], ids=["short", "long"])
 @pytest.mark.parametrize("latch", [False, True], ids=["volatile", "latched"])
 @pytest.mark.parametrize("name", FRAMES)
-def test_the_outcome_is_that_of_reading_in_full(name: str, latch: bool) -> None:
-    quick, full = (_outcome(FRAMES[name], latch, in_full=each) for each in (False, True))
+def test_the_outcome_is_that_of_reading_in_full(name: str, latch: bool, is_long: bool) -> None:
+    frames = [_with_long_ids(frame) for frame in FRAMES[name]] if is_long else FRAMES[name]
+    quick, full = (_outcome(frames, latch, in_full=each) for each in (False, True))
     assert quick == full
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt.extensions.hub.hub import Hub, hub_routes
+from rwt.extensions.hub.hub import Hub
+from rwt.extensions.hub.listing import hub_routes
 from rwt_transports.api import Attach, BindAddress, Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers import sockets
@@ -25,7 +26,6 @@ from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.json_stream import JsonStreamWire
 from tests.contract.transports import test_listen
-from tests.core.transports.rfc6455.handshake import REQUEST
 from tests.memory_pipe import MemoryPipe
 
 certificate = test_listen.certificate
@@ -143,25 +143,6 @@ def test_the_page_of_a_hub_can_become_no_script_and_is_in_no_frame() -> None:
     answer = browser.receive()
     assert b"Content-Security-Policy: default-src 'none'; style-src" in answer and b"<script" not in answer
     assert b"frame-ancestors 'none'" in answer
-
-
-def test_a_hub_counts_clients_and_not_the_connections_that_serve_them() -> None:
-    addresses = AddressCount(1)
-    hub = Hub(addresses=addresses)
-    state = ListenerState(
-        hub.accept, WebSocketWire, Limits(), partial(HttpConnection, Routes()), "ws", addresses=addresses
-    )
-    robots = [_comes(state.attach, NEAR, _upgrade(b"/robots/rosie")) for _ in range(4)]
-    assert all(b" 101 " in robot.receive() for robot in robots)
-    assert b" 101 " in _comes(state.attach, NEAR, _upgrade(b"/rosie")).receive()
-    assert b" 429 " in _comes(state.attach, NEAR, _upgrade(b"/rosie")).receive()
-    for robot in robots:
-        robot.cut()
-    addresses.check(NEAR)
-
-
-def _upgrade(path: bytes) -> bytes:
-    return REQUEST.replace(b"/robot ", path + b" ")
 
 
 # -- handshakes in TLS -------------------------------------------------------------------------------------

@@ -14,9 +14,12 @@ import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
+from rwt.extensions.hub.uplink.frames import SUBPROTOCOL as NAME
 from tests.processes import ended, running
 
+SUBPROTOCOL = Subprotocol(NAME)
 _TOKEN = "0123456789abcdef"
 
 
@@ -164,7 +167,7 @@ def test_pages_and_pictures_of_a_robot_go_through_the_hub(robot_with_roles: str)
     missing = _page(robot_with_roles, f"/rosie/nothing?{owner}")
     assert missing.status_code == 404 and "/snapshot" in missing.text
     hub_metrics = _page(robot_with_roles, "/metrics").text
-    assert re.search(r'^rwt_hub_used_connections\{robot="rosie"\} [1-9]$', hub_metrics, re.MULTILINE)
+    assert re.search(r'^rwt_hub_robot_streams\{robot="rosie"\} [0-9]+$', hub_metrics, re.MULTILINE)
     assert "\nrwt_hub_robots 1\n" in hub_metrics and "\nrwt_hub_clients_total 1\n" in hub_metrics
 
 
@@ -187,9 +190,12 @@ def test_the_robots_roles_decide_about_its_pages(
 
 
 def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
-    with running(
-        "hub", "ws://127.0.0.1:0", "--proxy", "127.0.0.1", "--host", "robots.example", "--access-log"
-    ) as (hub, url):
+    written = ("x-forwarded-for", "x-forwarded-host", "x-forwarded-prefix")
+    trusted = ("--proxy", "127.0.0.1", *(each for name in written for each in ("--proxy-header", name)))
+    with running("hub", "ws://127.0.0.1:0", *trusted, "--host", "robots.example", "--access-log") as (
+        hub,
+        url,
+    ):
         forwarded = {
             "X-Forwarded-Prefix": "/fleet",
             "X-Forwarded-Host": "robots.example",
@@ -203,6 +209,13 @@ def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
         hub.terminate()
         _, log = hub.communicate(timeout=60)
     assert re.search(r"192\.0\.2\.7 .*GET /rosie/index.* 200", log), log
+    assert "trusting x-forwarded-for, x-forwarded-host, x-forwarded-prefix from 127.0.0.1" in log
+
+
+def test_a_hub_rejects_headers_that_contradict_each_other() -> None:
+    given = ("--proxy", "127.0.0.1", "--proxy-header", "forwarded", "--proxy-header", "x-forwarded-for")
+    done = ended("hub", "ws://127.0.0.1:0", *given)
+    assert done.returncode == 2 and "both give the client's address" in done.stderr
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there is no such signal here")
@@ -213,7 +226,8 @@ def test_a_hangup_reads_tokens_again_and_a_bad_file_keeps_the_old(tmp_path: Path
 
     def dials_in(url: str, token: str) -> bool:
         try:
-            with connect(f"{url}/robots/r", additional_headers={"Authorization": f"Bearer {token}"}):
+            headers = {"Authorization": f"Bearer {token}"}
+            with connect(f"{url}/robots/r", additional_headers=headers, subprotocols=[SUBPROTOCOL]):
                 return True
         except InvalidStatus:
             return False
@@ -227,7 +241,7 @@ def test_a_hangup_reads_tokens_again_and_a_bad_file_keeps_the_old(tmp_path: Path
 
     with running("hub", "ws://127.0.0.1:0", "--token-file", str(tokens)) as (hub, url):
         stays = {"Authorization": f"Bearer {_TOKEN}"}
-        with connect(f"{url}/robots/stays", additional_headers=stays) as wire:
+        with connect(f"{url}/robots/stays", additional_headers=stays, subprotocols=[SUBPROTOCOL]) as wire:
             tokens.write_text("short\n")
             hub.send_signal(signal.SIGHUP)
             assert dials_in(url, _TOKEN)

@@ -100,6 +100,7 @@ class Approval(PendingCall):
         id: number of the request, as a string.
         client, act, name: those of the subject.
         slot: credential and rule whose requests are limited together.
+        token: name of the token with which the client asked; empty without one.
         settings: those of the rule.
         content: digest and size of the message, the fields that rules name, and its JSON, truncated.
         asked_ns: ROS time of the request.
@@ -121,6 +122,7 @@ class Approval(PendingCall):
         self.settings = rule.settings.approval
         self.content = content
         self.slot = (subject.client.owner, rule.key)
+        self.token = subject.client.token
         self.asked_ns = approvals.clock.time_ns()
         self._state = _ApprovalState.PENDING
         self.go: Callable[[], None] | None = None
@@ -146,7 +148,8 @@ class Approval(PendingCall):
     @property
     def progress(self) -> str:
         """Description for the client that waits."""
-        roles, left = " or ".join(self.settings.roles), f"{self.seconds_left:g} s left"
+        roles = " or ".join(self.settings.roles) or "the robot"
+        left = f"{self.seconds_left:g} s left"
         return f"{self.act} {self.name}: waiting for approval by {roles} ({left}, id {self.id})"
 
     def cancel(self) -> None:
@@ -268,8 +271,8 @@ class Approvals:
             A description of what was approved or denied.
 
         Raises:
-            GateRefused: no request of that id is pending, the client may not answer it, or `seconds` is
-                longer than the rule allows.
+            GateRefused: no request of that id is pending, the client may not answer it or has no token but
+                that of the requester, or `seconds` is longer than the rule allows.
         """
         approval = self._pending.get(id)
         if approval is None:
@@ -278,8 +281,10 @@ class Approvals:
         key = f"{approval.rule.key}.approval"
         if by is not None and glob_pattern(settings.roles).fullmatch(by.role) is None:
             raise GateRefused(f"role {by.role!r} may not answer requests", f"{key}.roles")
-        same = by is not None and by.credential and by.credential == approval.client.credential
-        if by is approval.client or same:
+        # Without a token nothing distinguishes two connections of one person.
+        if by is not None and not by.token:
+            raise GateRefused("a client without a token may not answer requests (auth.tokens)", key)
+        if by is not None and by.token == approval.token:
             raise GateRefused("a client may not answer its own request, nor one of its token", key)
         # Written so that NaN is rejected, too.
         if not 0 <= seconds <= settings.remember_seconds:

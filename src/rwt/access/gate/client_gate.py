@@ -12,7 +12,7 @@ from uuid import uuid4
 from rwt.access.client_graph import ClientPublisher, WrappedPublisher
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
 from rwt.access.gate.gate import GATE_NODE, Gate
-from rwt.access.gate.node import LEASES, SERVICES, TOPICS, answer_of, press
+from rwt.access.gate.node import LEASES, TOPICS, answer_of, press
 from rwt.access.gate.record import CALLER, Actor
 from rwt.access.gate.topic import TopicState
 from rwt.access.graph_view import STOP
@@ -23,7 +23,7 @@ from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import Durability, QoS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Set
 
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.rules import GatedAct, Rule
@@ -287,7 +287,9 @@ class ClientGate:
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         if topic == STOP and not self._gate.may_stop(self.actor.role):
-            raise NotAllowed(f"role {self.actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
+            text = f"role {self.actor.role!r} may not stop the robot (gate.emergency.stop_roles)"
+            self.note_refusal("publish", topic, text)
+            raise NotAllowed(text)
 
     def check_subscriber(self, topic: str) -> None:
         """Check a subscription: the topic of leases names the holders of all leases.
@@ -345,6 +347,11 @@ class ClientGate:
         """True if the client can press the emergency stop now."""
         return self._gate.is_stop_due(self.actor.role)
 
+    @property
+    def is_stopped(self) -> bool:
+        """True while the emergency stop is pressed."""
+        return bool(self._gate.stopped_by)
+
     def is_stop_topic(self, topic: str) -> bool:
         """Return True for the topic that presses the emergency stop."""
         return topic == STOP and bool(self._gate.rules.all)
@@ -359,9 +366,10 @@ class ClientGate:
 
     # Calls
 
-    def is_own(self, service: str) -> bool:
-        """Return True for a service of the gate, which itself decides who may call it."""
-        return service in SERVICES and bool(self._gate.rules.all)
+    @property
+    def open_services(self) -> Set[str]:
+        """Services of the gate, which itself decides who may call them."""
+        return self._gate.open_services
 
     def check_call(
         self, service: str, type: ServiceType, request: Payload, written: list[str], text: str = ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -73,7 +73,8 @@ class Gate:
     The emergency stop is released or pressed: ``stopped_by`` names who pressed it, and is empty while it is
     released. In mode ``observe`` a press publishes the stop messages, and is released at once.
 
-    Private attributes: ``_checks`` (limits of rules, compiled for a type of requests or goals),
+    Private attributes: ``_stop_roles`` (cached: True for roles that may press the emergency stop),
+    ``_checks`` (limits of rules, compiled for a type of requests or goals),
     ``_cancels`` (publishers of the `cancel` topics of ROS 1's actions, by topic),
     ``_count`` (number of clients so far), ``_topics`` (by name; from the first publisher on, or since the
     robot has the topic), ``_sweep`` (the same, in the order in which they are examined for removal).
@@ -93,6 +94,7 @@ class Gate:
         held: leases with a holder, with the names of their topics.
         leases_held: number of the same by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
         wake_watch: ends them after a suspension of the machine.
+        open_services: services that every role may call, because the gate decides; set by the gate's node.
         on_leases, on_stop, on_approvals: called after a change; set by the gate's node.
 
     Raises:
@@ -104,6 +106,7 @@ class Gate:
         self._graph = graph
         self.settings = settings
         self.is_observing = settings.mode == "observe"
+        self._stop_roles: dict[str, bool] = {}
         self.rules = Rules(settings.rules)
         self.clock = graph.clock
         self.recorder = Recorder(settings.audit, audit, graph.clock)
@@ -121,6 +124,7 @@ class Gate:
         self.leases_held: Counter[str] = Counter()
         self.wake_watch = WakeWatch(graph.clock, self._look)
         self.on_leases = self.on_stop = self.on_approvals = _nothing
+        self.open_services: Set[str] = frozenset()
         self.actors: dict[str, Actor] = {}
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
@@ -189,6 +193,7 @@ class Gate:
             raise SettingsError(str(wrong)) from None
         self.settings = settings
         self.is_observing = settings.mode == "observe"
+        self._stop_roles.clear()
         for topic in topics.values():
             if self.rules.of("publish", topic.name):
                 self.guarded(topic.name, topic.type).take_over(topic)
@@ -730,11 +735,18 @@ class Gate:
 
     def may_stop(self, role: str) -> bool:
         """Return True if clients of a role may press the emergency stop."""
-        return glob_pattern(self.settings.emergency.stop_roles).fullmatch(role) is not None
+        may_stop = self._stop_roles.get(role)
+        if may_stop is None:
+            pattern = glob_pattern(self.settings.emergency.stop_roles)
+            may_stop = self._stop_roles[role] = pattern.fullmatch(role) is not None
+        return may_stop
 
     def is_stop_due(self, role: str) -> bool:
-        """Return True if clients of a role can press the emergency stop now, ahead of all other messages."""
-        return not self.stopped_by and self.rules.has_emergency and self.may_stop(role)
+        """Return True if clients of a role can stop the robot now, ahead of all other messages.
+
+        In mode ``observe`` nothing is stopped for longer than a message, so a press is one like any other.
+        """
+        return not (self.stopped_by or self.is_observing) and self.rules.has_emergency and self.may_stop(role)
 
     def _latch(self, by: str, reason: str, actor: Actor | None = None) -> None:
         # From here on every command is rejected, each when it is checked.

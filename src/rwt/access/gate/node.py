@@ -95,6 +95,7 @@ class GateNode:
         for name, handler in handlers.items():
             type = graph.registry.service(SERVICES[name])
             participant.advertise_service(name, type, _answering(type, handler))
+        gate.open_services = SERVICES.keys()
         participant.subscribe(STOP, self._on_stop, graph.registry.message("std_msgs/Empty"))
         gate.on_leases = lambda: self._publish_soon(LEASES, PUBLISH_SECONDS)
         gate.on_stop = lambda: self._publish_soon(STOPPED)

@@ -138,13 +138,18 @@ class Actor:
 
     @property
     def owner(self) -> str:
-        """Identity whose clients share limits: the name of the credential, or the address without one."""
-        return self.rights.credential or f"@{network_of(self.address)}"
+        """Identity whose clients share limits: the name of the token, or the address without one."""
+        return self.rights.token or f"@{network_of(self.address)}"
 
     @property
     def credential(self) -> str:
         """Name of the token that gave the role, or `rosauth`; empty for a client without credentials."""
         return self.rights.credential
+
+    @property
+    def token(self) -> str:
+        """Name of the token that gave the role; empty for a client that nothing identifies."""
+        return self.rights.token
 
     def __str__(self) -> str:
         return f"{self.name} (role {self.role})"

@@ -19,12 +19,11 @@ from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import SAFE_HEADERS, close_iterator
+from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import (
-    NO_PROXIES,
     Hosts,
     HttpRequest,
     HttpResponse,
-    Proxies,
     Routes,
     is_local,
     joined_headers,
@@ -148,7 +147,9 @@ class AsgiListener:
         path, mounted = _split_path(scope)
         query = scope.get("query_string", b"").decode("latin-1")
         method = scope.get("method", "GET").upper()
-        return HttpRequest(method, path, query, headers, b"", address, prefix + mounted)
+        # Servers that read a proxy's headers leave out the port; then the connection is not known.
+        connection = tuple(client) if client[1] else None
+        return HttpRequest(method, path, query, headers, b"", address, prefix + mounted, connection)
 
     def _check(self, request: HttpRequest) -> None:
         """Raise Refused if the listener does not answer a request."""

@@ -184,7 +184,7 @@ class RoleListing:
         services = {
             service.id: service
             for info in self.view.services()
-            if role.allows("call", info.name)
+            if self.view.may_call(info.name)
             for service in (catalogue.service(info.name, info.type),)
         }
         change = self.difference(self.channels, self.services, channels, services)

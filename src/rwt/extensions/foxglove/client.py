@@ -177,16 +177,13 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
         """Send a status: an error if the connection is lost."""
         self.replies.send(status(Level.INFO if is_connected else Level.ERROR, text, "graph"))
 
-    def _presses_stop(self, data: bytes, binary: bool) -> bool:
-        try:
-            # In this protocol, text frames neither publish nor call.
-            message = said.parse_binary(data) if binary else None
-        except InvalidFrame:
-            return False
-        if isinstance(message, said.ServiceCallRequest):
-            service = self.listing.services.get(message.service_id)
+    def _names_stop(self, data: bytes, binary: bool) -> bool:
+        # In this protocol, text frames neither publish nor call.
+        opcode, id = said.addressee(data) if binary else (0, 0)
+        if opcode == said.SERVICE_CALL_REQUEST:
+            service = self.listing.services.get(id)
             return service is not None and service.name == STOP
-        return isinstance(message, said.MessageData) and self.publications.topic_of(message) == STOP
+        return opcode == said.MESSAGE_DATA and self.publications.topic_of(id) == STOP
 
     def _run_steps(self, steps: Iterator[None]) -> None:
         for _ in steps:

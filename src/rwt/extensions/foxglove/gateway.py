@@ -149,7 +149,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         """Return the current listing of a role."""
         listing = self._listings.get(role)
         if listing is None:
-            view = GraphView(self._graph, role, self.access.nobody.work)
+            view = self.access.view(role, self.access.nobody.work)
             listing = self._listings[role] = RoleListing(self._catalogue, view)
             listing.refresh()
         elif self._seen != self._graph.version:

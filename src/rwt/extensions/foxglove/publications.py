@@ -75,9 +75,9 @@ class ClientChannels:
         finished(steps)
         return None
 
-    def topic_of(self, message: MessageData) -> str:
-        """Return the topic of a message; empty if the client has no such channel."""
-        announced = self._by_id.get(message.channel_id)
+    def topic_of(self, channel_id: int) -> str:
+        """Return the topic of a channel; empty if the client has no such channel."""
+        announced = self._by_id.get(channel_id)
         return "" if announced is None else announced.topic
 
     def _of(self, message: MessageData) -> _Announced:

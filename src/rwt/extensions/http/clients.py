@@ -38,12 +38,12 @@ count as one.
 _is_session: Final = re.compile(r"[\w-]{1,64}", re.ASCII).fullmatch
 
 
-def presses_stop(request: HttpRequest) -> bool:
-    """Return True for a request that presses the emergency stop: a call of its service, or a message."""
-    if request.method != "POST":
+def names_stop(request: HttpRequest) -> bool:
+    """Return True for a request that may press the emergency stop: a call of its service, or a message."""
+    if request.method != "POST" or "stop" not in request.path:
         return False
-    _, _, path = request.path.removeprefix("/api/").partition("/")
-    return canonical(f"/{unquote(path).strip('/')}") == STOP
+    kind, _, path = request.path.removeprefix("/api/").partition("/")
+    return kind in ("services", "topics") and canonical(f"/{unquote(path).strip('/')}") == STOP
 
 
 class ReaderStream(ABC):
@@ -147,7 +147,7 @@ class Clients(Visitors[HttpClient]):
         """
         session = request.headers.get(SESSION.lower())
         shared = (owner, None, "")
-        if presses_stop(request):
+        if names_stop(request):
             return shared  # A stop is never rejected, and it needs no client of its own.
         if session is not None and not _is_session(session):
             raise problems.HttpProblem(

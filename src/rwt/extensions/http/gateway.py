@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import lru_cache, partial
 from importlib.metadata import version
 from importlib.resources import files
@@ -13,15 +14,15 @@ import msgspec
 
 from rwt.access.access import Access
 from rwt.access.decisions import READS
-from rwt.access.graph_view import GraphView
+from rwt.access.graph_view import STOP, GraphView
 from rwt.access.settings import LINGER_SECONDS
 from rwt.declarations import ALONE, ServerInfo
 from rwt.extensions.http import actions, parameters, services, topics
-from rwt.extensions.http.clients import Clients, Handler, page, presses_stop
+from rwt.extensions.http.clients import Clients, Handler, names_stop, page
 from rwt.extensions.http.part import HttpSettings
-from rwt.extensions.http.problems import KINDS, HttpProblem, refusal
+from rwt.extensions.http.problems import KINDS, REFUSALS, HttpProblem, refusal
 from rwt.extensions.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
-from rwt.extensions.http.requests import Query, name_and_type, text_below
+from rwt.extensions.http.requests import Query, name_and_type, small_payload_of, text_below
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import url_of
 from rwt_graph.api import ActionInfo, Graph, ServiceInfo, TopicInfo
@@ -33,6 +34,7 @@ from rwt_transports.http.routes import (
     HttpResponse,
     MetricFamily,
     Route,
+    StopRequests,
     page_policy,
 )
 
@@ -122,6 +124,7 @@ class HttpGateway(Gateway):
             ("PUT", "/api/parameters/*", "parameters", of_parameters.set),
             ("DELETE", "/api/parameters/*", "parameters", of_parameters.delete),
         )
+        stop = StopRequests(self._may_press, self._press_stop)
         methods: dict[str, list[str]] = {}
         for method, path, _, _ in rows:
             methods.setdefault(path, []).extend((method, "HEAD") if method == "GET" else (method,))
@@ -137,7 +140,21 @@ class HttpGateway(Gateway):
         )
         for method, path, kind, handler in (*rows, *others):
             counted = partial(self._counted, page(handler), (kind, method))
-            yield Route(path, counted, Audience.ADMITTED, method, refusal, presses_stop)
+            yield Route(path, counted, Audience.ADMITTED, method, refusal, stop)
+
+    def _may_press(self, request: HttpRequest, reader: GraphView) -> bool:
+        return names_stop(request) and self.access.is_stop_due(reader.role)
+
+    def _press_stop(self, request: HttpRequest, reader: GraphView) -> None:
+        """Press the emergency stop before the page runs, which takes two turns and reports refusals."""
+        with suppress(*REFUSALS), self._visitors.client_of(request, reader) as client:
+            graph = client.graph
+            read = partial(small_payload_of, request=request, now=graph.clock.time_ns)
+            if request.path.startswith(topics.PATH):
+                publisher = graph.publisher(STOP, None)
+                publisher.publish(read(publisher.type))
+            else:
+                graph.call_service(STOP, read, lambda response: None)
 
     def _counted(
         self, handler: Handler, row: tuple[str, str], request: HttpRequest, reader: GraphView

@@ -196,7 +196,7 @@ class _Description:
                 f"describe{name}", "services", f"The type of {name}", _ok(_named("NameAndType"))
             )
         }
-        if self._role.allows("call", name):
+        if self._reader.may_call(name):
             item["post"] = self._operation(
                 f"call{name}",
                 "services",

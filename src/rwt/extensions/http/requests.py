@@ -149,18 +149,27 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
         InvalidMessage: it does not fit the type.
     """
     body = request.body
-    if media_of(request) == CBOR and body:
-        return Payload.from_value(type, _cbor_map(body), now)
+    if len(body) < IN_STEPS or media_of(request) == CBOR:
+        return small_payload_of(type, request, now)
     try:
-        return await _from_json(type, body or b"{}", now)
+        return await _from_json(type, body, now)
     except InvalidMessage as error:
         # Only now, because it reads the body again: messages that fit need no second look.
         raise malformed(body) or error from None
 
 
+def small_payload_of(type: MessageType, request: HttpRequest, now: Callable[[], int]) -> Payload:
+    """Return the body as a message, decoded at once. Raises as :func:`payload_of`."""
+    body = request.body
+    if media_of(request) == CBOR and body:
+        return Payload.from_value(type, _cbor_map(body), now)
+    try:
+        return Payload.from_json(type, body or b"{}", now)
+    except InvalidMessage as error:
+        raise malformed(body) or error from None  # As above.
+
+
 async def _from_json(type: MessageType, body: bytes, now: Callable[[], int]) -> Payload:
-    if len(body) < IN_STEPS:
-        return Payload.from_json(type, body, now)
     is_dense = body.count(b"{") + body.count(b"[") > _MAX_BRACKETS
     try:
         steps = Payload.from_json_in_steps(type, body, now, is_dense=is_dense)

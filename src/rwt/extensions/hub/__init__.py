@@ -1,1 +1,1 @@
-"""Relay hub: robots behind a NAT dial in, and clients reach them through it."""
+"""Hub: robots behind a NAT dial in, and clients reach them through it."""

@@ -1,4 +1,4 @@
-"""`rwt hub`: relay for robots behind a NAT, each reachable under its own path."""
+"""`rwt hub`: hub for robots behind a NAT, each reachable under its own path."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from rwt.access.settings import SettingsError, TlsSettings
 from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import integer_within
-from rwt.extensions.hub.hub import ADDRESS_BYTES, open_hub
+from rwt.extensions.hub.ends import ADDRESS_BYTES
+from rwt.extensions.hub.hub import MAX_ROBOTS, open_hub
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
-from rwt_transports.http.routes import Proxies
+from rwt_transports.http.proxies import PROXY_HEADERS, Proxies
 from rwt_transports.limits import Limits
 
 logger = logging.getLogger("rwt.cli.hub")
@@ -86,7 +87,15 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         action="append",
         default=[],
         metavar="ADDRESS",
-        help="address or network of a reverse proxy whose Forwarded headers count; several may be given",
+        help="address or network of a reverse proxy that names its clients; several may be given",
+    )
+    parser.add_argument(
+        "--proxy-header",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="header that the proxies write themselves, for example x-forwarded-prefix; several may be given"
+        f" (default {', '.join(PROXY_HEADERS)}); others are ignored",
     )
     _add_bounds(parser)
     parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
@@ -96,8 +105,9 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
 
 def _add_bounds(parser: argparse.ArgumentParser) -> None:
     for option, metavar, least, most, default, help in (
+        ("--robots", "COUNT", 1, 1_000_000, MAX_ROBOTS, "robots that have dialled in"),
         ("--connections", "COUNT", 1, 1_000_000, _LIMITS.connections,
-         "open connections, including robots and plain HTTP"),
+         "open connections of clients, including plain HTTP"),
         ("--connections-per-address", "COUNT", 0, 1_000_000, _LIMITS.connections_per_address,
          "connections of clients per address, other than this machine; 0 for no limit"),
         ("--message-bytes", "BYTES", _KIB, 1 << 30, _LIMITS.message_bytes,
@@ -161,9 +171,9 @@ def _tls(arguments: argparse.Namespace) -> TlsSettings:
 async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: TlsSettings) -> None:
     stop = anyio.Event()
     try:
-        proxies = Proxies(arguments.proxy)
+        proxies = Proxies(arguments.proxy, arguments.proxy_header or PROXY_HEADERS)
     except ValueError as error:
-        raise CommandError(f"--proxy: {error}", exit_code=2) from None
+        raise CommandError(f"--proxy or --proxy-header: {error}", exit_code=2) from None
     context = server_tls(tls)
     opened = open_hub(
         arguments.url,
@@ -175,6 +185,7 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
             incoming_bytes=arguments.waiting_bytes,
         ),
         waiting_bytes=arguments.waiting_bytes,
+        max_robots=arguments.robots,
         tls=context,
         hosts=arguments.host,
         proxies=proxies,
@@ -201,4 +212,5 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
             handlers[HANGUP] = lambda: stop.set() if terminal_is_gone() else reload()
         with on_signals(handlers), bounded_log():
             print(f"listening on {hub.url}", flush=True)
+            proxies.log()
             await stop.wait()

@@ -14,7 +14,7 @@ from rwt.declarations import Option, ServiceContext, ServicePart
 from rwt_transports.http.routes import MetricFamily
 
 if TYPE_CHECKING:
-    from rwt.extensions.hub.relay.dial import RelayStatus
+    from rwt.extensions.hub.uplink.dial import UplinkStatus
     from rwt.settings.models import Settings
 
 
@@ -34,7 +34,7 @@ class DialSettings(Table):
 
 def _check(settings: Settings, own: DialSettings) -> None:
     if own.urls:
-        from rwt.extensions.hub.relay.dial import check_dial_url
+        from rwt.extensions.hub.uplink.dial import check_dial_url
         from rwt_transports.errors import BadUrl
 
         try:
@@ -46,12 +46,12 @@ def _check(settings: Settings, own: DialSettings) -> None:
 
 @asynccontextmanager
 async def _run(context: ServiceContext, settings: DialSettings) -> AsyncIterator[None]:
-    from rwt.extensions.hub.relay.dial import dial
+    from rwt.extensions.hub.uplink.dial import dial
     from rwt.tls.tls import client_tls
 
     token = settings.token.get_secret_value() if settings.token else None
     tls = client_tls(settings.cafile)
-    found: list[RelayStatus] = []
+    found: list[UplinkStatus] = []
     async with AsyncExitStack() as stack:
         for url in settings.urls:
             status = await stack.enter_async_context(
@@ -72,10 +72,12 @@ async def _run(context: ServiceContext, settings: DialSettings) -> AsyncIterator
         yield
 
 
-def _metrics(found: list[RelayStatus]) -> Iterator[MetricFamily]:
-    families: tuple[tuple[str, str, Callable[[RelayStatus], int]], ...] = (
-        ("rwt_dial_waiting_connections", "Connections that wait at a hub for a client.", lambda it: it.idle),
-        ("rwt_dial_clients", "Clients that came through a hub.", lambda it: it.clients),
+def _metrics(found: list[UplinkStatus]) -> Iterator[MetricFamily]:
+    families: tuple[tuple[str, str, Callable[[UplinkStatus], float]], ...] = (
+        ("rwt_dial_connected", "1 while the uplink to a hub is open.", lambda it: int(it.connected)),
+        ("rwt_dial_clients", "Clients and pages that are served through a hub.", lambda it: it.clients),
+        ("rwt_dial_round_trip_seconds", "Seconds of the uplink's last round trip.", lambda it: it.round_trip),
+        ("rwt_dial_rate_bytes", "Bytes per second that arrived at a hub lately.", lambda it: it.rate),
         ("rwt_dial_failures", "Attempts in a row that a hub did not answer.", lambda it: it.failures),
     )
     for name, help_, value in families:

@@ -83,6 +83,7 @@ class Agent:
             returns True if it was given.
         confirm: asks the person at the agent's program to confirm an act; raises
             :exc:`~rwt.extensions.mcp.errors.ToolError` if that is refused.
+        may_stop: True if the agent may press the emergency stop, whatever other rights it has.
         role: name of its role; empty for a robot of another program.
         hidden: returns how many topics, services and actions the role does not see.
         notices: what the gate did to the agent's commands, such as clamping.
@@ -102,6 +103,7 @@ class Agent:
     pass_gate: Callable[[float], Awaitable[bool]] = _no_approval
     confirm: Callable[[Act, str, str], Awaitable[None]] = _no_confirmation
     recordings: RecordingFolder | None = None
+    may_stop: bool = False
     role: str = ""
     hidden: Callable[[], Mapping[str, int]] = dict
     notices: list[str] = field(default_factory=list)

@@ -26,7 +26,7 @@ from pydantic import ValidationError
 from rwt.access.audit import LineRate, one_line
 from rwt.access.decisions import READS
 from rwt.access.errors import AccessError
-from rwt.access.graph_view import STOP, GraphView, canonical
+from rwt.access.graph_view import STOP, GraphView
 from rwt.access.roles import Role, glob_pattern
 from rwt.access.settings import LINGER_SECONDS
 from rwt.extensions.mcp.agent import Act, Agent, Allow, note_once
@@ -37,8 +37,9 @@ from rwt.extensions.mcp.goals import GoalTable
 from rwt.extensions.mcp.person import Questions
 from rwt.extensions.mcp.server import make_server
 from rwt.extensions.mcp.tools import TOOLS
-from rwt.extensions.mcp.tools.acting import CallServiceArguments, call_service
-from rwt.gateways.base import MAX_STOP_BYTES, Gateway
+from rwt.extensions.mcp.tools.acting import CallServiceArguments, PublishArguments
+from rwt.gateways.base import Gateway
+from rwt.gateways.early_look import may_name_stop
 from rwt.gateways.visitors import Visitor, Visitors, peer_of, url_of
 from rwt_participant.errors import RobotError
 from rwt_participant.messages import to_payload
@@ -51,6 +52,7 @@ from rwt_transports.http.routes import (
     HttpResponse,
     MetricFamily,
     Route,
+    StopRequests,
     is_local,
 )
 
@@ -95,14 +97,14 @@ class _Caller:
     Attributes:
         role: role by its token, or that of agents without a token. May change while the request is served.
         is_stream: True if the request only opens a stream of events, and for a subscription of its session.
-        presses_stop: True if the request presses the emergency stop.
+        has_pressed_stop: True if the request has pressed the emergency stop.
         at_end: callbacks that cancel the request's work, called when the reader has disconnected.
     """
 
     info: PeerInfo
     role: Role
     is_stream: bool = False
-    presses_stop: bool = False
+    has_pressed_stop: bool = False
     at_end: list[Callable[[], object]] = field(default_factory=list)
     clients: set[ClientGraph] = field(default_factory=set)
 
@@ -181,9 +183,10 @@ class McpGateway(Gateway):
             session_idle_timeout=settings.session_idle_seconds,
             max_sessions=settings.sessions,
         )
+        stop = StopRequests(self._may_press, self._press_stop)
         self.http = HttpExtension(
             tuple(
-                Route(PATH, self._page, Audience.ADMITTED, method, presses_stop=presses_stop)
+                Route(PATH, self._page, Audience.ADMITTED, method, stop=stop)
                 for method in ("POST", "GET", "DELETE")
             ),
             self._section,
@@ -222,42 +225,56 @@ class McpGateway(Gateway):
 
     # -- requests --------------------------------------------------------------------------------------------
 
-    def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
-        info = peer_of(request)
+    def _may_press(self, request: HttpRequest, reader: GraphView) -> bool:
+        """Return True if a request may press the emergency stop, see :class:`StopRequests`."""
+        if request.method != "POST" or not may_name_stop(request.body):
+            return False
         try:
-            role = self._role(info)
-            presses = self.access.is_stop_due(role) and presses_stop(request)
-            # A stop is never refused for lack of room.
-            if not presses:
-                self._check_room(request)
-        except Refused as refused:
-            self._refused += 1
-            return _refusal(refused)
-        if presses:
-            self._press_stop(request, info, role)
-        return self._answer(request, reader, info, role)
+            return self.access.is_stop_due(self._role(peer_of(request)))
+        except Refused:
+            return False
 
-    def _press_stop(self, request: HttpRequest, info: PeerInfo, role: Role) -> None:
+    def _press_stop(self, request: HttpRequest, reader: GraphView) -> None:
         """Press the emergency stop before the SDK reads the request, for which it needs several turns.
 
         The tool's call follows: it has the same response while the robot is stopped, and reports errors.
         """
-        if call_service.act not in _acts(role):
+        try:
+            call = msgspec.json.decode(request.body, type=_ToolCall)
+        except (msgspec.DecodeError, UnicodeDecodeError):  # The SDK accepts more texts than msgspec.
             return
-        params = msgspec.json.decode(request.body, type=_ToolCall).params
+        params = call.params
+        tool = TOOLS.get(params.name)
+        if call.method != "tools/call" or tool is None or not tool.is_for_stop(params.arguments):
+            return
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
         reported = "" if params.meta is None else params.meta.program.name
         program = reported if session is None else session.program
-        client = self.access.client(self.shared, role, info.address, f"mcp:{_shortened(program)}")
+        info = peer_of(request)
+        client = self.access.client(self.shared, self._role(info), info.address, f"mcp:{_shortened(program)}")
         # The tool's call reports wrong arguments, and rejections by the gate.
         with suppress(ValidationError, RobotError, AccessError):
-            asked = CallServiceArguments.model_validate(params.arguments)
-            client.call_service(
-                STOP,
-                lambda type: to_payload(type, asked.request, client.clock.time_ns),
-                lambda response: None,
-            )
+            asked = tool.arguments.model_validate(params.arguments)
+            now = client.clock.time_ns
+            if isinstance(asked, PublishArguments):
+                publisher = client.publisher(STOP, None)
+                publisher.publish(to_payload(publisher.type, asked.message, now))
+            elif isinstance(asked, CallServiceArguments):
+                message = asked.request
+                client.call_service(STOP, lambda type: to_payload(type, message, now), lambda response: None)
         client.close()
+
+    def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        info = peer_of(request)
+        try:
+            role = self._role(info)
+            # A request that has stopped the robot is never refused for lack of room.
+            if not reader.has_pressed_stop:
+                self._check_room(request)
+        except Refused as refused:
+            self._refused += 1
+            return _refusal(refused)
+        return self._answer(request, reader, info, role)
 
     async def _answer(
         self, request: HttpRequest, reader: GraphView, info: PeerInfo, role: Role
@@ -265,7 +282,7 @@ class McpGateway(Gateway):
         await self._is_up.wait()
         if self._tasks is None:
             return _refusal(Refused(503, "this server is closing"))
-        caller = _Caller(info, role, request.method == "GET", presses_stop(request))
+        caller = _Caller(info, role, request.method == "GET", reader.has_pressed_stop)
         self._callers.add(caller)
         visitor = self._visitors.find(caller.owner, Visitor)
         visitor.hold()
@@ -399,6 +416,7 @@ class McpGateway(Gateway):
                     lease_seconds=robot.lease_seconds,
                     pass_gate=robot.pass_gate,
                     recordings=self._recordings,
+                    may_stop=gate is not None and gate.may_stop(caller.role.name),
                     role=caller.role.name,
                     hidden=client.hidden,
                     notices=notices,
@@ -416,7 +434,7 @@ class McpGateway(Gateway):
         """Raise ToolError if the limit of requests, or of subscriptions if it `lasts`, is reached."""
         alike = [each for each in self._callers if each.is_stream is lasts]
         running = sum(len(each.clients) for each in alike)
-        if running >= self.settings.requests and not caller.presses_stop:
+        if running >= self.settings.requests and not caller.has_pressed_stop:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
         own = sum(len(each.clients) for each in alike if each.owner == caller.owner)
         if lasts and own >= self.settings.requests_per_address:
@@ -534,20 +552,6 @@ def _opens_session(request: HttpRequest) -> bool:
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers
-
-
-def presses_stop(request: HttpRequest) -> bool:
-    """Return True for a request that presses the emergency stop: a call of its service by a tool."""
-    # Most requests are excluded by cheap tests: the body is parsed only if it may name the gate's service.
-    if request.method != "POST" or len(request.body) > MAX_STOP_BYTES or b"gate" not in request.body:
-        return False
-    try:
-        call = msgspec.json.decode(request.body, type=_ToolCall)
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        return False
-    params = call.params
-    is_call = (call.method, params.name) == ("tools/call", call_service.name)
-    return is_call and canonical(str(params.arguments.get("service"))) == STOP
 
 
 class _Program(msgspec.Struct):

@@ -38,4 +38,5 @@ PART = GatewayPart(
     settings=McpSettings,
     check=_check,
     make=_make,
+    asked_role=lambda settings: settings.default_role,
 )

@@ -90,7 +90,7 @@ class _Handlers:
         try:
             async with self._host.agent(context, person.allow) as agent:
                 notices = agent.notices
-                if not tool.is_offered_to(agent):
+                if not (tool.is_offered_to(agent) or (agent.may_stop and tool.is_for_stop(given))):
                     raise ToolError(_not_offered(tool, agent))
                 heard = replace(
                     agent,

@@ -9,13 +9,14 @@ from rwt_graph.api import EndpointInfo
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_protocol import ops
+from rwt_protocol.ops.light import LightPublish
 from rwt_protocol.ops.topics import Qos
 from rwt_transports.endpoint import AS_MANY_AS_FIT, FlowRules
 
 _DEFAULT = QoS()
 
 
-def publisher_qos(op: ops.Advertise | ops.Publish) -> QoS | None:
+def publisher_qos(op: ops.Advertise | ops.Publish | LightPublish) -> QoS | None:
     """Return the QoS of a new publisher: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
     if op.qos is None:
         return LATCHED if op.latch else None

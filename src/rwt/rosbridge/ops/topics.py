@@ -23,6 +23,7 @@ from rwt_protocol.codecs import Encoding
 from rwt_protocol.dispatcher import Steps
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
+from rwt_protocol.ops.light import LightPublish
 from rwt_protocol.payloads import Encodable, RawJson
 
 #: Maximum number of spellings under which one client subscribes to one topic, such as `/a`, `a` and `//a`.
@@ -62,7 +63,7 @@ class PeerTopics:
             raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
         self.forget_publisher(name)
 
-    def publish(self, op: Publish, checked: Payload | None = None) -> Steps | None:
+    def publish(self, op: Publish | LightPublish, checked: Payload | None = None) -> Steps | None:
         """Check the message once and publish it (PUB-01 … PUB-09); a large one in steps.
 
         Args:
@@ -70,14 +71,18 @@ class PeerTopics:
         """
         publisher = self._publishers.get(op.topic)
         if publisher is None or (op.qos is not None and checked is None):
+            if isinstance(op, LightPublish):
+                op.msg.json()  # Raises Misread before anything is created.
             publisher = self._new_publisher(op)
         raw, type_ = op.msg, publisher.type
-        if isinstance(raw, RawJson) and raw.validate is None and len(raw.data) < IN_STEPS:
+        if isinstance(op, LightPublish):
             # Nearly all messages: as `payload_of` does, without its call.
-            size = len(raw.data)
+            data = op.msg.data
+            size = len(data)
             try:
-                payload = Payload.from_json(type_, raw.data, self._now)
+                payload = Payload.from_json(type_, data, self._now)
             except InvalidMessage as error:
+                op.msg.json()  # Raises Misread if the type rejected something else than a message.
                 raise refusal("publish.msg", error) from None
         elif (size := raw.size) >= IN_STEPS and checked is None:
             return self._publish_in_steps(op, raw, type_)
@@ -99,7 +104,7 @@ class PeerTopics:
         self.publish(op, payload)
         yield from self._graph.late_sends(resolve(op.topic))
 
-    def _new_publisher(self, op: Publish) -> ClientPublisher:
+    def _new_publisher(self, op: Publish | LightPublish) -> ClientPublisher:
         """Return the shared publisher for a new spelling of a topic, or for new policies."""
         try:
             publisher = self._graph.publisher(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
@@ -112,7 +117,7 @@ class PeerTopics:
         self._publishers[op.topic] = publisher
         return publisher
 
-    def _warn_of_defaults(self, op: Publish, type: MessageType) -> None:
+    def _warn_of_defaults(self, op: Publish | LightPublish, type: MessageType) -> None:
         """Warn a client of fields left to their defaults, if it wants warnings (PUB-04)."""
         if isinstance(op.msg, RawJson) and op.msg.dense:
             return  # A message with missing fields that matter would have been rejected.
@@ -183,7 +188,7 @@ class PeerTopics:
             yield
 
 
-def _lacks(op: Advertise | Publish) -> Lacks | None:
+def _lacks(op: Advertise | Publish | LightPublish) -> Lacks | None:
     """Return a function that lists a publisher's missing policies; None if the client requests none."""
     return partial(incompatible_policies, op.qos) if op.qos else None
 

@@ -6,7 +6,7 @@ import secrets
 import ssl
 import statistics
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from rwt import parts
 from rwt.cli.console.output import Output, Style
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
-from rwt.cli.health import health_of
+from rwt.cli.health import Health, health_of
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
     USUAL_TIMEOUT,
@@ -241,15 +241,34 @@ async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> l
         return []  # The next check reports whether the server can be reached.
     if not health.version:
         return [Finding("server", "note", "the server does not report its version (only `rwt serve` does)")]
+    return [_state_of(health), *proxies_of(health)]
+
+
+def _state_of(health: Health) -> Finding:
     clients = f"{health.clients} client{'' if health.clients == 1 else 's'}"
     state = f"rwt {health.version}, {clients}, {health.work:.0%} of a processor used for them"
     if not health.running:
-        return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
+        return Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")
     if health.clients_beyond_rate:
         advice = "see `rwt_client_work_seconds_total` in /metrics; raise limits.work_per_second to allow more"
         text = f"{state}, {health.clients_beyond_rate} of them beyond their work rate"
-        return [Finding("server", "warning", text, advice)]
-    return [Finding("server", "ok", state)]
+        return Finding("server", "warning", text, advice)
+    return Finding("server", "ok", state)
+
+
+def proxies_of(health: Health) -> Iterator[Finding]:
+    """Judge which headers of reverse proxies a server trusts."""
+    if health.unread_proxy_headers:
+        names = ", ".join(health.unread_proxy_headers)
+        text = f"a proxy named its clients only in headers that are not trusted, or not readable: {names}"
+        advice = (
+            "set `proxies` to the addresses of the reverse proxies, and `proxy_headers` to what they write;"
+            " until then their clients share the limits of one address"
+        )
+        yield Finding("proxies", "warning", text, advice)
+    elif health.proxy_headers:
+        text = f"the server trusts {', '.join(health.proxy_headers)} of its reverse proxies"
+        yield Finding("proxies", "ok", text, "check that the proxy writes each of them itself")
 
 
 class _Examination:

@@ -231,6 +231,11 @@ def parse_binary(data: bytes | memoryview) -> Binary:
     )
 
 
+def addressee(data: bytes | memoryview) -> tuple[int, int]:
+    """Return the opcode of a binary frame, and the id of its channel or service; (0, 0) if it has none."""
+    return (data[0], int.from_bytes(data[1:5], "little")) if len(data) >= _CHANNEL.size else (0, 0)
+
+
 def _call(view: memoryview) -> ServiceCallRequest:
     _, service_id, call_id, length = _CALL.unpack_from(view)
     encoding = _utf8(view[_CALL.size :], length, "the encoding of a service call", 64)

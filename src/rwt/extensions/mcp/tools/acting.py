@@ -50,7 +50,7 @@ class PublishResult(Acted):
     stop: Annotated[dict[str, Any] | None, Field(description="last message; null: none was sent")]
 
 
-@tool("Publish a message", PublishResult, act="publish")
+@tool("Publish a message", PublishResult, act="publish", named_by="topic")
 async def publish(agent: Agent, asked: PublishArguments) -> Answer:
     """Publish a message on a topic, once or repeatedly. To drive a robot, publish a velocity with `seconds`:
     the robot is stopped at the end, even if the call fails or is cancelled."""
@@ -61,9 +61,9 @@ async def publish(agent: Agent, asked: PublishArguments) -> Answer:
         # All fields of an empty message have their defaults: velocities of zero.
         stop = {}
     for_long = f" for {seconds:g} s" if seconds else ""
-    await agent.confirm(
-        "publish", asked.topic, f"publish {as_text(asked.message)} on {asked.topic}{for_long}"
-    )
+    if canonical(asked.topic) != STOP:
+        what = f"publish {as_text(asked.message)} on {asked.topic}{for_long}"
+        await agent.confirm("publish", asked.topic, what)
     async with agent.advertise(asked.topic, type) as publisher:
         lease = await agent.lease_seconds(asked.topic)
         if lease is not None and seconds > lease:
@@ -140,7 +140,7 @@ class CallServiceResult(Acted):
     message: MessageValue
 
 
-@tool("Call a service", CallServiceResult, act="call")
+@tool("Call a service", CallServiceResult, act="call", named_by="service")
 async def call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
     """Call a service and wait for its response. `list_robot` shows its type, `describe_type` the fields of
     the request."""

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Generic, NotRequired, TypeVar, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
+from rwt.access.graph_view import STOP, canonical
 from rwt.extensions.mcp.agent import Act, Agent
 from rwt.extensions.mcp.content.answer import Answer
 from rwt.extensions.mcp.errors import ToolError
@@ -59,6 +60,7 @@ class Tool(Generic[A]):
         result: TypedDict of the structured content.
         run: implementation.
         act: required right; None for a tool that only reads.
+        named_by: argument with the name of what the tool acts on, if that may be the emergency stop.
         only_looks: True if the tool changes nothing of the robot, although it requires a right.
         can_destroy: False for a tool that only ends what the agent has begun.
         is_idempotent: True if the same call a second time changes nothing more.
@@ -72,6 +74,7 @@ class Tool(Generic[A]):
     result: type
     run: Callable[[Agent, A], Awaitable[Answer]]
     act: Act | None = None
+    named_by: str = ""
     only_looks: bool = False
     can_destroy: bool = True
     is_idempotent: bool = False
@@ -86,6 +89,10 @@ class Tool(Generic[A]):
     def result_schema(self) -> dict[str, Any]:
         """The JSON Schema of the structured content."""
         return _plain_schema(TypeAdapter(self.result).json_schema(mode="serialization"))
+
+    def is_for_stop(self, arguments: Mapping[str, object]) -> bool:
+        """Return True for the arguments of a call that presses the emergency stop."""
+        return bool(self.named_by) and canonical(str(arguments.get(self.named_by))) == STOP
 
     def is_offered_to(self, agent: Agent) -> bool:
         """Return True if an agent may use the tool."""
@@ -122,6 +129,7 @@ def tool(
     result: type,
     *,
     act: Act | None = None,
+    named_by: str = "",
     only_looks: bool = False,
     can_destroy: bool = True,
     is_idempotent: bool = False,
@@ -134,7 +142,7 @@ def tool(
         arguments = get_type_hints(run)["asked"]
         return Tool(
             run.__name__, title, description, arguments, result, run,
-            act, only_looks, can_destroy, is_idempotent, reads_recordings,
+            act, named_by, only_looks, can_destroy, is_idempotent, reads_recordings,
         )  # fmt: skip
 
     return make

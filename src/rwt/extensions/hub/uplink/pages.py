@@ -1,20 +1,21 @@
-"""Pages of a robot behind a NAT: HTTP requests and responses over one of its connections.
+"""HTTP over a stream of an uplink: a request of the hub, and the response of the robot.
 
-The assignment of a connection names a request in place of a client
-(:mod:`rwt.extensions.hub.relay.protocol`). The robot answers with a head, a text message, and with the
-body in binary messages, of which the last is followed by a close with 1000. Images and endless streams are
-sent the same way, and a slow reader slows down the robot.
+The opening of the stream names the request (:mod:`rwt.extensions.hub.uplink.openings`); its body, if it has
+one, is the first message of the hub. The robot answers with a head, a text message, and with the body in
+binary messages, of which the last is followed by the end of the stream with 1000. Images and endless streams
+are sent the same way, and a slow reader slows down the robot.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from typing import Final
+from dataclasses import replace
+from typing import ClassVar, Final, Literal
 
 import anyio
 
-from rwt.extensions.hub.relay.protocol import BadAssignment, decode_head, encode_head
+from rwt.extensions.hub.uplink.openings import BadOpening, decode_head, encode_head
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Sink
@@ -28,6 +29,9 @@ WITHOUT_BODY: Final = frozenset({204, 205, 304})
 
 PIECE_BYTES: Final = 64 * 1024
 """Maximum size of a piece of a body."""
+
+INBOX_BYTES: Final = 256 * 1024
+"""Bytes of a page that wait for its reader before the robot is held back."""
 
 #: Headers of one connection, which are not forwarded (RFC 9110 section 7.6.1).
 _OF_THE_CONNECTION: Final = frozenset(
@@ -47,22 +51,35 @@ def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
 
 
 class PageServer:
-    """Robot's end of a connection with an assigned request."""
+    """Robot's end of a stream for a request.
 
-    def __init__(self, sink: Sink, routes: Routes, request: HttpRequest) -> None:
+    Args:
+        body_size: size of the request's body, which follows; 0 for none.
+    """
+
+    def __init__(self, sink: Sink, routes: Routes, request: HttpRequest, body_size: int) -> None:
         self._sink = sink
         self._routes = routes
         self._request = request
+        self._body_size = body_size
         self._flow_control: FlowControl | None = None
         # Created by `run`: anyio does not recognise the event loop inside asyncio's callbacks.
         self._scope: anyio.CancelScope | None = None
+        self._complete: anyio.Event | None = None
         self._closed = False
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
-        self._sink.close(POLICY, "nothing follows a request")
+        """Receive the body of the request."""
+        if not self._body_size or len(data) != self._body_size:
+            self._sink.close(POLICY, f"expected a body of {self._body_size} bytes and nothing else")
+            return
+        self._body_size = 0
+        self._request = replace(self._request, body=data)
+        if self._complete is not None:
+            self._complete.set()
 
     def closed(self, code: int, reason: str) -> None:
         """Cancel the page: the hub discards the rest."""
@@ -71,11 +88,14 @@ class PageServer:
             self._scope.cancel()
 
     async def run(self) -> None:
-        """Send the response, until it is complete or the hub disconnects."""
+        """Send the response, until it is complete or the hub ends the stream."""
         if self._closed:
             return
         with anyio.CancelScope() as self._scope:
             try:
+                if self._body_size:
+                    self._complete = anyio.Event()
+                    await self._complete.wait()
                 await self._send(await self._answer())
                 self._sink.close(NORMAL, "")
             except Exception:
@@ -116,54 +136,49 @@ class PageServer:
 
 
 class PageInbox:
-    """Receiver of one page, as the sink and flow control of its client."""
+    """Endpoint of the hub's end of the stream: receives one page."""
 
-    received: Final = 0
-    """No-op: the request is one message, already received."""
+    holds_wire: ClassVar[Literal[True]] = True
 
     def __init__(self) -> None:
-        self._frames: deque[Frame] = deque()
+        self._messages: deque[bytes] = deque()
+        self._waiting_bytes = 0
         self._changed = anyio.Event()
-        self._when_empty: Callable[[], None] | None = None
+        self._flow_control: FlowControl | None = None
         self._ended: tuple[int, str] | None = None
 
-    def send(self, frame: Frame) -> None:
-        self._frames.append(frame)
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        self._flow_control = flow_control
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        self._messages.append(data)
+        self._waiting_bytes += len(data)
+        if self._waiting_bytes >= INBOX_BYTES and self._flow_control is not None:
+            self._flow_control.pause()
         self._changed.set()
 
-    def close(self, code: int = NORMAL, reason: str = "") -> None:
+    def closed(self, code: int, reason: str) -> None:
         """End the page: the robot has sent everything, or is disconnected."""
-        if self._ended is None:
-            self._ended = (code, reason)
+        self._ended = (code, reason)
         self._changed.set()
 
-    def drop(self) -> None:
-        """Drop unread messages."""
-        self._frames.clear()
+    def drop(self, code: int, reason: str) -> None:
+        """Drop what is unread, and break off."""
+        self._messages.clear()
+        self.closed(code, reason)
 
-    def when_empty(self, callback: Callable[[], None]) -> None:
-        if self._frames:
-            self._when_empty = callback
-        else:
-            callback()
-
-    def pause(self) -> None:
-        """No-op: the request is complete."""
-
-    def resume(self) -> None:
-        """No-op, like :meth:`pause`."""
-
-    async def next(self) -> Frame | None:
+    async def next(self) -> bytes | None:
         """Return the next message; None at the end."""
-        while not self._frames:
+        while not self._messages:
             if self._ended is not None:
                 return None
-            callback, self._when_empty = self._when_empty, None
-            if callback is not None:
-                callback()
             self._changed = anyio.Event()
             await self._changed.wait()
-        return self._frames.popleft()
+        message = self._messages.popleft()
+        self._waiting_bytes -= len(message)
+        if not self._messages and self._flow_control is not None and self._ended is None:
+            self._flow_control.resume()
+        return message
 
     async def response(
         self, left: Callable[[int, str], None], seconds: float, *, head_only: bool
@@ -181,13 +196,13 @@ class PageInbox:
                 if head is None:
                     reason = self.ended[1]
                     return HttpResponse(f"{reason or 'the robot is gone'}\n".encode(), 503)
-                status, content_type, headers = decode_head(head.data)
+                status, content_type, headers = decode_head(head)
                 if status in WITHOUT_BODY and await self.next() is not None:
-                    raise BadAssignment(f"a response of status {status} has no body")
+                    raise BadOpening(f"a response of status {status} has no body")
         except TimeoutError:
             left(GOING_AWAY, "the page took too long")
             return HttpResponse(f"the robot did not answer within {seconds:g} s\n".encode(), 504)
-        except BadAssignment as error:
+        except BadOpening as error:
             left(PROTOCOL_ERROR, str(error))
             return HttpResponse(b"the robot's answer cannot be read\n", 502)
         except BaseException:
@@ -211,9 +226,9 @@ class _Body(AsyncIterator[bytes]):
         self._left = left
 
     async def __anext__(self) -> bytes:
-        frame = await self._inbox.next()
-        if frame is not None:
-            return frame.data
+        message = await self._inbox.next()
+        if message is not None:
+            return message
         code, reason = self._inbox.ended
         if code != NORMAL:
             raise ConnectionError(f"the page broke off: {code} {reason}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import struct
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from functools import partial
 
 import anyio
@@ -18,12 +20,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.extensions.hub.hub import Hub, open_hub
-from rwt.extensions.hub.relay.dial import RelayStatus, check_dial_url, dial
-from rwt.extensions.hub.relay.protocol import (
-    BadAssignment,
-    decode_assignment,
+from rwt.extensions.hub.uplink.dial import UplinkStatus, check_dial_url, dial
+from rwt.extensions.hub.uplink.openings import (
+    BadOpening,
     decode_head,
-    encode_assignment,
+    decode_opening,
+    encode_client,
     split_client_path,
 )
 from rwt_protocol.frames import Frame
@@ -32,7 +34,9 @@ from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import ConnectError
-from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
+from rwt_transports.http.proxies import Proxies
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes, is_local
+from tests.extensions.hub.raw_robot import Answer, end, raw_robot, text
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -118,10 +122,10 @@ async def upgraded(hub: Hub, path: str) -> AsyncIterator[SocketStream]:
 @asynccontextmanager
 async def robot(
     hub: Hub, program: Program, name: str = "rosie", token: str | None = None
-) -> AsyncIterator[RelayStatus]:
+) -> AsyncIterator[UplinkStatus]:
     url = f"{hub.url}/robots/{name}"
     async with dial(url, program, token=token, limits=SHORT, backoff=AT_ONCE) as status:
-        await until(lambda: status.idle == 2)
+        await until(lambda: status.connected and hub.robots)
         yield status
 
 
@@ -138,12 +142,11 @@ async def test_each_client_has_its_own_connection_to_the_robot() -> None:
             assert (one.heard, two.heard) == ([b'{"from":1}'], [b"\x80two"])
             assert sorted(each.heard for each in program.clients) == [[b'{"from":1}'], [b"\x80two"]]
             assert status.clients == 2
-            await until(lambda: status.idle == 2)
         await until(lambda: status.clients == 0)
         assert status.connected
 
 
-async def test_more_clients_at_once_than_connections_wait() -> None:
+async def test_many_clients_at_once() -> None:
     program = Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
         answers: list[bytes] = []
@@ -168,7 +171,9 @@ async def test_the_robot_learns_who_its_client_is() -> None:
             box.sink.send(Frame(b"{}"))
             await until(lambda: box.heard)
         info = program.clients[0].info
-        assert (info.transport, info.address, info.path) == ("dial", "127.0.0.1", "/video?token=t")
+        assert (info.transport, info.path) == ("dial", "/video?token=t")
+        # An address that a hub names is never one of the robot's machine, which has no limits.
+        assert info.address == "proxy 127.0.0.1"
         assert (info.headers["authorization"], info.headers["origin"]) == ("Bearer abc", "http://x")
 
 
@@ -242,7 +247,7 @@ async def test_a_robot_that_goes_closes_its_clients() -> None:
                 pass
 
 
-async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
+async def test_a_robot_that_stays_away_closes_its_clients_with_1012() -> None:
     endings: list[tuple[int, str]] = []
 
     async def stay(hub: Hub, opened: anyio.Event) -> None:
@@ -250,18 +255,20 @@ async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
             opened.set()
             endings.append(await box.ended())
 
-    async with open_hub("ws://127.0.0.1:0", limits=SHORT, grace=0) as hub, anyio.create_task_group() as tasks:
-        async with upgraded(hub, "/robots/rosie"):
-            await until(lambda: hub.robots)
-            # The first has the only connection that there is, the second waits for one.
-            for _ in range(2):
-                opened = anyio.Event()
-                tasks.start_soon(stay, hub, opened)
-                await opened.wait()
-        await until(lambda: len(endings) == 2)
-    assert {code for code, _ in endings} == {1012}
-    without, within = sorted(text for _, text in endings)
-    assert without == "the robot rosie is gone" and within.removeprefix(f"{without}: ") in CUT_OFF
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, anyio.create_task_group() as tasks:
+        async with raw_robot(hub) as rosie:
+            opened = anyio.Event()
+            tasks.start_soon(stay, hub, opened)
+            await opened.wait()
+            await until(lambda: rosie.opened)
+            rosie.sink.close(1000, "on purpose")
+            await until(lambda: not hub.robots[0].is_reachable)
+            with pytest.raises(ConnectError, match="503: the robot rosie is unreachable"):
+                async with client(hub, "/rosie"):
+                    pass
+        await until(lambda: endings)
+        await until(lambda: not hub.robots)
+    assert endings == [(1012, "the robot rosie is gone: its connection was lost")]
 
 
 async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
@@ -273,7 +280,7 @@ async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
         assert "the connection was refused" in status.error
         for _ in range(2):
             async with open_hub(url, limits=SHORT) as hub:
-                await until(lambda: status.idle == 2)
+                await until(lambda: status.connected)
                 assert status.error == ""
                 async with client(hub, "/rosie") as box:
                     box.sink.send(Frame(b"{}"))
@@ -281,12 +288,100 @@ async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
             await until(lambda: not status.connected and status.failures)
 
 
+class Middle:
+    """Proxy between a robot and its hub, whose connections can be cut."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._host, _, port = hub.url.removeprefix("ws://").partition(":")
+        self._port = int(port)
+        self._scopes: set[anyio.CancelScope] = set()
+        self.connections = 0
+
+    async def serve(self, near: SocketStream) -> None:
+        self.connections += 1
+        with anyio.CancelScope() as scope:
+            self._scopes.add(scope)
+            async with (
+                near,
+                await anyio.connect_tcp(self._host, self._port) as far,
+                anyio.create_task_group() as tasks,
+            ):
+                tasks.start_soon(self._pass, near, far, scope)
+                await self._pass(far, near, scope)
+        self._scopes.discard(scope)
+
+    async def _pass(self, source: SocketStream, to: SocketStream, scope: anyio.CancelScope) -> None:
+        with contextlib.suppress(anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError):
+            while True:
+                await to.send(await source.receive())
+        scope.cancel()
+
+    def has_more_than(self, connections: int) -> bool:
+        """Return True if the robot has opened more connections than that."""
+        return self.connections > connections
+
+    def cut(self) -> None:
+        for scope in self._scopes:
+            scope.cancel()
+
+
+@asynccontextmanager
+async def robot_behind(hub: Hub, program: Program) -> AsyncIterator[tuple[Middle, UplinkStatus]]:
+    """Return a robot that reaches the hub through a proxy."""
+    middle = Middle(hub)
+    async with (
+        await anyio.create_tcp_listener(local_host="127.0.0.1") as listener,
+        anyio.create_task_group() as tasks,
+    ):
+        tasks.start_soon(listener.serve, middle.serve)
+        port = listener.extra(SocketAttribute.local_port)
+        url = f"ws://127.0.0.1:{port}/robots/rosie"
+        async with dial(url, program, limits=SHORT, backoff=AT_ONCE) as status:
+            await until(lambda: status.connected and hub.robots)
+            yield middle, status
+        tasks.cancel_scope.cancel()
+
+
+async def test_a_viewer_notices_nothing_of_a_short_loss() -> None:
+    program = Program()
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot_behind(hub, program) as (middle, _),
+        client(hub, "/rosie") as viewer,
+    ):
+        await until(lambda: program.clients)
+        sent = 0
+        for connections in range(1, 6):
+            for _ in range(100):
+                program.clients[0].sink.send(Frame(b"%d" % sent + bytes(10_000)))
+                sent += 1
+            middle.cut()
+            await until(partial(middle.has_more_than, connections))
+        await until(lambda: len(viewer.heard) == sent)
+        assert [int(heard.rstrip(b"\0")) for heard in viewer.heard] == list(range(sent))
+        assert viewer.ending is None and len(program.clients) == 1
+
+
+async def test_who_sends_while_the_robot_is_unreachable_is_told() -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot_behind(hub, program) as (middle, _):
+        async with client(hub, "/rosie") as driver:
+            await until(lambda: program.clients)
+            middle.cut()
+            await until(lambda: not hub.robots[0].is_reachable)
+            driver.sink.send(Frame(b"move"))
+            code, reason = await driver.ended()
+            assert code == 1012 and "unreachable: the message was not delivered" in reason
+        await until(lambda: program.clients[0].ending)
+        assert program.clients[0].heard == []
+
+
 async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixture) -> None:
     old, new = Program(), Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
         slow = Backoff(first=60, longest=60)
         async with dial(f"{hub.url}/robots/rosie", old, backoff=slow, limits=SHORT) as former:
-            await until(lambda: former.idle == 2)
+            await until(lambda: former.connected)
             async with robot(hub, new):
                 await until(lambda: former.failures)
                 assert "4009 another program dialled in as rosie" in former.error
@@ -304,9 +399,24 @@ async def test_the_robot_decides_which_clients_it_takes() -> None:
     program = Program()
     program.refuse = "a bearer token is needed"
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as status:
-        async with client(hub, "/rosie") as box:
-            assert await box.ended() == (1008, "a bearer token is needed")
-        await until(lambda: status.clients == 0 and status.idle == 2)
+        with pytest.raises(ConnectError, match="401: a bearer token is needed"):
+            async with client(hub, "/rosie"):
+                pass
+        await until(lambda: status.clients == 0)
+
+
+async def test_a_hub_counts_clients_and_not_the_connections_of_robots() -> None:
+    limits = replace(SHORT, connections_per_address=1)
+    near = {"X-Forwarded-For": "192.0.2.7"}
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=limits, proxies=Proxies(["127.0.0.1"])) as hub,
+        raw_robot(hub, "one", headers=near),
+        raw_robot(hub, "two", headers=near),
+        client(hub, "/one", **near),
+    ):
+        with pytest.raises(ConnectError, match="429: 1 connections from"):
+            async with client(hub, "/two", **near):
+                pass
 
 
 async def test_a_robot_needs_the_hubs_token() -> None:
@@ -347,7 +457,7 @@ async def test_what_speaks_like_no_hub_is_let_go() -> None:
     async with listen("ws://127.0.0.1:0", accept, limits=SHORT) as listener:
         url = f"{listener.url}/robots/rosie"
         async with dial(url, Program(), backoff=AT_ONCE, limits=SHORT) as status:
-            await until(lambda: "1002 expected the assignment of a client" in status.error)
+            await until(lambda: "expected binary messages" in status.error)
 
 
 # -- what a browser sees -----------------------------------------------------------------------------------
@@ -398,7 +508,7 @@ class Endless:
 async def robot_with(hub: Hub, routes: Routes) -> AsyncIterator[None]:
     dialing = dial(f"{hub.url}/robots/rosie", Mailbox, routes=routes, limits=SHORT, backoff=AT_ONCE)
     async with dialing as status:
-        await until(lambda: status.idle)
+        await until(lambda: status.connected and hub.robots)
         yield
 
 
@@ -435,15 +545,26 @@ async def test_a_page_comes_from_the_robot_with_what_was_asked() -> None:
         assert await page_of(hub, "/rosie/hello?a=1") == (203, b"hello" * 50_000)
         (request,) = asked
         assert (request.method, request.path, request.query) == ("GET", "/hello", "a=1")
-        assert (request.prefix, request.address, request.headers["host"]) == (
-            "/rosie",
-            "127.0.0.1",
-            "localhost",
-        )
+        assert (request.prefix, request.address) == ("/rosie", "proxy 127.0.0.1")
+        assert request.headers["host"] == "localhost"
         assert (await page_of(hub, "/rosie/nothing"))[0] == 404
         assert await page_of(hub, "/rosie/hello", method="HEAD") == (203, b"")
         assert (await page_of(hub, "/rosie/hello", method="POST"))[0] == 405
         assert (await page_of(hub, "/rosie/fails"))[0] == 503
+
+
+@pytest.mark.parametrize("size", [1, 5_000, 700_000])
+async def test_the_body_of_a_request_comes_out_as_it_went_in(size: int) -> None:
+    routes = Routes()
+    routes.add("/put", lambda request: HttpResponse(request.body), "POST")
+    body = bytes(range(256)) * (size // 256 + 1)
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot_with(hub, routes),
+        httpx.AsyncClient(timeout=60) as asking,
+    ):
+        answer = await asking.post(f"{hub.url.replace('ws', 'http', 1)}/rosie/put", content=body[:size])
+        assert answer.content == body[:size]
 
 
 async def test_a_stream_ends_at_the_robot_when_its_reader_leaves_and_is_held_back_meanwhile() -> None:
@@ -461,28 +582,20 @@ async def test_a_stream_ends_at_the_robot_when_its_reader_leaves_and_is_held_bac
                 await anyio.lowlevel.checkpoint()
             assert endless.sent < 1000  # 50 MB: the sockets' buffers, and no more.
         await until(lambda: endless.left)
-        await until(lambda: not hub.robots[0].pairs)
+        await until(lambda: not hub.robots[0].clients)
 
 
-async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page() -> None:
-    class Nonsense(Mailbox):
-        def receive(self, data: bytes, binary: bool) -> None:
-            super().receive(data, binary)
-            self.sink.send(Frame(b'{"status": 7}'))
-
-    class Leaves(Mailbox):
-        def receive(self, data: bytes, binary: bool) -> None:
-            self.sink.close(1001, "gone")
-
-    for endpoint, status in ((Nonsense, 502), (Leaves, 503)):
-        async with (
-            open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
-            connect(f"{hub.url}/robots/rosie", endpoint, limits=SHORT),
-        ):
-            with anyio.fail_after(5):
-                while not hub.robots:
-                    await anyio.lowlevel.checkpoint()
-            assert (await page_of(hub, "/rosie/x"))[0] == status
+@pytest.mark.parametrize(
+    ("answer", "status"),
+    [
+        (lambda stream: [text(stream, b'{"status": 7}')], 502),
+        (lambda stream: [end(stream, 1001, "gone")], 503),
+    ],
+    ids=["nonsense", "an end"],
+)
+async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page(answer: Answer, status: int) -> None:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, raw_robot(hub, answer=answer):
+        assert (await page_of(hub, "/rosie/x"))[0] == status
 
 
 @pytest.mark.parametrize(
@@ -498,7 +611,7 @@ async def test_a_robot_that_answers_nonsense_or_goes_away_is_no_page() -> None:
     ],
 )
 def test_a_head_with_more_than_a_head_in_it_is_refused(head: bytes) -> None:
-    with pytest.raises(BadAssignment):
+    with pytest.raises(BadOpening):
         decode_head(head)
 
 
@@ -534,16 +647,29 @@ def test_client_paths() -> None:
 def test_an_assignment_comes_out_as_it_went_in(
     address: str, port: int, path: str, headers: dict[str, str]
 ) -> None:
-    data = encode_assignment(PeerInfo("ws", address, port, "/rosie", headers), path)
-    assert decode_assignment(data) == PeerInfo("dial", address, port, path, headers)
-    with pytest.raises(BadAssignment):
-        decode_assignment(data + b"x")
+    data = encode_client(PeerInfo("ws", address, port, "/rosie", headers), path)
+    assert decode_opening(data) == PeerInfo("dial", address, port, path, headers)
+    with pytest.raises(BadOpening):
+        decode_opening(data + b"x")
     for cut in range(len(data)):
-        with pytest.raises(BadAssignment):
-            decode_assignment(data[:cut])
+        with pytest.raises(BadOpening):
+            decode_opening(data[:cut])
 
 
 @given(st.binary())
 def test_anything_else_is_no_assignment(data: bytes) -> None:
-    with pytest.raises(BadAssignment):
-        decode_assignment(data)
+    with pytest.raises(BadOpening):
+        decode_opening(data)
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1", "127.0.0.2", "::1", "::ffff:127.0.0.1", "localhost", "?"]
+)
+async def test_a_client_that_a_hub_calls_local_is_not(address: str) -> None:
+    program = Program()
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):
+        stream = hub.robots[0].uplink.open(encode_client(PeerInfo("ws", address), "/"), address)
+        await until(lambda: program.clients)
+        found = program.clients[0].info.address
+        assert found == f"proxy {address}" and not is_local(found)
+        stream.close()

@@ -1,0 +1,393 @@
+"""Dial-out: a robot behind a NAT opens one connection to a hub, and serves the hub's clients over it."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import version
+from ipaddress import ip_address
+from ssl import SSLContext
+from typing import Final
+
+import anyio
+
+from rwt.extensions.hub.uplink.carrier import Carrier
+from rwt.extensions.hub.uplink.frames import SUBPROTOCOL, BadFrame, Hello, Refusal
+from rwt.extensions.hub.uplink.openings import (
+    INSTANCE,
+    NAME_RULE,
+    REPLACED,
+    ROBOTS,
+    BadOpening,
+    PageRequest,
+    decode_opening,
+    is_robot_name,
+)
+from rwt.extensions.hub.uplink.pages import PageServer
+from rwt.extensions.hub.uplink.streams import Stream
+from rwt.extensions.hub.uplink.uplink import Uplink
+from rwt_transports.background import TaskStarter, background_tasks
+from rwt_transports.backoff import Backoff
+from rwt_transports.connect import OutgoingConnection, connect
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
+from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.proxies import behind_proxy
+from rwt_transports.http.routes import Routes, is_local
+from rwt_transports.limits import Limits
+from rwt_transports.scheduler import WRITING, Scheduler
+from rwt_transports.schemes import parse_connect_url
+from rwt_transports.websocket.close_codes import (
+    ABNORMAL,
+    GOING_AWAY,
+    PROTOCOL_ERROR,
+)
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+
+logger = logging.getLogger("rwt.extensions.hub.uplink.dial")
+
+BACKOFF: Final = Backoff(first=0.5, longest=2.0, jitter=1.0)
+"""The first attempt follows a loss within half a second, the others within two, spread evenly: the robots of
+a fleet do not come at once."""
+
+REPLACED_BACKOFF: Final = Backoff(first=15.0, longest=30.0, jitter=0.5)
+"""Delays after another program has taken the robot's name: sooner would displace that one."""
+
+STEADY_SECONDS: Final = 5.0
+"""Minimum duration of a connection to the hub; a shorter one counts as a failure. In seconds."""
+
+TICK_SECONDS: Final = 0.25
+
+SOFTWARE: Final = f"rwt {version('robot-web-tools')}"
+
+
+@dataclass(slots=True)
+class UplinkStatus:
+    """Status of the uplink to one hub.
+
+    Attributes:
+        url: URL of the hub, with the robot's path.
+        connected: True while it is open.
+        hub: name and version of the hub's program; empty before the first connection.
+        clients: number of clients and pages that it serves.
+        round_trip: seconds of the last round trip; 0.0 before the first.
+        rate: bytes per second that arrived at the hub lately.
+        failures: attempts that failed since the last success.
+        error: reason of the last failure; empty after a success.
+    """
+
+    url: str
+    connected: bool = False
+    hub: str = ""
+    clients: int = 0
+    round_trip: float = 0.0
+    rate: float = 0.0
+    failures: int = 0
+    error: str = ""
+
+
+@asynccontextmanager
+async def dial(
+    url: str,
+    accept: Accept,
+    *,
+    token: str | None = None,
+    limits: Limits | None = None,
+    addresses: AddressCount | None = None,
+    buffers: ReceiveBufferPool | None = None,
+    routes: Routes | None = None,
+    tls: SSLContext | None = None,
+    backoff: Backoff = BACKOFF,
+) -> AsyncIterator[UplinkStatus]:
+    """Serve the clients of a hub within the block; reconnects if the hub is unavailable.
+
+    Args:
+        url: ``wss://HUB/robots/NAME`` or ``ws://HUB/robots/NAME``; NAME is what clients call the robot.
+        accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, which the
+            hub answers. The address of a client is the hub's word, and never one of this machine.
+        token: token of the robot for the hub.
+        addresses: counts the clients of each address that the hub names; one of its own by default.
+        buffers: what large messages of all clients are received in; of its own by default.
+        routes: pages for requests from the hub.
+        tls: how to check the hub's certificate; by default against the system's authorities.
+        backoff: delays between attempts, and their number.
+
+    Raises:
+        BadUrl: the URL is not a hub's URL of a robot.
+    """
+    check_dial_url(url)
+    headers = {INSTANCE: secrets.token_hex(8), "Sec-WebSocket-Protocol": SUBPROTOCOL}
+    if token is not None:
+        headers["Authorization"] = f"Bearer {token}"
+    status = UplinkStatus(url)
+    chosen = limits or Limits()
+    pool = buffers or chosen.receive_pool()
+    connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
+    counted = addresses or AddressCount(chosen.connections_per_address)
+    robot = _Robot(status, accept, routes or Routes(), backoff, connect_one, counted, chosen, pool)
+    async with background_tasks() as tasks:
+        tasks.start_soon(robot.starter.run, tasks)
+        tasks.start_soon(robot.run)
+        try:
+            yield status
+        finally:
+            with anyio.move_on_after(chosen.close_seconds, shield=True):
+                await robot.leave()
+
+
+def check_dial_url(url: str) -> None:
+    """Check a dial-out URL.
+
+    Raises:
+        BadUrl: the URL is invalid; the text gives the fault and an example.
+    """
+    example = "for example wss://hub.example/robots/my_robot"
+    try:
+        target = parse_connect_url(url)
+    except BadUrl as error:
+        raise BadUrl(f"cannot dial {url!r}: expected the WebSocket URL of a hub, {example}") from error
+    if not target.scheme.http:
+        raise BadUrl(f"cannot dial {url!r}: a hub is reached by ws:// or wss://, {example}")
+    name = target.path.removeprefix(ROBOTS)
+    if not target.path.startswith(ROBOTS) or not is_robot_name(name):
+        raise BadUrl(f"cannot dial {url!r}: its path must be {ROBOTS}NAME, {example}; a name is {NAME_RULE}")
+
+
+_ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]]
+
+
+class _Robot:
+    """Uplink to one hub, over one connection at a time.
+
+    Attributes by purpose:
+
+    * Clients: ``_accept``, ``_routes``, ``_addresses``, ``starter`` (starts the tasks that serve pages).
+    * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
+      None without one), ``scheduler`` (of writing).
+    * Connecting: ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
+      ``_is_leaving``, ``_ended`` (code of the last connection's end).
+    """
+
+    def __init__(
+        self,
+        status: UplinkStatus,
+        accept: Accept,
+        routes: Routes,
+        backoff: Backoff,
+        connect_one: _ConnectOne,
+        addresses: AddressCount,
+        limits: Limits,
+        buffers: ReceiveBufferPool,
+    ) -> None:
+        self.starter = TaskStarter()
+        self.scheduler = Scheduler.of_loop(WRITING)
+        self.status = status
+        self.uplink: Uplink | None = None
+        self._carrier: _HubCarrier | None = None
+        self._accept = accept
+        self._routes = routes
+        self._backoff = backoff
+        self._connect_one = connect_one
+        self._addresses = addresses
+        self._limits = limits
+        self._buffers = buffers
+        self._running = anyio.CancelScope()
+        self._ended = 0
+        self._is_leaving = False
+
+    async def run(self) -> None:
+        """Keep a connection open, until :meth:`leave`."""
+        with self._running:
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(self._watch)
+                await self._keep()
+                tasks.cancel_scope.cancel()
+
+    async def leave(self) -> None:
+        """End all streams, and then the connection."""
+        carrier, uplink = self._carrier, self.uplink
+        self._is_leaving = True
+        if carrier is not None:
+            carrier.sink.close(GOING_AWAY, "the server is going away")
+            await carrier.over.wait()
+        self._running.cancel()
+        if uplink is not None:
+            uplink.end(GOING_AWAY, "the server is going away")
+
+    async def _keep(self) -> None:
+        status = self.status
+        while True:
+            if status.failures:
+                backoff = REPLACED_BACKOFF if self._ended == REPLACED else self._backoff
+                delay = backoff.delay(status.failures)
+                if delay is None:
+                    logger.error("gave up dialling %s: %s", status.url, status.error)
+                    return
+                await anyio.sleep(delay)
+            try:
+                await self._connected()
+            except TransportError as error:
+                self._ended = 0
+                self._failed(str(error))
+
+    async def _connected(self) -> None:
+        """Serve over one connection, until it ends."""
+        opened = time.monotonic()
+        async with self._connect_one(partial(_HubCarrier, self)):
+            carrier = self._carrier
+            assert carrier is not None
+            greeting = "" if self.uplink is None else self.uplink.session
+            received = 0 if self.uplink is None else self.uplink.received
+            carrier.greet(Hello(greeting, received, SOFTWARE))
+            await carrier.over.wait()
+            self._carrier = None
+            self._ended = carrier.code
+        if self._is_leaving:
+            await anyio.sleep_forever()
+        lasted = time.monotonic() - opened
+        if lasted >= STEADY_SECONDS:
+            self.status.failures = 0
+        self._failed(f"the hub closed the connection: {carrier.ending}")
+
+    async def _watch(self) -> None:
+        while True:
+            await anyio.sleep(TICK_SECONDS)
+            now = time.monotonic()
+            if self._carrier is not None:
+                self._carrier.check(now)
+            uplink, status = self.uplink, self.status
+            if uplink is None:
+                continue
+            if self._carrier is None and not uplink.tick(now):
+                self._end_session("the connection to the hub was lost")
+            status.round_trip, status.rate = uplink.round_trip, uplink.rate
+
+    def _end_session(self, reason: str) -> None:
+        uplink, self.uplink = self.uplink, None
+        if uplink is not None:
+            uplink.end(ABNORMAL, reason)
+
+    def greeted(self, carrier: _HubCarrier, hello: Hello) -> None:
+        """Resume the session that the hub names, or begin it; raises BadFrame."""
+        if self.uplink is None or self.uplink.session != hello.session:
+            self._end_session("the hub does not know the session any more")
+            self.uplink = Uplink(
+                hello.session,
+                self._limits,
+                self._buffers,
+                self._wake,
+                repeats=True,
+                opened=self._opened,
+                closed=self._closed,
+                now=time.monotonic(),
+            )
+        if not carrier.carry(self.uplink, hello.received):
+            self._end_session("the hub has not received what was sent")
+            raise BadFrame("the session cannot be resumed")
+        status = self.status
+        if not status.connected:
+            logger.info("dialled in at %s (%s)", status.url, hello.software or "unknown software")
+        status.connected, status.error, status.hub = True, "", hello.software
+
+    def connecting(self, carrier: _HubCarrier) -> None:
+        """Note the connection."""
+        self._carrier = carrier
+
+    def _wake(self) -> None:
+        if self._carrier is not None:
+            self._carrier.wake()
+
+    def _opened(self, stream: Stream, opening: bytes) -> None:
+        """Serve a client or a page."""
+        self.status.clients += 1
+        try:
+            info = decode_opening(opening)
+        except BadOpening as error:
+            raise BadFrame(str(error)) from None
+        try:
+            info = self._located(info)
+            address = info.address if isinstance(info, PeerInfo) else info.request.address
+            stream.address = address
+            self._addresses.enter(address)
+            self._addresses.check(address)
+            endpoint = self.serve(stream, info)
+            stream.admit()
+            stream.begin(endpoint)
+        except Refused as refused:
+            stream.refuse(Refusal(refused.status, refused.reason, dict(refused.headers)))
+        except Exception:
+            log_exception("the accept function failed for a client of the hub")
+            stream.refuse(Refusal(500, "internal error"))
+
+    def _closed(self, stream: Stream) -> None:
+        self.status.clients -= 1
+        self._addresses.leave(stream.address)
+
+    def _located(self, info: PeerInfo | PageRequest) -> PeerInfo | PageRequest:
+        """Return a client with an address that has limits: a hub may say what it likes."""
+        if isinstance(info, PeerInfo):
+            return replace(info, address=self._outside(info.address))
+        return info._replace(request=replace(info.request, address=self._outside(info.request.address)))
+
+    @staticmethod
+    def _outside(address: str) -> str:
+        try:
+            is_outside = not is_local(address) and bool(ip_address(address.partition("%")[0]))
+        except ValueError:
+            is_outside = False
+        return address if is_outside else behind_proxy(ascii(address)[1:-1][:64])
+
+    def serve(self, sink: Sink, info: PeerInfo | PageRequest) -> Endpoint:
+        """Return the endpoint of a client or a page; raises Refused."""
+        most = self._limits.connections
+        # `clients` includes this one.
+        if self.status.clients > most:
+            raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
+        if isinstance(info, PeerInfo):
+            return self._accept(sink, info)
+        page = PageServer(sink, self._routes, info.request, info.body_size)
+        self.starter.start_soon(page.run)
+        return page
+
+    def _failed(self, why: str) -> None:
+        status = self.status
+        status.connected = False
+        status.failures += 1
+        level = logging.WARNING if why != status.error else logging.DEBUG
+        status.error = why
+        logger.log(level, "cannot serve at %s: %s; trying again", status.url, why)
+
+
+class _HubCarrier(Carrier):
+    """Connection of a robot to a hub.
+
+    Attributes:
+        code: close code of its end.
+        ending: code and reason of its end, for the log.
+        over: set at its end.
+    """
+
+    def __init__(self, robot: _Robot, sink: Sink, info: PeerInfo) -> None:
+        super().__init__(sink, robot.scheduler)
+        self._robot = robot
+        self.code = 0
+        self.ending = ""
+        self.over = anyio.Event()
+        robot.connecting(self)
+
+    def greeted(self, hello: Hello) -> None:
+        self._robot.greeted(self, hello)
+
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
+        """Give up a hub that sends more than a frame."""
+        self.give_up(PROTOCOL_ERROR, f"a message of {size} bytes")
+
+    def gone(self, code: int, reason: str) -> None:
+        self.code = code
+        self.ending = f"{code} {reason}".strip()
+        self.over.set()

@@ -1,0 +1,283 @@
+"""Frames of an uplink. Each is one binary message of its WebSocket, with the subprotocol :data:`SUBPROTOCOL`.
+
+A frame is a header, a payload, and nothing else::
+
+    byte   0      1      2 3 4 5    6 …
+           kind   flags  stream     payload
+
+==== ======== ========================================================================================
+kind name     payload
+==== ======== ========================================================================================
+1    `OPEN`   JSON of :mod:`.openings`. Only a hub opens streams, with numbers that grow from 1.
+2    `DATA`   a part of a message. Flags: bits 0 to 2 the lane, bit 3 "binary", bit 4 "last part".
+3    `END`    close code (2 bytes) and reason in UTF-8, as in RFC 6455 section 5.5.1
+4    `CREDIT` number of bytes (4 bytes) that the other side may send on the stream in addition
+5    `ACCEPT` nothing: the robot has admitted the client
+6    `REFUSE` JSON of :class:`Refusal`: the robot has not; the stream has ended
+64   `HELLO`  JSON of :class:`Hello`; the first frame in each direction
+65   `ACK`    bytes of sequenced frames received so far (8 bytes)
+66   `PING`   anything; answered by a `PONG` with the same payload
+67   `PONG`
+==== ======== ========================================================================================
+
+Numbers are unsigned, the most significant byte first. Frames of kinds below 64 are *sequenced*: both sides
+count their bytes, headers included, for the window and for resumption. Frames of unknown kinds are skipped,
+and counted by that rule. The parts of a message follow each other on its stream and lane; frames of other
+streams and lanes may come between them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from struct import Struct
+from typing import Annotated, Final, NamedTuple
+
+import msgspec
+
+SUBPROTOCOL: Final = "rwt-uplink.1"
+"""WebSocket subprotocol; its number is the major version."""
+
+HEADER: Final = Struct(">BBI")
+_END: Final = Struct(">H")
+_CREDIT: Final = Struct(">I")
+_ACK: Final = Struct(">Q")
+
+MAX_FRAME_BYTES: Final = 128 * 1024
+"""Maximum size of a frame."""
+
+MAX_REASON_BYTES: Final = 1024
+"""Maximum size of the reason of an `END`; longer ones are cut."""
+
+_UNSEQUENCED: Final = 64
+_LANE, _BINARY, _LAST = 0b111, 0b1000, 0b1_0000
+
+
+class BadFrame(ValueError):
+    """The frame breaks the rules of the uplink; the text gives the reason."""
+
+
+class Kind(IntEnum):
+    """Kind of a frame, see the module."""
+
+    OPEN = 1
+    DATA = 2
+    END = 3
+    CREDIT = 4
+    ACCEPT = 5
+    REFUSE = 6
+    HELLO = 64
+    ACK = 65
+    PING = 66
+    PONG = 67
+
+
+class Lane(IntEnum):
+    """Class of priority of a message, the most urgent first."""
+
+    STOP = 0
+    """The emergency stop."""
+    REPLIES = 1
+    """Messages of clients, and replies to them."""
+    SMALL = 2
+    """Small samples."""
+    LARGE = 3
+    """Large samples."""
+    BULK = 4
+    """Large replies, files and pages."""
+
+
+class Hello(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Greeting of both sides of a new connection.
+
+    Attributes:
+        session: random id of the uplink's session: the robot names the one that it wants to resume, the hub
+            the one that it resumes or begins. Empty: none.
+        received: bytes of sequenced frames that the sender has received in this session.
+        software: name and version of the sender's program.
+    """
+
+    session: Annotated[str, msgspec.Meta(max_length=64)] = ""
+    received: Annotated[int, msgspec.Meta(ge=0, le=2**62)] = 0
+    software: Annotated[str, msgspec.Meta(max_length=128)] = ""
+
+
+class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Reason why the robot does not admit a client, as it would answer over HTTP."""
+
+    status: Annotated[int, msgspec.Meta(ge=400, le=599)] = 403
+    reason: Annotated[str, msgspec.Meta(max_length=MAX_REASON_BYTES)] = ""
+    headers: dict[str, str] = {}
+
+
+class Data(NamedTuple):
+    """Part of a message.
+
+    Attributes:
+        is_last: True if the message is complete.
+    """
+
+    stream: int
+    lane: Lane
+    binary: bool
+    is_last: bool
+    payload: memoryview
+
+
+class Open(NamedTuple):
+    """Beginning of a stream."""
+
+    stream: int
+    opening: bytes
+
+
+class End(NamedTuple):
+    """End of a stream."""
+
+    stream: int
+    code: int
+    reason: str
+
+
+class Accepted(NamedTuple):
+    """Admission of the client of a stream."""
+
+    stream: int
+
+
+class Refused(NamedTuple):
+    """Refusal of the client of a stream."""
+
+    stream: int
+    refusal: Refusal
+
+
+class Credit(NamedTuple):
+    """Bytes that may be sent in addition."""
+
+    stream: int
+    size: int
+
+
+class Ack(NamedTuple):
+    """Bytes of sequenced frames that have arrived."""
+
+    received: int
+
+
+class Ping(NamedTuple):
+    """Request for a `PONG`, or the answer."""
+
+    payload: bytes
+    is_answer: bool
+
+
+class Skipped(NamedTuple):
+    """Frame of an unknown kind."""
+
+    kind: int
+
+
+UplinkFrame = Data | Open | End | Credit | Accepted | Refused | Ack | Ping | Hello | Skipped
+
+_hello: Final = msgspec.json.Decoder(Hello)
+_refusal: Final = msgspec.json.Decoder(Refusal)
+_LANES: Final = dict(enumerate(Lane))
+
+
+def is_sequenced(frame: bytes) -> bool:
+    """Return True if the frame counts for window and resumption."""
+    return frame[0] < _UNSEQUENCED
+
+
+def encode_data(stream: int, lane: Lane, payload: memoryview, *, binary: bool, is_last: bool) -> bytes:
+    """Return a `DATA` frame."""
+    flags = lane | (_BINARY if binary else 0) | (_LAST if is_last else 0)
+    return b"".join((HEADER.pack(Kind.DATA, flags, stream), payload))
+
+
+def encode_open(stream: int, opening: bytes) -> bytes:
+    """Return an `OPEN` frame."""
+    return HEADER.pack(Kind.OPEN, 0, stream) + opening
+
+
+def encode_end(stream: int, code: int, reason: str) -> bytes:
+    """Return an `END` frame; a long reason is cut."""
+    text = reason.encode()[:MAX_REASON_BYTES].decode("utf-8", "ignore").encode()
+    return HEADER.pack(Kind.END, 0, stream) + _END.pack(code) + text
+
+
+def encode_credit(stream: int, count: int) -> bytes:
+    """Return a `CREDIT` frame."""
+    return HEADER.pack(Kind.CREDIT, 0, stream) + _CREDIT.pack(count)
+
+
+def encode_accept(stream: int) -> bytes:
+    """Return an `ACCEPT` frame."""
+    return HEADER.pack(Kind.ACCEPT, 0, stream)
+
+
+def encode_refuse(stream: int, refusal: Refusal) -> bytes:
+    """Return a `REFUSE` frame."""
+    return HEADER.pack(Kind.REFUSE, 0, stream) + msgspec.json.encode(refusal)
+
+
+def encode_ack(received: int) -> bytes:
+    """Return an `ACK` frame."""
+    return HEADER.pack(Kind.ACK, 0, 0) + _ACK.pack(received)
+
+
+def encode_ping(payload: bytes = b"", *, is_answer: bool = False) -> bytes:
+    """Return a `PING` frame, or the `PONG` that answers one."""
+    return HEADER.pack(Kind.PONG if is_answer else Kind.PING, 0, 0) + payload
+
+
+def encode_hello(hello: Hello) -> bytes:
+    """Return a `HELLO` frame."""
+    return HEADER.pack(Kind.HELLO, 0, 0) + msgspec.json.encode(hello)
+
+
+def decode_frame(data: bytes) -> UplinkFrame:
+    """Return a frame; raises BadFrame."""
+    if not HEADER.size <= len(data) <= MAX_FRAME_BYTES:
+        raise BadFrame(f"a frame of {len(data)} bytes: expected {HEADER.size} to {MAX_FRAME_BYTES}")
+    kind, flags, stream = HEADER.unpack_from(data)
+    payload = memoryview(data)[HEADER.size :]
+    if kind == Kind.DATA:
+        lane = _LANES.get(flags & _LANE)
+        if lane is None:
+            raise BadFrame(f"no lane {flags & _LANE}")
+        return Data(stream, lane, bool(flags & _BINARY), bool(flags & _LAST), payload)
+    if kind == Kind.ACK:
+        return Ack(int(_number(_ACK, payload, "ACK")))
+    if kind == Kind.CREDIT:
+        return Credit(stream, int(_number(_CREDIT, payload, "CREDIT")))
+    if kind == Kind.OPEN:
+        return Open(stream, bytes(payload))
+    if kind == Kind.END:
+        return _end(stream, payload)
+    if kind in (Kind.PING, Kind.PONG):
+        return Ping(bytes(payload), kind == Kind.PONG)
+    if kind == Kind.ACCEPT:
+        return Accepted(stream)
+    try:
+        if kind == Kind.REFUSE:
+            return Refused(stream, _refusal.decode(payload))
+        return _hello.decode(payload) if kind == Kind.HELLO else Skipped(kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadFrame(f"{Kind(kind).name}: {error}") from None
+
+
+def _number(form: Struct, payload: memoryview, name: str) -> int:
+    if len(payload) != form.size:
+        raise BadFrame(f"{name}: expected {form.size} bytes, got {len(payload)}")
+    (value,) = form.unpack(payload)
+    return int(value)
+
+
+def _end(stream: int, payload: memoryview) -> End:
+    if not _END.size <= len(payload) <= _END.size + MAX_REASON_BYTES:
+        raise BadFrame(f"END: expected {_END.size} to {_END.size + MAX_REASON_BYTES} bytes")
+    try:
+        return End(stream, _END.unpack_from(payload)[0], str(payload[_END.size :], "utf-8"))
+    except UnicodeDecodeError:
+        raise BadFrame("END: the reason is not UTF-8") from None
