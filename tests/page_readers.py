@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from rwt_transports.http.routes import WorkAccount
+from rwt_transports.shared_pool import Holder
 
 
 class CountedWork(WorkAccount):
@@ -31,6 +32,7 @@ class NobodyInParticular:
     """A reader of whom nothing is asked but whether an answer may last."""
 
     is_admitted = True
+    holder = Holder()
 
     @property
     def work(self) -> CountedWork:
@@ -47,6 +49,7 @@ class SeesNothing:
     """A reader who may subscribe to no topic."""
 
     is_admitted = True
+    holder = Holder()
 
     def __init__(self) -> None:
         self.work = CountedWork()

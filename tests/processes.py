@@ -25,6 +25,9 @@ from tests.fork_server import take_terminal
 
 ROOT: Final = Path(__file__).parents[1]
 
+SOURCES: Final = tuple(str(ROOT / folder) for folder in ("src", "rwt-webrtc/src"))
+"""Folders of this checkout that commands import from, wherever the distributions are installed from."""
+
 LONGEST: Final = 60.0
 """Seconds; far more than a command takes to end."""
 
@@ -122,7 +125,7 @@ def running(
         folder=folder,
         stdout=subprocess.PIPE,
         stderr=stderr,
-        environment={**own, "PYTHONPATH": str(ROOT / "src"), **(environment or {})},
+        environment={**own, "PYTHONPATH": os.pathsep.join(SOURCES), **(environment or {})},
         real=real,
     )
     try:

@@ -29,6 +29,7 @@ from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_protocol.frames import Burst, Frame
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
+from rwt_transports.shared_pool import Holder
 
 ROOT: Final = Path(__file__).parent.parent.parent
 ROUNDS: Final = 15
@@ -108,6 +109,9 @@ class Client:
     def close(self, code: int = 1000, reason: str = "") -> None:
         """A client is not closed here, unless something is wrong."""
         raise RuntimeError(reason)
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: there is no pool of connections."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
         """No-op: clients do not authenticate."""

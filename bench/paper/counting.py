@@ -12,6 +12,7 @@ import cbor2
 from rwt.rosbridge import Bridge
 from rwt_protocol.frames import Burst, Frame
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
+from rwt_transports.shared_pool import Holder
 
 Take = Callable[[Any], None]
 
@@ -65,6 +66,9 @@ class CountingClient:
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         """No-op."""
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: there is no pool of connections."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
         """Speak with another endpoint."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
-    from rwt_transports.endpoint import Accept
+    from rwt_transports.endpoint import Accept, Identify
     from rwt_transports.http.addresses import AddressCount
     from rwt_transports.http.proxies import Proxies
     from rwt_transports.http.routes import HttpExtension, MetricFamily, Route, Routes
@@ -67,6 +67,7 @@ class Part:
         at_top_level: True if the fields of `settings` are settings at the top level of the file.
         check: raises ValueError if the part's settings contradict others; the text names the setting.
         options: options of `rwt serve` for its settings.
+        pools: rows of the table of shared pools, what its clients share; references as in :mod:`rwt.parts`.
     """
 
     summary: str
@@ -74,6 +75,7 @@ class Part:
     at_top_level: bool = False
     check: Callable[[Settings, Any], None] | None = None
     options: tuple[Option, ...] = ()
+    pools: tuple[str, ...] = ()
 
 
 # -- gateways ----------------------------------------------------------------------------------------------
@@ -375,6 +377,7 @@ class PortOptions(NamedTuple):
     access_log: bool
     subprotocols: Mapping[str, AcceptPeer]
     addresses: AddressCount
+    identify: Identify
     limits: Limits
     buffers: ReceiveBufferPool
 

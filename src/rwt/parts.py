@@ -17,6 +17,7 @@ from rwt_protocol.extensions import ExtensionError, extension_names, load_extens
 
 if TYPE_CHECKING:
     from rwt.declarations import Part
+    from rwt_transports.shared_pool import PoolRow
 
 Kind = Literal["gateway", "node", "graph", "service", "recorder", "script", "asgi", "supervisor", "check"]
 
@@ -86,6 +87,16 @@ GROUPS: Final[Mapping[Kind, str]] = {
     "check": "rwt.checks",
 }
 """Groups of entry points by kind. Encodings and transports have groups of their own in the layers below."""
+
+
+POOLS: Final = (
+    "rwt_transports.connection:CONNECTIONS",
+    "rwt_transports.connection:PENDING",
+    "rwt_transports.drivers.sockets:HANDSHAKES",
+    "rwt_transports.wires.receive_buffer:RECEIVING",
+    "rwt.rosbridge.ops.actions:ORPHANS",
+)
+"""Shared pools of every server; parts declare theirs."""
 
 
 class CommandRow(NamedTuple):
@@ -169,6 +180,19 @@ def settings_keys() -> Iterator[tuple[str, Kind, str]]:
         for name, each in rows.items():
             for key in each.settings:
                 yield key, kind, name
+
+
+def pools() -> Iterator[PoolRow]:
+    """Yield the rows of the table of shared pools: those of every server, and those of the built-in parts.
+
+    Raises:
+        PartError: a part is not installed.
+    """
+    declared = (load(kind, name) for kind, rows in BUILT_IN.items() for name in rows)
+    # Some parts have several names.
+    for reference in dict.fromkeys((*POOLS, *(each for part in declared for each in part.pools))):
+        module, _, attribute = reference.partition(":")
+        yield cast("PoolRow", getattr(import_module(module), attribute))
 
 
 def is_available(kind: Kind, name: str) -> bool:

@@ -10,7 +10,7 @@ meanwhile inherit it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from contextvars import ContextVar
 from typing import Final, Protocol
 
@@ -20,6 +20,12 @@ Release = Callable[[], None]
 
 Hold = Callable[[int], Release]
 """Keeps the request of a client charged to it until it is released; see :func:`hold_for_asker`."""
+
+ASKER: Final[ContextVar[Hashable]] = ContextVar("asker", default=None)
+"""Client whose call or goal is handled now, by which shared pools count; None for the robot's own programs.
+
+Tasks started meanwhile inherit it.
+"""
 
 WORK_ACCOUNT: Final[ContextVar[Hold | None]] = ContextVar("work account", default=None)
 """Account of the client whose request is handled now; None for requests of the robot's own programs."""

@@ -20,6 +20,7 @@ from anyio.abc import TaskGroup
 from rwt_protocol.frames import Buffer, Framing
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
+from rwt_transports.shared_pool import Holder
 
 
 class Link(Protocol):
@@ -95,6 +96,10 @@ HEAD_BYTES: Final = 1024
 
 class WireEvents(Protocol):
     """Events that a wire reports while it is fed."""
+
+    @property
+    def holder(self) -> Holder:
+        """Client to which incomplete messages count."""
 
     def oversized(self, size: int) -> bool:
         """Called when a message larger than the limit begins; `size` is in bytes, as far as known.
@@ -182,6 +187,23 @@ class Wire(Protocol):
 
 def drop_message(_data: bytes, _binary: bool) -> None:
     """Drop a message; :attr:`Wire.message` without an endpoint, or while the connection closes."""
+
+
+@runtime_checkable
+class SizeLimitedWire(Protocol):
+    """Wire that receives messages piece by piece, and can therefore refuse one by its size."""
+
+    def limit(self, size: int) -> None:
+        """Set the maximum size in bytes of the messages that begin from now on."""
+
+
+@runtime_checkable
+class SizeLimiting(Protocol):
+    """Endpoint with a limit of its own on the size of messages, in place of ``limits.message_bytes``."""
+
+    @property
+    def largest_bytes(self) -> int:
+        """Maximum size of a message in bytes."""
 
 
 @runtime_checkable

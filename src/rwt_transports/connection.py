@@ -24,6 +24,8 @@ from rwt_transports.api import (
     HoldingWire,
     Link,
     OversizeAware,
+    SizeLimitedWire,
+    SizeLimiting,
     StepTaking,
     UnbufferedCallbacks,
     Wire,
@@ -31,15 +33,22 @@ from rwt_transports.api import (
     drop_message,
 )
 from rwt_transports.background import TaskStarter, background_tasks
-from rwt_transports.endpoint import Accept, Admit, Endpoint, PeerInfo
+from rwt_transports.endpoint import Accept, Admit, Endpoint, Identify, PeerInfo, anonymous
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.addresses import AddressCount, holder_of
 from rwt_transports.http.proxies import NO_PROXIES, Proxies
-from rwt_transports.http.routes import EVERY_NAME, Hosts
+from rwt_transports.http.routes import EVERY_NAME, Hosts, HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.scheduler import REQUESTS, Scheduler
-from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
+from rwt_transports.shared_pool import Holder, PoolFull, PoolRow, Share, SharedPool
+from rwt_transports.websocket.close_codes import (
+    ABNORMAL,
+    GOING_AWAY,
+    INTERNAL_ERROR,
+    POLICY,
+    TRY_AGAIN_LATER,
+)
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import SERVER_FRAMING
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -54,6 +63,9 @@ _deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websock
 
 TICK_SECONDS = 0.5
 
+CONNECTIONS: Final = PoolRow("connections", "limits.connections", "connections of this server")
+PENDING: Final = PoolRow("pending connections", "limits.connections", "pending connections of this server")
+
 MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 """Factory of the wire of a new connection."""
 
@@ -65,6 +77,9 @@ class PeerConnection(DriverCallbacks, Protocol):
     def address(self) -> str:
         """Address of the peer; empty if it has none."""
 
+    holder: Holder
+    """Client to which the connection counts."""
+
     def begin(self) -> None:
         """Start after the link is attached."""
 
@@ -73,6 +88,9 @@ class PeerConnection(DriverCallbacks, Protocol):
 
     def close(self, code: int, reason: str) -> None:
         """Begin to close."""
+
+    def displace(self, reason: str) -> None:
+        """Close in favour of another client."""
 
     def abort(self) -> None:
         """Cut the connection."""
@@ -87,8 +105,13 @@ port."""
 class ListenerState:
     """State that the connections of one listener share.
 
-    All but ``connections`` and ``closing`` is constant while connections are open. ``closing`` is set once,
-    in :meth:`close`; from then on, new connections are cut.
+    All but ``connections``, the shares and ``closing`` is constant while connections are open. ``closing`` is
+    set once, in :meth:`close`; from then on, new connections are cut.
+
+    Connections are shares of one of two pools. A new one gets a place if there is room. Otherwise it is
+    pending: it may request pages, be refused with a reason, or :meth:`claim` the place of another client once
+    its own client is known. Pending connections are as many again, and count to networks: nothing else is
+    known of them.
 
     Attributes:
         accept: factory of the endpoint of a new peer.
@@ -99,6 +122,7 @@ class ListenerState:
         idle_seconds: silence after which a peer counts as gone; 0 for never.
         max_message_size: size of the largest message that can be sent, in bytes; 0 for any.
         addresses: number of connections of each address.
+        identify: returns the credential of a connection or request.
         hosts: names by which HTTP requests may address the listener.
         proxies: proxies whose headers about their clients are trusted.
         access_log: True if each HTTP request is logged.
@@ -107,6 +131,8 @@ class ListenerState:
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: scheduler of the reading of HTTP requests.
         ended: set when the only peer is gone, and when the listener has closed.
+        places: shares of the open connections.
+        pending: shares of those without a place.
         closing: True if no more connections are accepted.
     """
 
@@ -124,13 +150,22 @@ class ListenerState:
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
     admit: Admit | None = None
+    identify: Identify = anonymous
     tasks: TaskStarter | None = None
     requests: Scheduler = field(default_factory=partial(Scheduler.immediate, REQUESTS))
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
+    places: dict[PeerConnection, Share] = field(default_factory=dict)
+    pending: dict[PeerConnection, Share] = field(default_factory=dict)
     closing: bool = False
     _empty: anyio.Event | None = None
+    _pool: SharedPool = field(init=False)
+    _pending_pool: SharedPool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._pool = SharedPool(CONNECTIONS, self.limits.connections)
+        self._pending_pool = SharedPool(PENDING, self.limits.connections)
 
     def attach(self, link: Link, address: str, port: int) -> None:
         if self.http is None:  # No request will name the client of a proxy.
@@ -143,17 +178,105 @@ class ListenerState:
         self.addresses.enter(connection.address)
         # Before the checks, since a driver reports the loss of a refused link, too.
         link.set_callbacks(connection)
-        too_many = len(self.connections) > 2 * self.limits.connections
-        if self.closing or too_many or self.addresses.is_flooding(connection.address):
+        is_flooding = self.addresses.is_flooding(connection.address)
+        if self.closing or is_flooding or not self._has_room_for(connection):
             connection.abort()
         else:
             # May end the connection at once: nothing may use it after this call.
             connection.begin()
 
+    def _has_room_for(self, connection: PeerConnection) -> bool:
+        """Give a new connection a free place, or else one among the pending; False if there is none."""
+        if not self._pool.is_full:
+            self._take_place(connection)
+            return True
+        end = partial(self._displace, self.pending, connection)
+        try:
+            self.pending[connection] = self._pending_pool.take(connection.holder.network, end)
+        except PoolFull:
+            return False
+        return True
+
+    def claim(self, connection: PeerConnection, peer: PeerInfo) -> None:
+        """Give a connection a place, if need be that of another client; no-op before it has authenticated.
+
+        Raises:
+            PoolFull: `limits.connections` is reached.
+        """
+        credential = self.identify(peer)
+        if credential is not None:
+            connection.holder = holder_of(connection.address, credential)
+            self._take_place(connection)
+
+    def _take_place(self, connection: PeerConnection) -> None:
+        place = self.places.get(connection)
+        if place is not None:
+            self._pool.move(place, connection.holder)
+            return
+        end = partial(self._displace, self.places, connection)
+        self.places[connection] = self._pool.take(connection.holder, end)
+        self._release(connection, self.pending, self._pending_pool)
+
+    def _displace(self, shares: dict[PeerConnection, Share], connection: PeerConnection, reason: str) -> None:
+        del shares[connection]
+        logger.info("closing %s: %s", connection, reason)
+        # Those that are being closed have no share: they are bounded, too.
+        if len(self.connections) - len(self.places) - len(self.pending) > self.limits.connections:
+            connection.abort()
+        else:
+            connection.displace(reason)
+
+    def _release(
+        self, connection: PeerConnection, shares: dict[PeerConnection, Share], pool: SharedPool
+    ) -> None:
+        share = shares.pop(connection, None)
+        if share is not None:
+            pool.release(share)
+
+    def count_again(self, connection: PeerConnection, address: str) -> None:
+        """Count a connection whose client has turned out to be another; `address` is the former one.
+
+        A pending one may still claim a place later.
+        """
+        if address != connection.address:
+            self.addresses.leave(address)
+            self.addresses.enter(connection.address)
+        if connection in self.places:
+            self._pool.move(self.places[connection], connection.holder)
+        elif connection in self.pending:
+            self._pending_pool.move(self.pending[connection], connection.holder.network)
+
+    def authenticated(self, connection: PeerConnection) -> None:
+        """Give a connection a place whose client is known only now; it is closed if there is none."""
+        try:
+            self._take_place(connection)
+        except PoolFull as full:
+            connection.displace(full.reason)
+
+    def credential_of(self, head: HttpRequest) -> str | None:
+        """Return the credential of a request, as :data:`~rwt_transports.endpoint.Identify` does."""
+        return self.identify(PeerInfo(self.transport, head.address, 0, head.target, head.headers))
+
+    def body_limit(self, routes: Routes, head: HttpRequest) -> tuple[int, int]:
+        """Return the maximum size of a request's body, and the status beyond it: small if no route would use
+        it, or only with credentials."""
+        limits = self.limits
+        if not routes.is_public(head.method, head.path) and self.credential_of(head) is None:
+            return limits.unknown_bytes, 401
+        if head.method in ("GET", "HEAD"):
+            return limits.http_header_bytes, 413
+        is_used = not isinstance(routes.find(head.method, head.path), HttpResponse)
+        return limits.http_body_bytes if is_used else limits.http_header_bytes, 413
+
     def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
         """Attach `connection`, which has started, to the link of `former`."""
         self.connections.discard(former)
         self.connections.add(connection)
+        for shares in (self.places, self.pending):
+            share = shares.pop(former, None)
+            if share is not None:
+                share.end = partial(self._displace, shares, connection)
+                shares[connection] = share
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
@@ -209,6 +332,8 @@ class ListenerState:
     def detach(self, connection: PeerConnection) -> None:
         self.connections.discard(connection)
         self.addresses.leave(connection.address)
+        self._release(connection, self.places, self._pool)
+        self._release(connection, self.pending, self._pending_pool)
         if not self.connections and self._empty is not None:
             self._empty.set()
         if self.single:
@@ -245,7 +370,7 @@ class Connection:
       ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_holdable`` (the wire again, if
       a pause holds it), ``_endpoint``, ``outbox``, and what the driver calls on the wire and the outbox
       directly: ``get_buffer``, ``take``, ``put_back``.
-    * Peer: ``address``, ``_port``.
+    * Peer: ``address``, ``holder``, ``_port``, ``_largest_bytes`` (maximum size of its messages).
     * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
       link).
     * Signs of life: ``_is_alive`` (True if something arrived since the last :meth:`tick`), ``_heard``
@@ -256,8 +381,8 @@ class Connection:
 
     __slots__ = (
         "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_inflating",
-        "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state",
-        "_wire", "address", "get_buffer", "outbox", "put_back", "take",
+        "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_largest_bytes", "_link", "_listener",
+        "_port", "_state", "_wire", "address", "get_buffer", "holder", "outbox", "put_back", "take",
     )  # fmt: skip
 
     def __init__(
@@ -278,7 +403,9 @@ class Connection:
         self.take = self.outbox.take
         self.put_back = self.outbox.put_back
         self.address = address
+        self.holder = holder_of(address)
         self._port = port
+        self._largest_bytes = limits.message_bytes
         self._closed_with: tuple[int, str] | None = None
         self._deadline: float | None = None
         self._is_alive = True
@@ -295,13 +422,13 @@ class Connection:
         """Open a connection without a handshake."""
         state = self._listener
         peer = PeerInfo(state.transport, self.address, self._port, max_message_size=state.max_message_size)
-        if len(state.connections) > state.limits.connections:
-            logger.warning("no room for %s: %d connections", self, state.limits.connections)
-            self._link.abort()
-            return
         try:
+            state.claim(self, peer)
             state.addresses.check(self.address)
             self.open(peer)
+        except PoolFull as full:
+            logger.warning("no room for %s: %s", self, full.reason)
+            self._link.abort()
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
@@ -362,8 +489,17 @@ class Connection:
         if not last:
             self.outbox.when_empty(self._link.close)
 
+    def displace(self, reason: str) -> None:
+        self.close(TRY_AGAIN_LATER, reason)
+
     def abort(self) -> None:
         self._link.abort()
+
+    def count_for(self, holder: Holder) -> None:
+        """See :meth:`rwt_transports.endpoint.Sink.count_for`."""
+        self.holder = holder
+        if self in self._listener.connections:
+            self._listener.authenticated(self)
 
     # -- the endpoint's flow control -----------------------------------------------------------------------
 
@@ -407,7 +543,7 @@ class Connection:
     def oversized_head(self, size: int, head: bytes) -> None:
         endpoint: object = self._endpoint
         if isinstance(endpoint, OversizeAware):
-            endpoint.oversized(size, self._listener.limits.message_bytes, head)
+            endpoint.oversized(size, self._largest_bytes, head)
 
     def answer(self, data: bytes) -> None:
         self.outbox.push(data)
@@ -440,6 +576,12 @@ class Connection:
             endpoint.set_flow_control(self)
         if self._inflating is not None:
             self._inflating.take_steps = endpoint.take_steps if isinstance(endpoint, StepTaking) else None
+        largest = self._listener.limits.message_bytes
+        if isinstance(endpoint, SizeLimiting):
+            largest = min(largest, endpoint.largest_bytes)
+        if largest != self._largest_bytes and isinstance(self._wire, SizeLimitedWire):
+            self._largest_bytes = largest
+            self._wire.limit(largest)
         if not self._is_ending:
             self._wire.message = endpoint.receive
 
@@ -558,6 +700,10 @@ class _ConnectionSink(Outbox):
     def close(self, code: int = 1000, reason: str = "") -> None:
         if self._connection is not None:
             self._connection.close(code, reason)
+
+    def count_for(self, holder: Holder) -> None:
+        if self._connection is not None:
+            self._connection.count_for(holder)
 
     def hand_over(self, endpoint: Endpoint) -> None:
         if self._connection is not None:

@@ -9,6 +9,7 @@ from time import time_ns
 from typing import Protocol
 
 from rwt_protocol.frames import Burst, Frame
+from rwt_transports.shared_pool import Holder
 
 
 class DropReason(StrEnum):
@@ -158,6 +159,9 @@ class Sink(Protocol):
         `endpoint` is closed at once. Not for use within the accept function, which returns an endpoint.
         """
 
+    def count_for(self, holder: Holder) -> None:
+        """Count the connection, and its incomplete messages from now on, to another client."""
+
     @property
     def received(self) -> int:
         """Number of received bytes, including the whole current read; identifies the read of a message."""
@@ -187,3 +191,12 @@ Accept = Callable[[Sink, PeerInfo], Endpoint]
 Admit = Callable[[PeerInfo], Awaitable[Accept]]
 """Coroutine function that decides about a WebSocket before it opens, and returns the accept function for it;
 raises :exc:`~rwt_transports.errors.Refused`."""
+
+Identify = Callable[[PeerInfo], str | None]
+"""Returns the name of the credential that a connection or request presents; empty if it needs none. None: it
+is not admitted without another."""
+
+
+def anonymous(info: PeerInfo) -> str:
+    """Return an empty name: no credentials are needed. The default :data:`Identify`."""
+    return ""

@@ -37,14 +37,15 @@ class Limits:
             is closed with 1009.
         incoming_bytes: what all connections together that share a
             :class:`~rwt_transports.wires.receive_buffer.ReceiveBufferPool` may hold of messages whose end has
-            not come; two of the largest messages at least. Beyond it the connection whose message began first
-            is closed with 1008. While a quarter as many came to their end and wait to be read, no more of
-            large ones is received or inflated.
+            not come; two of the largest messages at least. Beyond it the client that holds most of it loses
+            the message that began first, and its connection is closed with 1008. While a quarter as many came
+            to their end and wait to be read, no more of large ones is received or inflated.
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the received bytes and answers, so that one bad message does not
             cost the connection.
-        connections: open connections of one listener. More are answered with HTTP 503 where the transport
-            has HTTP, and cut otherwise; twice as many are always cut.
+        connections: open connections of one listener, which clients share
+            (:mod:`rwt_transports.shared_pool`). One for which there is no room is refused with HTTP 503 where
+            the transport has HTTP, and cut otherwise; beyond as many of these, the next are always cut.
         connections_per_address: the same bound for each address; see :class:`AddressCount`.
         handshake_seconds: from the first byte expected to the end of the request.
         idle_http_seconds: maximum idle time of a kept-alive HTTP connection.
@@ -52,6 +53,7 @@ class Limits:
             for it; then it is cut.
         http_header_bytes: size of one request line with its headers.
         http_body_bytes: size of one plain HTTP request body.
+        unknown_bytes: the same for a request without the credentials that it needs.
         close_seconds: maximum duration of closing a connection, after which it is cut.
         ping_seconds: silence after which the peer is pinged; 0: never.
         pong_seconds: additional silence after which the peer counts as lost.
@@ -78,6 +80,7 @@ class Limits:
     stalled_http_seconds: float = 20.0
     http_header_bytes: int = 16 * KIB
     http_body_bytes: int = MIB
+    unknown_bytes: int = 4 * KIB
     close_seconds: float = 2.0
     ping_seconds: float = 20.0
     pong_seconds: float = 40.0

@@ -10,7 +10,7 @@ from ssl import SSLContext
 
 from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
-from rwt_transports.endpoint import Accept, Admit
+from rwt_transports.endpoint import Accept, Admit, Identify, anonymous
 from rwt_transports.errors import BadUrl
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import HttpConnection
@@ -51,6 +51,7 @@ async def listen(
     subprotocols: Iterable[str] = (),
     admit: Admit | None = None,
     addresses: AddressCount | None = None,
+    identify: Identify = anonymous,
     limits: Limits | None = None,
     buffers: ReceiveBufferPool | None = None,
     driver: Driver | None = None,
@@ -73,6 +74,7 @@ async def listen(
             `accept` is told (:class:`~rwt_transports.endpoint.PeerInfo`).
         admit: decides about WebSockets in place of `accept`, and may wait.
         addresses: counts the connections of each address; one of its own by default.
+        identify: returns the credential of a connection or request; by default none are needed.
         limits: limits per listener and per connection.
         buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``
             together; of its own by default.
@@ -108,6 +110,7 @@ async def listen(
         access_log=access_log,
         subprotocols=frozenset(subprotocols),
         admit=admit,
+        identify=identify,
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     bound = replace(

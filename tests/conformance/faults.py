@@ -24,6 +24,7 @@ from rwt_transports.endpoint import (
     Sink,
     Traffic,
 )
+from rwt_transports.shared_pool import Holder
 
 Message = dict[str, Json]
 
@@ -158,6 +159,9 @@ class _SpoiltSink(Sink):
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self._sink.close(code, reason)
+
+    def count_for(self, holder: Holder) -> None:
+        self._sink.count_for(holder)
 
     def hand_over(self, endpoint: Endpoint) -> None:
         assert self.endpoint is not None

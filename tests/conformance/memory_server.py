@@ -33,6 +33,7 @@ from rwt_transports.endpoint import (
     PeerInfo,
     Traffic,
 )
+from rwt_transports.shared_pool import Holder
 
 Spoil = Callable[[Accept], Accept]
 """Puts a fault between the wire and the server."""
@@ -73,6 +74,9 @@ class _ClientEnd:
             self.close_code = code
             self.changed.set()
             self.endpoint.closed(code, reason)
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: there is no pool of connections."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
         self.endpoint = endpoint

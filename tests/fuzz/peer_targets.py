@@ -27,6 +27,7 @@ from google_crc32c import value as crc32c
 from rwt.media.stream_request import MOST_AREA
 from rwt_protocol.frames import Frame
 from rwt_transports.limits import Limits
+from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import WHOLE_MESSAGES
 from rwt_webrtc.congestion.feedback import MAX_STATUSES, read_feedback
@@ -171,7 +172,7 @@ async def _associate(data: bytes) -> None:
     handshake = Mock(state="connected", _role="server", _send_data=send)
     failures: list[str] = []
     limits = Limits(message_bytes=MESSAGE_BYTES)
-    tested = Association(handshake, limits, ReceiveBufferPool(), failures.append)
+    tested = Association(handshake, limits, ReceiveBufferPool(), Holder(), failures.append)
     tested._local_verification_tag, tested._remote_verification_tag = TAG, TAG + 1
     tested._local_tsn = tested._reconfig_request_seq = FIRST_TSN
     tested._last_sacked_tsn = tested._advanced_peer_ack_tsn = FIRST_TSN - 1

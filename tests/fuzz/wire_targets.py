@@ -13,6 +13,7 @@ from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.deflate import DeflateWire
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import WebSocketWire
@@ -32,6 +33,8 @@ LARGEST = 2_000
 
 class Heard:
     """Events reported by a wire."""
+
+    holder = Holder()
 
     def __init__(self, skip: bool) -> None:
         self._skip = skip

@@ -25,6 +25,11 @@ async def _examine(context: CheckContext, report: Callable[[Finding], None]) -> 
 
 
 PART = ServicePart(
+    pools=(
+        "rwt_webrtc.transport.signalling:PEERS",
+        "rwt_webrtc.transport.signalling:HANDSHAKES",
+        "rwt_webrtc.transport.signalling:OFFERS",
+    ),
     summary="WebRTC: rosbridge over data channels, and images and audio as media tracks",
     settings=WebRtcSettings,
     is_on=lambda settings: settings.enabled,

@@ -37,9 +37,11 @@ class WebRtcSettings(Table):
         " clients with private addresses; `all`, private ones for every client, such as one in the robot's"
         " network that comes through a hub; `relay`, only those of a TURN server",
     )
-    peers: Count = Field(32, description="open peer connections")
+    peers: Count = Field(32, description="open peer connections, which clients share")
     handshakes: Count = Field(
-        8, description="peer connections that are still connecting; offers wait up to 5 s for one"
+        8,
+        description="peer connections that are still connecting, which clients share; offers wait up to 5 s"
+        " for one",
     )
     channels: Count = Field(16, description="data channels per peer; each is a client")
     candidates: Count = Field(64, description="candidate addresses per peer")

@@ -14,6 +14,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports.api import HEAD_BYTES
 from rwt_transports.endpoint import DropReason, FlowRules, PeerInfo, Sink
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import holder_of
 from rwt_transports.http.routes import HttpRequest
 from rwt_transports.limits import Limits
 from rwt_webrtc.packets.ice_guard import CONSENT_EXPIRES_SECONDS
@@ -328,7 +329,9 @@ async def test_there_are_no_more_peers_and_handshakes_than_there_may_be() -> Non
         assert (await side.ask("POST", "/webrtc", offer)).status == 201
         answer = await side.ask("POST", "/webrtc", offer)
         assert answer.status == 503
-        assert text_of(answer) == "1 peers are connecting (webrtc.handshakes)\n"
+        assert (
+            text_of(answer) == "1 of 1 are in use, 1 by this client: connecting peers (webrtc.handshakes)\n"
+        )
         assert channel.readyState == "connecting"
 
 
@@ -350,27 +353,29 @@ async def test_offers_that_wait_are_limited_by_their_bytes() -> None:
         for _ in range(2):
             tasks.start_soon(_open, side, "127.0.0.1", 50)
         await anyio.wait_all_tasks_blocked()
-        with pytest.raises(Refused, match="1 peers are connecting"):
+        with pytest.raises(Refused, match=r"bytes of waiting offers \(webrtc\.handshakes\)"):
             await _open(side, "127.0.0.1", 1)
         tasks.cancel_scope.cancel()
-    assert side.peers._queued_bytes == 0
+    assert side.peers._offers.used == 0
 
 
-async def test_one_network_does_not_get_every_place() -> None:
-    async with answering(bounds=PeerBounds(peers=8, handshakes=4, queue_seconds=0)) as side:
-        for _ in range(3):
-            await _open(side, "10.0.0.1")
-        with pytest.raises(Refused, match=r"10\.0\.0\.1 has 3 of at most 4.*webrtc\.handshakes"):
-            await _open(side, "10.0.0.1")
-        await _open(side, "10.0.0.2")
-    async with answering(bounds=PeerBounds(peers=4, handshakes=100)) as side:
-        for number in range(3):
+@pytest.mark.parametrize("bounds", [PeerBounds(4, 100), PeerBounds(100, 4, queue_seconds=0)])
+async def test_a_client_with_every_place_loses_its_oldest_to_another(bounds: PeerBounds) -> None:
+    async with answering(bounds=bounds) as side:
+        for number in range(4):
             await _open(side, f"2001:db8::{number}")
-        with pytest.raises(Refused, match=r"2001:db8::/64 has 3 of at most 4.*webrtc\.peers"):
+        of_greedy = tuple(side.peers._peers.values())
+        with pytest.raises(Refused, match=r"4 of 4 are in use, 4 by this client.*\(webrtc\."):
             await _open(side, "2001:db8::ffff")
-        (first, *_) = tuple(side.peers._peers.values())
-        first.fail("a test")
-        await _open(side, "2001:db8::ffff")
+        for _ in range(2):
+            await _open(side, "2001:db8:1::1")
+        await until(lambda: len(side.peers) == 4)
+        assert [peer.closed for peer in of_greedy] == [True, True, False, False]
+        assert "4 of 4 were this client's" in of_greedy[0].reason
+        # Both have two: neither takes one of the other.
+        for address in ("2001:db8::1", "2001:db8:1::1"):
+            with pytest.raises(Refused):
+                await _open(side, address)
 
 
 async def _open(side: Side, address: str, size: int = 0) -> None:
@@ -380,7 +385,7 @@ async def _open(side: Side, address: str, size: int = 0) -> None:
         return ""
 
     request = HttpRequest("POST", "/webrtc", body=bytes(size), address=address)
-    await side.peers.open(request, side.accept, answer)
+    await side.peers.open(request, holder_of(address), side.accept, answer)
 
 
 async def test_a_peer_that_is_never_reached_is_given_up() -> None:

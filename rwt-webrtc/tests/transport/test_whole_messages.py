@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES
 from rwt_transports.limits import Limits
+from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES, MessageCutter, MessageWire
 
@@ -24,6 +25,8 @@ class Events:
         self.takes_reports = takes_reports
         self.heads: list[tuple[int, bytes]] = []
         self.end: tuple[int, str] | None = None
+
+    holder = Holder()
 
     def oversized(self, size: int) -> bool:
         return self.takes_reports

@@ -12,15 +12,16 @@ from rwt.access.audit import Audit
 from rwt.access.client_graph import ClientGraph, ServerPolicy
 from rwt.access.decisions import decisions_of
 from rwt.access.disclosure import Disclosures, setting_parameters
-from rwt.access.graph_view import GraphView, Keep
+from rwt.access.graph_view import NOBODY, GraphView, Keep
 from rwt.access.quotas import AddressQuotas, ClientQuotas, WorkLimit, WorkTotals
 from rwt.access.roles import Role
 from rwt.access.settings import AccessSettings, GateSettings, RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import network_of
+from rwt_transports.http.addresses import holder_of, network_of
 from rwt_transports.http.routes import is_local
+from rwt_transports.shared_pool import Holder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -161,7 +162,8 @@ class Access:
             from rwt.access.gate.client_gate import ClientGate
 
             gate = ClientGate(self.gate, name, role, address, device_of(user_agent))
-        return ClientGraph(shared, role, quotas, self._policy, gate, decisions_of(name))
+        holder = holder_of(address, role.credential)
+        return ClientGraph(shared, role, quotas, self._policy, gate, decisions_of(name), holder)
 
     def may_latch(self, topic: str) -> bool:
         """Return True unless a gate rule forbids latched publishers of a topic."""
@@ -208,12 +210,15 @@ class Access:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         work = self._quotas_of(info.address).work
-        return self.view(role, work, partial(self._while_allowed, info))
+        holder = holder_of(info.address, role.credential)
+        return self.view(role, work, partial(self._while_allowed, info), holder)
 
-    def view(self, role: Role, work: WorkLimit, keep: Keep | None = None) -> GraphView:
+    def view(
+        self, role: Role, work: WorkLimit, keep: Keep | None = None, holder: Holder = NOBODY
+    ) -> GraphView:
         """Return the view of the graph for a role, see :class:`~rwt.access.graph_view.GraphView`."""
         open_services = frozenset[str]() if self.gate is None else self.gate.open_services
-        return GraphView(self._graph, role, work, keep, open_services)
+        return GraphView(self._graph, role, work, keep, open_services=open_services, holder=holder)
 
     def _while_allowed(
         self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]

@@ -130,6 +130,22 @@ class Admission:
             return None
         return self.default_role if token is None else role_of_token(token, self._tokens)
 
+    def credential_of(self, info: PeerInfo) -> str | None:
+        """Return the name of the credential that a connection or request presents; empty if it needs none.
+
+        Returns None if it is not admitted, or only by a later `auth` op. Unlike :meth:`role_of`, it neither
+        raises nor logs.
+        """
+        if self._tokens:
+            try:
+                token = presented_token(info)
+            except NotAuthenticated:
+                return None
+            if token is not None:
+                role = role_of_token(token, self._tokens)
+                return None if role is None else role.credential
+        return None if self.default_role is None else self.default_role.credential
+
     def allows_page(self, origin: str, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Return True if the web page of an origin may connect; an empty one is that of no page."""
         return self._origins.allows(origin, headers.get("host", ""), loopback=loopback)

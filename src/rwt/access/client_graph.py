@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeVar, Union
 
 from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_parameters
 from rwt.access.errors import NotAllowed, QuotaExceeded
-from rwt.access.graph_view import STOP, GraphView, canonical
-from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
+from rwt.access.graph_view import NOBODY, STOP, GraphView, canonical
+from rwt_graph.accounts import ACCOUNT, ASKER, WORK_ACCOUNT
 from rwt_graph.names import resolve
 from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_participant.qos import QoS
+    from rwt_transports.shared_pool import Holder
 
     OnEnded = Callable[[str, str, str], None]
 
@@ -141,11 +142,12 @@ class GoalMessages(WrappedPublisher):
     The program that runs the goals holds their charges with :meth:`hold` (:data:`rwt_graph.accounts.Hold`).
     """
 
-    __slots__ = ("_quotas",)
+    __slots__ = ("_holder", "_quotas")
 
-    def __init__(self, inner: ClientPublisher, quotas: ClientQuotas) -> None:
+    def __init__(self, inner: ClientPublisher, quotas: ClientQuotas, holder: Holder) -> None:
         super().__init__(inner)
         self._quotas = quotas
+        self._holder = holder
 
     def hold(self, size: int) -> Callable[[], None]:
         """Charge a goal of `size` bytes until the returned function is called.
@@ -167,11 +169,12 @@ class GoalMessages(WrappedPublisher):
         Raises:
             QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
-        asker = WORK_ACCOUNT.set(self.hold)
+        account, asker = WORK_ACCOUNT.set(self.hold), ASKER.set(self._holder)
         try:
             self._inner.publish(payload)
         finally:
-            WORK_ACCOUNT.reset(asker)
+            WORK_ACCOUNT.reset(account)
+            ASKER.reset(asker)
 
 
 class LatchedPublisher(WrappedPublisher):
@@ -254,9 +257,10 @@ class ClientGraph(GraphView):
         policy: ServerPolicy,
         gate: ClientGate | None,
         decisions: Mapping[str, Act],
+        holder: Holder = NOBODY,
     ) -> None:
         open_services = frozenset[str]() if gate is None else gate.open_services
-        super().__init__(shared.graph, role, quotas.work, open_services=open_services)
+        super().__init__(shared.graph, role, quotas.work, open_services=open_services, holder=holder)
         self._policy = policy
         self._decisions = decisions
         self._shared = shared
@@ -270,6 +274,7 @@ class ClientGraph(GraphView):
     def take_role(self, role: Role) -> None:
         """Switch to another role. What is open stays open; callers must request publishers again."""
         self.role = role
+        self.holder = self.holder._replace(credential=role.credential)
         self._names_version = -1
         if self._gate is not None:
             self._gate.take_role(role)
@@ -472,7 +477,7 @@ class ClientGraph(GraphView):
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
         kept = LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
         is_goal = shared.type.name.endswith("ActionGoal")
-        publisher = GoalMessages(kept, self._quotas) if is_goal else kept
+        publisher = GoalMessages(kept, self._quotas, self.holder) if is_goal else kept
         return publisher if self._gate is None else self._gate.publisher(publisher)
 
     def _acquire(
@@ -632,7 +637,7 @@ class ClientGraph(GraphView):
 
     def _send(self, info: ServiceInfo, call: _Call, timeout: float | None, payload: Payload) -> PendingCall:
         send = self._shared.participant.call_service
-        asker = WORK_ACCOUNT.set(call.hold)
+        account, asker = WORK_ACCOUNT.set(call.hold), ASKER.set(self.holder)
         try:
             if info.type.name in self._policy.setting_parameters:
                 # The handler, called now or in a task, sets parameters on the client's account.
@@ -641,7 +646,8 @@ class ClientGraph(GraphView):
                 return context.run(send, info.name, payload, call, timeout)
             return send(info.name, payload, call, timeout)
         finally:
-            WORK_ACCOUNT.reset(asker)
+            WORK_ACCOUNT.reset(account)
+            ASKER.reset(asker)
 
     def _charge_parameters(self, amount: int, replaced: object) -> Charge:
         """Charge the bytes of a parameter to the client that sets it, in place of the charge `replaced`.
@@ -707,11 +713,16 @@ class ClientGraph(GraphView):
 
         self._shared.counters.goals += 1
         charged = replace(events, on_result=on_result)
-        if gate is None:
-            return self._shared.participant.send_goal(name, payload, charged)
 
-        def send(goal_id: str, payload: Payload) -> ClientGoal:
-            return self._shared.participant.send_goal(name, payload, charged, goal_id)
+        def send(goal_id: str | None, payload: Payload) -> ClientGoal:
+            asker = ASKER.set(self.holder)
+            try:
+                return self._shared.participant.send_goal(name, payload, charged, goal_id)
+            finally:
+                ASKER.reset(asker)
+
+        if gate is None:
+            return send(None, payload)
 
         return gate.send_goal(name, needed, payload, send, partial(on_result, GoalStatus.UNKNOWN))
 

@@ -9,6 +9,7 @@ from rwt_graph.api import ActionInfo, Graph, GraphListings, NodeInfo, ServiceInf
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_transports.errors import Refused
+from rwt_transports.shared_pool import Holder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Set
@@ -27,6 +28,10 @@ STOP: Final = "/gate/stop"
 """Service and topic of the gate that press the emergency stop."""
 
 
+NOBODY: Final = Holder()
+"""Holder of a view that takes no shares of pools."""
+
+
 class GraphView(GraphListings):
     """View of the graph for one role: the queries of :class:`rwt_graph.api.Graph`, filtered.
 
@@ -37,6 +42,7 @@ class GraphView(GraphListings):
         is_admitted: True if the holder may connect; False for the view in which everything is hidden.
         has_pressed_stop: True if the holder is a request that has pressed the emergency stop, so that nothing
             may delay or refuse it.
+        holder: client to which shares of pools count.
 
     Args:
         keep: implementation of :meth:`while_allowed`; None: open responses are refused.
@@ -49,10 +55,13 @@ class GraphView(GraphListings):
         role: Role,
         work: WorkLimit,
         keep: Keep | None = None,
+        *,
         open_services: Set[str] = frozenset(),
+        holder: Holder = NOBODY,
     ) -> None:
         self.role = role
         self.is_admitted = True
+        self.holder = holder
         self._open_services = open_services
         self._keep = keep
         self.work = work

@@ -520,6 +520,11 @@ class AuthSettings(Table):
         5.0, description="seconds by which the time of an `auth` message may differ from the server's clock"
     )
     seconds: Seconds = Field(10.0, description="seconds within which a client must authenticate")
+    message_bytes: Bytes = Field(
+        4096,
+        description="largest message, or body of a request, of a client that has not authenticated; not used"
+        " if clients need no credentials",
+    )
     tokens: Mapping[str, TokenSettings] = Field(
         default_factory=dict, description="bearer tokens, each under a name of its own"
     )

@@ -135,6 +135,7 @@ class Listeners:
             settings.access_log,
             self._gateways,
             self.addresses,
+            self._bridge.access.admission.credential_of,
             self.limits,
             self.buffers,
         )
@@ -147,6 +148,7 @@ def _limits(settings: Settings) -> Limits:
     return Limits(
         **{name: getattr(limits, name) for name in names},
         message_bytes=settings.max_message_size,
+        unknown_bytes=settings.auth.message_bytes,
         outgoing_bytes=limits.outgoing_message_bytes,
         deflate=Deflate(settings.deflate),
     )

@@ -18,7 +18,7 @@ import anyio
 import anyio.to_thread
 
 from rwt.media.encoders.encoded import Encoded, Encoder
-from rwt.media.errors import VideoError
+from rwt.media.errors import StreamEnded, VideoError
 from rwt.media.stream_metrics import Counts
 from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest
 from rwt_graph import Node
@@ -233,6 +233,7 @@ class Viewer(Listener["Encoded"]):
         """End the stream now, without the queued images."""
         logger.info("a viewer of %s is sent nothing more: %s", self._broadcast.request.topic, reason)
         self._waiting.clear()
+        self.end(StreamEnded(reason))
         self.leave()
 
 
@@ -308,7 +309,7 @@ class Broadcast(SharedStream[Viewer]):
 
     * Messages: ``_newest`` (not encoded yet; the next message replaces it), ``_last``
       (encoded).
-    * Images: ``_encoder`` (created with the first message), ``_shown`` (the last image), ``pixels``.
+    * Images: ``_encoder`` (created with the first message), ``_shown`` (the last image).
     * Key frames of a video: ``_key_frames``.
 
     Args:
@@ -316,9 +317,6 @@ class Broadcast(SharedStream[Viewer]):
         make_encoder: creates the encoder, in a worker thread since it loads libraries.
         now: returns the seconds of a steady clock. Real time, as for the viewers, whatever clock the robot
             has.
-
-    Attributes:
-        pixels: number of pixels of a video frame, once the encoder exists; 0 for single images.
     """
 
     def __init__(
@@ -334,7 +332,6 @@ class Broadcast(SharedStream[Viewer]):
         super().__init__(on_end)
         self.request = request
         self.counts = counts
-        self.pixels = 0
         self.now = now
         self._log = node.log
         self._make_encoder = make_encoder

@@ -2,6 +2,7 @@
 
 `VideoError`
     `RequestRefused`: the request is rejected; has the HTTP status
+    `StreamEnded`: the server has ended the stream of a viewer
     `ImageUnreadable`: the image of a message cannot be decoded
 """
 
@@ -22,6 +23,10 @@ class RequestRefused(VideoError):
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
         self.status = status
+
+
+class StreamEnded(VideoError):
+    """The server has ended a stream, for example in favour of another client; the text gives the reason."""
 
 
 class ImageUnreadable(VideoError):

@@ -11,7 +11,7 @@ from rwt.access.admission import Admission
 from rwt.access.decisions import VERBS
 from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.access.roles import Role
-from rwt.access.settings import SettingsError
+from rwt.access.settings import AuthSettings, SettingsError
 from rwt.gateways.base import ConnectionGateway
 from rwt.rosbridge.numpy_loading import NumpyLoading
 from rwt.rosbridge.ops import actions, services, topics
@@ -36,6 +36,7 @@ from rwt_protocol.profiles import PROFILES
 from rwt_protocol.readers import readers
 from rwt_protocol.session import Session
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.http.addresses import holder_of
 from rwt_transports.websocket.close_codes import POLICY
 
 # The dispatcher calls each handler with the part of a client that `_PARTS` names, which a mapping's type
@@ -64,7 +65,7 @@ class Bridge(ConnectionGateway[Peer]):
     """The rosbridge gateway: connects rosbridge clients to a graph, as the node `/rosbridge_websocket`.
 
     Attributes:
-        orphans: running goals of clients that have left, with the addresses of those.
+        orphans: running goals of clients that have left.
 
     Args:
         graph: the robot.
@@ -92,7 +93,7 @@ class Bridge(ConnectionGateway[Peer]):
         self.loading = loading
         # Builds the models of the ops, which takes milliseconds, before the first client connects.
         readers(PROFILES[settings.profile], Direction.TO_SERVER)
-        self.orphans: dict[actions.PeerGoal, str] = {}
+        self.orphans = actions.Orphans()
         self.service_offers: Offers[services.Asked] = {}
         self.action_offers: Offers[actions.Accepted] = {}
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)
@@ -126,12 +127,12 @@ class Bridge(ConnectionGateway[Peer]):
             return self._join(sink, info, session, role)
 
         def join(role: Role) -> Peer:
+            sink.count_for(holder_of(info.address, role.credential))
             peer = self._join(sink, info, session, role)
             peer.is_role_by_auth = True
             return peer
 
-        clock = self.shared.graph.clock
-        return PendingAuth(join, sink, info, session, admission, clock, self.settings.auth.seconds)
+        return PendingAuth(join, sink, info, session, admission, self.shared.graph.clock, self.settings.auth)
 
     def _join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
         peer = self.join(role, info, lambda number, graph: Peer(self, number, sink, info, session, graph))
@@ -209,9 +210,6 @@ def _publish(publisher: Publisher, message: dict[str, object]) -> None:
     publisher.publish(Payload.from_value(publisher.type, message))
 
 
-#: Size limit of an `auth` op, in bytes. It bounds the memory of connections without credentials.
-_MAX_AUTH_BYTES: Final = 16 * 1024
-
 _NO_AUTH: Final = "this server wants `auth` as the first message"
 
 
@@ -224,10 +222,14 @@ class PendingAuth:
            │
            └── anything else, or `auth.seconds` ──> closed
 
-    Anything else is: another op, an op that the session itself would handle, a fragment, an invalid message.
+    Anything else is: another op, an op that the session itself would handle, a fragment, an invalid message,
+    or one that is larger than `auth.message_bytes`.
 
     Args:
-        timeout: seconds until the connection is closed.
+        settings: its timeout, and its largest message.
+
+    Attributes:
+        largest_bytes: maximum size of its message.
     """
 
     def __init__(
@@ -238,24 +240,28 @@ class PendingAuth:
         session: Session,
         admission: Admission,
         clock: Clock,
-        timeout: float,
+        settings: AuthSettings,
     ) -> None:
+        self.largest_bytes = settings.message_bytes
         self._join = join
         self._sink = sink
         self._info = info
         self._session = session
         self._admission = admission
         self._monotonic = clock.monotonic
-        self._timer: Timer | None = clock.call_later(
-            timeout, self._too_late
-        )  # None once the outcome is known.
+        # None once the outcome is known.
+        self._timer: Timer | None = clock.call_later(settings.seconds, self._too_late)
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read the first message: one frame with the `auth` op and nothing else."""
         if self._timer is None:
             return
+        if len(data) > self.largest_bytes:
+            # Transports with whole messages have received it already.
+            self.oversized(len(data), self.largest_bytes, b"")
+            return
         rosauth = self._admission.rosauth
-        if rosauth is not None and len(data) <= _MAX_AUTH_BYTES:
+        if rosauth is not None:
             items = self._session.decode(data, binary, self._monotonic())
             if len(items) == 1 and isinstance(items[0], ops.Auth):
                 try:
@@ -270,7 +276,9 @@ class PendingAuth:
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         """Called for a message over the size limit."""
-        self._turn_away(_NO_AUTH)
+        self._turn_away(
+            f"a message of {size} bytes before `auth`, and {limit} is the limit (auth.message_bytes)"
+        )
 
     def closed(self, code: int, reason: str) -> None:
         """Called when the connection has ended."""

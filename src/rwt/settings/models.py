@@ -86,13 +86,14 @@ class LimitSettings(ClientLimits):
     """Limits per client and in total. A rejection names the setting."""
 
     connections: Count = Field(
-        _CONNECTION.connections, description="open connections per listener, plain HTTP included"
+        _CONNECTION.connections,
+        description="open connections per listener, plain HTTP included; clients share them",
     )
     incoming_bytes: Bytes = Field(
         48 * MIB,
-        description="bytes of incomplete messages over all connections; beyond it, the client whose message"
-        " began first is disconnected. While complete messages of a quarter as many bytes wait to be"
-        " processed, large messages are neither received nor inflated",
+        description="bytes of incomplete messages over all connections, which clients share; beyond it, the"
+        " client that holds most loses the connection whose message began first. While complete messages of a"
+        " quarter as many bytes wait to be processed, large messages are neither received nor inflated",
     )
     handshake_seconds: Seconds = Field(
         _CONNECTION.handshake_seconds, description="seconds from connecting to the end of the HTTP request"
@@ -118,12 +119,17 @@ class LimitSettings(ClientLimits):
     close_seconds: Seconds = Field(
         _CONNECTION.close_seconds, description="seconds that closing a connection may take"
     )
-    video_viewers: Count = Field(100, description="concurrent viewers of image streams and snapshots")
+    video_viewers: Count = Field(
+        100, description="concurrent viewers of image streams and snapshots; clients share them"
+    )
     video_encoders: Count = Field(
-        16, description="different image streams at a time; equal ones share an encoder"
+        16,
+        description="different image streams at a time, which clients share; equal ones share an encoder",
     )
     video_pixels: Count = Field(
-        1_500_000, description="pixels per image, summed over all different video streams; VP9 counts twice"
+        1_500_000,
+        description="pixels per image, summed over all different video streams, which clients share; VP9"
+        " counts twice",
     )
     data_frames: Count = Field(_CONNECTION.data_frames, description="the same limit as a number of messages")
     control_bytes: Bytes = Field(

@@ -207,7 +207,7 @@ async def _shake_hands(
     done = False
     try:
         if not address.addresses.is_flooding(host):
-            with handshakes.one(), anyio.fail_after(address.handshake_seconds):
+            with handshakes.one(host), anyio.fail_after(address.handshake_seconds):
                 encrypted = await TLSStream.wrap(
                     stream, server_side=True, ssl_context=tls, standard_compatible=False
                 )

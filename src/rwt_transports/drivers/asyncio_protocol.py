@@ -503,7 +503,7 @@ class AsyncioDriver:
 
                 make_link = partial(_SocketLink, attach_counted, share)
                 try:
-                    with handshakes.one() if address.tls is not None else nullcontext():
+                    with handshakes.one(str(accepted[1][0])) if address.tls is not None else nullcontext():
                         await loop.connect_accepted_socket(
                             make_link, accepted[0], ssl=address.tls, ssl_handshake_timeout=patience
                         )

@@ -22,6 +22,7 @@ from rwt_transports.endpoint import (
     PeerInfo,
     Traffic,
 )
+from rwt_transports.shared_pool import Holder
 
 
 class InProcessEnd:
@@ -54,6 +55,9 @@ class InProcessEnd:
             endpoint.closed(*(self._closing or (1000, "")))
         else:
             self.opposite.other = endpoint
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: there is no pool of connections."""
 
     def flow(
         self,

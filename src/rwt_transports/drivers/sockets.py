@@ -20,6 +20,8 @@ import anyio.lowlevel
 
 from rwt_transports.api import BindAddress, Delivery, HangUp
 from rwt_transports.errors import ListenError
+from rwt_transports.http.addresses import holder_of
+from rwt_transports.shared_pool import PoolRow, SharedPool
 
 if sys.platform != "win32":
     import fcntl
@@ -47,6 +49,8 @@ MAX_DESCRIPTORS = 1 << 20
 
 MAX_HANDSHAKES = 256
 """Maximum number of pending TLS handshakes of one listener. Each takes some hundred kilobytes."""
+
+HANDSHAKES: Final = PoolRow("TLS handshakes", "", "TLS handshakes")
 
 
 _TCP_INFO: Final = struct.Struct("=68xI72xII")
@@ -98,27 +102,24 @@ def detect_lost_peers(connected: socket.socket) -> None:
 
 
 class Handshakes:
-    """TLS handshakes of one listener: beyond the maximum, the oldest is cancelled.
+    """TLS handshakes of one listener: beyond the maximum, the oldest of the address with most is cancelled.
 
     An active handshake takes milliseconds, so the oldest is most likely abandoned.
     """
 
     def __init__(self) -> None:
-        self._open: dict[anyio.CancelScope, None] = {}
+        self._pool = SharedPool(HANDSHAKES, MAX_HANDSHAKES)
 
     @contextlib.contextmanager
-    def one(self) -> Iterator[anyio.CancelScope]:
-        """Count a handshake inside the block, which is cancelled if there are too many."""
-        if len(self._open) >= MAX_HANDSHAKES:
-            oldest = next(iter(self._open))
-            del self._open[oldest]
-            oldest.cancel()
+    def one(self, address: str) -> Iterator[anyio.CancelScope]:
+        """Count a handshake of an address inside the block, which is cancelled if there are too many."""
         with anyio.CancelScope() as scope:
-            self._open[scope] = None
+            share = self._pool.take(holder_of(address), lambda reason: scope.cancel(), 0)
+            self._pool.resize(share, 1)
             try:
                 yield scope
             finally:
-                self._open.pop(scope, None)
+                self._pool.release(share)
 
 
 async def accept_peers(

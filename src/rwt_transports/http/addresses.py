@@ -8,6 +8,7 @@ from collections import Counter
 from rwt_transports.errors import Refused
 from rwt_transports.http.proxies import NO_PROXIES, Proxies, parsed
 from rwt_transports.http.routes import is_local
+from rwt_transports.shared_pool import Holder
 
 
 class AddressCount:
@@ -64,3 +65,8 @@ def network_of(address: str) -> str:
     if found is None:
         return address
     return str(found) if found.version == 4 else str(ipaddress.ip_network((str(found), 64), strict=False))
+
+
+def holder_of(address: str, credential: str = "") -> Holder:
+    """Return the holder of shares of a client (:mod:`rwt_transports.shared_pool`)."""
+    return Holder(network_of(address), credential)

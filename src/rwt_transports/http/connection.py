@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from email.utils import formatdate
 from http import HTTPStatus
 from typing import Final
@@ -18,8 +19,10 @@ from rwt_transports.api import DeliveryAware, Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
+from rwt_transports.http.addresses import holder_of
 from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Routes, joined_headers
 from rwt_transports.outbox import Outbox
+from rwt_transports.shared_pool import PoolFull
 from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake, wants_websocket
 from rwt_transports.websocket.wire import SERVER_FRAMING
 from rwt_transports.wires.receive_buffer import STAGING_BYTES
@@ -66,11 +69,12 @@ class HttpConnection(UnbufferedCallbacks):
 
     * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take``
       and ``put_back`` (of the outbox, for the driver).
-    * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
-      ``_identity`` (of the connection, for its requests), ``_refused`` (answer to every request of this
-      address, or None).
-    * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
-      answered).
+    * Peer: ``address`` (the client's, which a proxy may name), ``holder``, ``_peer`` (address of the link),
+      ``_port``, ``_identity`` (of the connection, for its requests), ``_refused`` (answer to every request of
+      this address, or None).
+    * Request: ``_h11``, ``_request``, ``_head`` (the request without its body), ``_body``,
+      ``_body_limit`` (its maximum size, and the status beyond it; None before its first piece), ``_ahead``
+      (bytes that arrived while others wait or are answered).
     * Answer: ``_scope`` (cancels the handler), ``_served`` (True after the first answer), ``_half_closed``
       (True if the peer sends nothing more).
     * Timeouts, monotonic: ``_deadline`` (for the next request, or to close), ``_stalled`` (for the network to
@@ -87,12 +91,15 @@ class HttpConnection(UnbufferedCallbacks):
         self.take = self.outbox.take
         self.put_back = self.outbox.put_back
         self._peer = self.address = address
+        self.holder = holder_of(address)
         self._port = port
         self._identity = object()
         self._refused: HttpResponse | None = None
         self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
         self._request: h11.Request | None = None
+        self._head = HttpRequest("", "")
         self._body = bytearray()
+        self._body_limit: tuple[int, int] | None = None
         self._ahead = 0
         self._scope: anyio.CancelScope | None = None
         self._served = False
@@ -166,12 +173,12 @@ class HttpConnection(UnbufferedCallbacks):
         except Refused as refused:
             self._refused = HttpResponse.refusing(refused)
 
-    def _count_as(self, address: str) -> None:
-        """Count for another address: behind a proxy, each request may come from another client."""
-        if address != self.address:
-            self._listener.addresses.leave(self.address)
-            self.address = address
-            self._listener.addresses.enter(address)
+    def _count_as(self, address: str, credential: str = "") -> None:
+        """Count for another client: behind a proxy, each request may come from another."""
+        holder = holder_of(address, credential)
+        if holder != self.holder or address != self.address:
+            former, self.address, self.holder = self.address, address, holder
+            self._listener.count_again(self, former)
             self._check_address()
 
     def close(self, code: int, reason: str) -> None:
@@ -301,18 +308,16 @@ class HttpConnection(UnbufferedCallbacks):
                     self._send(h11.InformationalResponse(status_code=100, headers=[]))
                 return
             if isinstance(event, h11.Request):
-                self._request = event
-                self._body = bytearray()
-                if _size(event) > self._limits.http_header_bytes:
-                    self._fail(431)
-                elif _has_doubtful_length(event):
-                    self._fail(400)
+                self._begin_request(event)
             elif isinstance(event, h11.Data):
                 self._body += event.data
-                if len(self._body) > self._most_body():
-                    self._fail(413)
+                # Once for all pieces of the body.
+                if self._body_limit is None:
+                    self._body_limit = self._listener.body_limit(self._routes, self._head)
+                if len(self._body) > self._body_limit[0]:
+                    self._fail(self._body_limit[1])
                 elif len(self._body) >= STAGING_BYTES:
-                    self._listener.buffers.hold(self, len(self._body))
+                    self._listener.buffers.hold(self, len(self._body), self.holder)
                 # A body may come in chunks of one byte, of which each is an event: 140 ms for 64 KiB at once.
                 if scheduler.monotonic() >= until and self._state is _HttpState.READING:
                     self._become(_HttpState.WAITING)
@@ -324,26 +329,26 @@ class HttpConnection(UnbufferedCallbacks):
             else:
                 self._end()
 
-    def _most_body(self) -> int:
-        """Return the maximum size of the request's body: small if no route would use it."""
-        assert self._request is not None
-        method, path = self._request.method.decode("latin-1"), self._request.target.decode("latin-1")
-        if method in ("GET", "HEAD"):
-            return self._limits.http_header_bytes
-        is_used = not isinstance(self._routes.find(method, path.partition("?")[0]), HttpResponse)
-        return self._limits.http_body_bytes if is_used else self._limits.http_header_bytes
-
-    def _requested(self, raw: h11.Request) -> None:
-        target = raw.target.decode("latin-1")
-        pairs = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in raw.headers]
-        headers = joined_headers(pairs)
-        path, _, query = target.partition("?")
+    def _begin_request(self, raw: h11.Request) -> None:
+        self._request = raw
+        self._body = bytearray()
+        self._body_limit = None
+        if _size(raw) > self._limits.http_header_bytes:
+            self._fail(431)
+            return
+        if _has_doubtful_length(raw):
+            self._fail(400)
+            return
+        headers = joined_headers(_pairs(raw))
+        path, _, query = raw.target.decode("latin-1").partition("?")
         method = raw.method.decode("latin-1")
         address, prefix = self._listener.proxies.resolve(self._peer, headers)
-        self._count_as(address)
-        request = HttpRequest(
-            method, path, query, headers, bytes(self._body), address, prefix, self._identity
-        )
+        self._head = HttpRequest(method, path, query, headers, b"", address, prefix, self._identity)
+        self._count_as(address, self._listener.credential_of(self._head) or "")
+
+    def _requested(self, raw: h11.Request) -> None:
+        headers = self._head.headers
+        request = replace(self._head, body=bytes(self._body)) if self._body else self._head
         if not self._listener.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"
@@ -352,13 +357,13 @@ class HttpConnection(UnbufferedCallbacks):
         if self._refused is not None:
             self._respond(self._refused)
             return
-        if wants_websocket(pairs):
+        if wants_websocket(pairs := _pairs(raw)):
             if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; often a proxy's default
                 self._respond_text(426, "a WebSocket needs HTTP/1.1, this request is HTTP/1.0\n")
             else:
-                self._upgrade(request, target, pairs)
+                self._upgrade(request, raw.target.decode("latin-1"), pairs)
             return
-        found = self._routes.find(method, path)
+        found = self._routes.find(request.method, request.path)
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
@@ -372,7 +377,7 @@ class HttpConnection(UnbufferedCallbacks):
             self._listener.transport,
             self.address,
             self._port,
-            target,
+            request.target,
             request.headers,
             subprotocol=answer.subprotocol,
         )
@@ -400,12 +405,12 @@ class HttpConnection(UnbufferedCallbacks):
         state = self._listener
         if state.closing:
             return HttpResponse(b"this server is closing\n", 503)
-        if len(state.connections) > state.limits.connections:
-            text = (
-                f"all {state.limits.connections} connections of this server are taken (limits.connections)\n"
-            )
-            return HttpResponse(text.encode(), 503)
+        try:
+            state.claim(self, peer)
+        except PoolFull as full:
+            return HttpResponse.refusing(full)
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
+        connection.holder = self.holder
         # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
         more = True
@@ -603,12 +608,21 @@ class HttpConnection(UnbufferedCallbacks):
     def give_up(self, reason: str) -> None:
         """Refuse the request whose body is incomplete: all bodies together are too large."""
         logger.info("closing %s: %s", self, reason)
-        self._fail(503)
+        self._fail(503, f"{reason}\n".encode())
 
-    def _fail(self, status: int) -> None:
+    def displace(self, reason: str) -> None:
+        """Close in favour of another client: refuse the request in progress, or cut its answer."""
+        if self._scope is not None:
+            self._scope.cancel()
+        if self._request is not None or not self._served:
+            self._fail(503, f"{reason}\n".encode())
+        else:
+            self._end()
+
+    def _fail(self, status: int, text: bytes = b"") -> None:
         """Answer an invalid request, if an answer is still possible, and close."""
         if self._h11.our_state in (h11.IDLE, h11.SEND_RESPONSE):
-            text = _BROKEN.get(status, _BROKEN[400])
+            text = text or BROKEN.get(status, BROKEN[400])
             self._send_whole(HttpResponse(text, status, headers={"Connection": "close"}), text)
         self._end()
 
@@ -628,13 +642,17 @@ token."""
 
 
 _INTERNAL_ERROR = HttpResponse(b"internal error\n", 500)
-_BROKEN = {
+BROKEN = {
     400: b"this is not a valid HTTP request\n",
+    401: b"without credentials (auth.tokens), the request body is too large (auth.message_bytes)\n",
     408: b"the request did not arrive in time (limits.handshake_seconds)\n",
     413: b"the request body is too large (http_body_bytes)\n",
-    503: b"too many request bodies are being received (limits.incoming_bytes)\n",
     431: b"the request's headers are too large (http_header_bytes)\n",
 }
+
+
+def _pairs(request: h11.Request) -> list[tuple[str, str]]:
+    return [(name.decode("latin-1"), value.decode("latin-1")) for name, value in request.headers]
 
 
 def _size(request: h11.Request) -> int:

@@ -17,6 +17,7 @@ from typing_extensions import TypeVar
 
 from rwt_transports.errors import Refused
 from rwt_transports.http.proxies import parsed
+from rwt_transports.shared_pool import Holder
 
 TEXT = "text/plain; charset=utf-8"
 
@@ -46,6 +47,11 @@ class HttpRequest:
     address: str = ""
     prefix: str = ""
     connection: Hashable | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def target(self) -> str:
+        """Path with the query."""
+        return f"{self.path}?{self.query}" if self.query else self.path
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +116,10 @@ class Reader(Protocol):
     @property
     def work(self) -> WorkAccount:
         """Account of the work for the reader's address."""
+
+    @property
+    def holder(self) -> Holder:
+        """Client to which shares of pools count."""
 
     def may_subscribe(self, topic: str) -> bool:
         """Return True if the reader may subscribe to `topic`, an absolute name after remapping."""
@@ -274,10 +284,18 @@ class Routes:
     def __init__(self) -> None:
         self.early: EarlyRequests | None = None
         self._handlers: dict[str, dict[str, Handler]] = {}
+        self._public: set[Handler] = set()
 
-    def add(self, path: str, handler: Handler, method: str = "GET") -> None:
-        """Serve `path`; a second handler for the same method and path replaces the first."""
+    def add(self, path: str, handler: Handler, method: str = "GET", *, is_public: bool = False) -> None:
+        """Serve `path`; a second handler for the same method and path replaces the first.
+
+        Args:
+            is_public: True if the handler needs no credentials of the server: bodies from everyone may be
+                large.
+        """
         self._handlers.setdefault(path, {})[method.upper()] = handler
+        if is_public:
+            self._public.add(handler)
 
     def get(self, path: str, handler: Handler) -> None:
         self.add(path, handler, "GET")
@@ -300,6 +318,11 @@ class Routes:
         allowed = ", ".join(sorted(handlers.keys() | ({"HEAD"} if "GET" in handlers else set())))
         text = f"{method} is not possible for {path}; use {allowed}\n"
         return HttpResponse(text.encode(), 405, headers={"Allow": allowed})
+
+    def is_public(self, method: str, path: str) -> bool:
+        """Return True if a handler serves the request that needs no credentials."""
+        found = self.find(method, path)
+        return not isinstance(found, HttpResponse) and found in self._public
 
     def _below(self, path: str) -> dict[str, Handler] | None:
         fitting = [known for known in self._handlers if known.endswith("/*") and path.startswith(known[:-1])]

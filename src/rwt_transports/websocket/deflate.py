@@ -109,14 +109,16 @@ class _Inflater:
 
     Args:
         keep: True if each is in the context of those before it.
+
+    Attributes:
         most: bytes that one may have.
     """
 
-    __slots__ = ("_keep", "_most", "_unpacker")
+    __slots__ = ("_keep", "_unpacker", "most")
 
-    def __init__(self, keep: bool, most: int) -> None:
+    def __init__(self, keep: bool) -> None:
         self._keep = keep
-        self._most = most
+        self.most = 0
         # Negative: raw DEFLATE. The window of 15 bits reads what peers compress with any smaller one.
         self._unpacker = zlib.decompressobj(-15)
 
@@ -126,7 +128,8 @@ class _Inflater:
         packed = memoryview(payload + _TAIL)
         found: list[bytes] = []
         # One byte more, so that a message of exactly the limit is not mistaken for a larger one.
-        left, blocks, place = self._most + 1, 1, 0
+        most = self.most
+        left, blocks, place = most + 1, 1, 0
         piece: bytes | memoryview = b""
         is_full = False
         while piece or is_full or place < len(packed):
@@ -143,7 +146,7 @@ class _Inflater:
             if left <= 0:
                 raise ProtocolViolation(
                     TOO_BIG,
-                    f"a message inflates to more than {self._most} bytes, the limit (max_message_size)",
+                    f"a message inflates to more than {most} bytes, the limit (max_message_size)",
                 )
             # At the maximum, more output may be pending, even if all input was consumed.
             is_full = len(inflated) == room
@@ -185,15 +188,19 @@ class DeflateWire(WebSocketWire):
     def __init__(
         self, terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
     ) -> None:
+        self._inflater = _Inflater(terms.peer_keeps_context)
         super().__init__(events, limits, buffers)
         self.take_steps: TakeSteps | None = None
         self._compressed = False  # the message under way is
-        self._inflater = _Inflater(terms.peer_keeps_context, self._max_size)
         self.framing = (
             _framing(_Deflater(terms.window_bits).whole, shared=False)
             if terms.keeps_context
             else shared_framing(terms.window_bits)
         )
+
+    def limit(self, size: int) -> None:
+        super().limit(size)
+        self._inflater.most = size
 
     def _check(self, first: int, size: int, *, masked: bool) -> None:
         if first & _COMPRESSED and first & 0x0F in (TEXT, BINARY):

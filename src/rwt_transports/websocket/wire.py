@@ -277,9 +277,8 @@ class WebSocketWire:
         self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool, *, server: bool = True
     ) -> None:
         self._events = events
-        self._max_size = limits.message_bytes
         self._server = server
-        self._small_frames = (0x80, 6, self._max_size) if server else (0, 2, self._max_size)
+        self.limit(limits.message_bytes)
         self.framing = SERVER_FRAMING if server else CLIENT_FRAMING
         self._strict = limits.strict_utf8
         self._buffers = buffers
@@ -295,6 +294,10 @@ class WebSocketWire:
         self._skip = 0
         self._skip_last = False
         self._is_held = False
+
+    def limit(self, size: int) -> None:
+        self._max_size = size
+        self._small_frames = (0x80, 6, size) if self._server else (0, 2, size)
 
     # -- outgoing ------------------------------------------------------------------------------------------
 
@@ -470,10 +473,10 @@ class WebSocketWire:
         if start + size > len(data):
             # Small payloads have a buffer of exactly their size: they are not worth a place in the pool.
             buffer = self._buffers.take(size) if size >= DIRECT_BYTES else bytearray(size)
-            self._staged = _Staged(first, key, size, buffer)
+            staged = self._staged = _Staged(first, key, size, buffer)
             if size >= DIRECT_BYTES:
-                self._buffers.hold(self, len(self._parts) + len(buffer))
-            return self._stage(self._staged, data, start)
+                self._buffers.hold(self, len(self._parts) + len(buffer), self._events.holder)
+            return self._stage(staged, data, start)
         payload = data[start : start + size]
         self._frame(first, apply_mask(payload, key) if key else payload)
         return start + size
@@ -521,7 +524,8 @@ class WebSocketWire:
     def _stage(self, staged: _Staged, data: bytes, position: int) -> int:
         """Copy the received part of the payload into its buffer. Returns the position behind it."""
         end = min(len(data), position + staged.size - staged.filled)
-        while position < end:
+        # The pool may give the message up, when it begins and whenever it grows.
+        while position < end and self._staged is staged:
             count = min(end - position, len(staged.buffer) - staged.filled)
             with memoryview(data) as view:
                 staged.buffer[staged.filled : staged.filled + count] = view[position : position + count]
@@ -529,13 +533,13 @@ class WebSocketWire:
             position += count
             if staged.filled == len(staged.buffer) < staged.size:
                 self._grow(staged)
-        if staged.filled == staged.size:
+        if staged.filled == staged.size and self._staged is staged:
             self._unstage(staged)
         return position
 
     def _grow(self, staged: _Staged) -> None:
         staged.grow()
-        self._buffers.hold(self, len(self._parts) + len(staged.buffer))
+        self._buffers.hold(self, len(self._parts) + len(staged.buffer), self._events.holder)
 
     def _unstage(self, staged: _Staged) -> None:
         self._staged = None
@@ -567,7 +571,7 @@ class WebSocketWire:
         self._begin(first, _Progress.FRAGMENTED)
         self._parts += payload
         if len(self._parts) >= DIRECT_BYTES:
-            self._buffers.hold(self, len(self._parts))
+            self._buffers.hold(self, len(self._parts), self._events.holder)
         if last:
             # The parts are dropped before the endpoint runs, so that a large message is in memory once.
             whole = bytes(self._parts)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from functools import partial
+from typing import Final, Protocol
+
+from rwt_transports.shared_pool import Holder, PoolRow, Share, SharedPool
 
 STAGING_BYTES = 256 * 1024
 """Initial size of the buffer of a large message; it grows as bytes arrive."""
@@ -16,8 +19,11 @@ LENT_BYTES = 8 * 1024 * 1024
 """Maximum size of such a buffer."""
 
 
+RECEIVING: Final = PoolRow("receive buffers", "limits.incoming_bytes", "bytes of incomplete messages")
+
+
 class Incomplete(Protocol):
-    """Holder of an incomplete message."""
+    """Receiver of an incomplete message."""
 
     def give_up(self, reason: str) -> None:
         """Drop the message, and close the connection."""
@@ -26,16 +32,17 @@ class Incomplete(Protocol):
 class ReceiveBufferPool:
     """Receive buffers of the connections of a server, and limits on their large messages.
 
-    Beyond the limit of incomplete messages, the one that began first is given up. A message whose sender
-    continues is complete soon, so the oldest is most likely abandoned.
+    Incomplete messages are shares of a :class:`~rwt_transports.shared_pool.SharedPool`: beyond its capacity,
+    the client that holds most of it loses the message that began first. A message whose sender continues is
+    complete soon, so the oldest is most likely abandoned.
 
     Attributes by purpose:
 
     * Buffers: ``_kept`` (one used buffer, for the next large message), ``_lent`` (used ones, of which views
       may exist).
-    * Incomplete messages: ``_incomplete`` (bytes by holder, oldest first), ``_held`` (their sum), ``_most``.
-    * Complete messages that wait for a paused endpoint: ``_unread`` (bytes by holder), ``_unread_bytes``
-      (their sum), ``_inflating`` (holders that inflate one), ``_arriving`` (size of the large message being
+    * Incomplete messages: ``_shares``, ``_incomplete`` (shares by receiver).
+    * Complete messages that wait for a paused endpoint: ``_unread`` (bytes by receiver), ``_unread_bytes``
+      (their sum), ``_inflating`` (receivers that inflate one), ``_arriving`` (size of the large message being
       delivered).
 
     Args:
@@ -46,9 +53,8 @@ class ReceiveBufferPool:
     def __init__(self, most: int = 96 * 1024 * 1024) -> None:
         self._kept: bytearray | None = None
         self._lent: deque[bytearray] = deque(maxlen=LENT_BUFFERS)
-        self._most = most
-        self._held = 0
-        self._incomplete: dict[Incomplete, int] = {}
+        self._shares = SharedPool(RECEIVING, most)
+        self._incomplete: dict[Incomplete, Share] = {}
         self._unread: dict[Incomplete, int] = {}
         self._unread_bytes = 0
         self._inflating: set[Incomplete] = set()
@@ -79,21 +85,27 @@ class ReceiveBufferPool:
         if len(buffer) <= POOLED_BYTES and (self._kept is None or len(self._kept) < len(buffer)):
             self._kept = buffer
 
-    def hold(self, holder: Incomplete, size: int) -> None:
-        """Set the bytes of an incomplete message of `holder`; give up the oldest ones over the limit."""
-        self._held += size - self._incomplete.get(holder, 0)
-        self._incomplete[holder] = size
-        while self._held > self._most and len(self._incomplete) > 1:
-            oldest = next(iter(self._incomplete))
-            self.release(oldest)
-            oldest.give_up(
-                f"{self._most} bytes of incomplete messages wait here, and this one for longest"
-                " (limits.incoming_bytes)"
-            )
+    def hold(self, receiver: Incomplete, size: int, holder: Holder) -> None:
+        """Set the bytes of an incomplete message of `receiver`; give up messages over the limit.
 
-    def release(self, holder: Incomplete) -> None:
-        """Note that `holder` has no incomplete message."""
-        self._held -= self._incomplete.pop(holder, 0)
+        Args:
+            holder: client that sends the message.
+        """
+        share = self._incomplete.get(receiver)
+        if share is None:
+            share = self._shares.take(holder, partial(self._give_up, receiver), 0)
+            self._incomplete[receiver] = share
+        self._shares.resize(share, size)
+
+    def _give_up(self, receiver: Incomplete, reason: str) -> None:
+        del self._incomplete[receiver]
+        receiver.give_up(reason)
+
+    def release(self, receiver: Incomplete) -> None:
+        """Note that `receiver` has no incomplete message."""
+        share = self._incomplete.pop(receiver, None)
+        if share is not None:
+            self._shares.release(share)
 
     def hand_on(self, receive: Callable[[bytes, bool], None], message: bytes, binary: bool) -> None:
         """Deliver a large message. If the endpoint pauses its connection meanwhile, it keeps the message
@@ -104,34 +116,34 @@ class ReceiveBufferPool:
         finally:
             self._arriving = 0
 
-    def keep_unread(self, holder: Incomplete) -> None:
+    def keep_unread(self, receiver: Incomplete) -> None:
         """Count the large message being delivered as unread until :meth:`is_read`."""
         if self._arriving:
-            self.count_unread(holder, self._arriving)
+            self.count_unread(receiver, self._arriving)
 
-    def count_unread(self, holder: Incomplete, size: int) -> None:
-        """Count `size` bytes of `holder` as unread until :meth:`is_read`."""
-        self._unread_bytes += size - self._unread.get(holder, 0)
-        self._unread[holder] = size
+    def count_unread(self, receiver: Incomplete, size: int) -> None:
+        """Count `size` bytes of `receiver` as unread until :meth:`is_read`."""
+        self._unread_bytes += size - self._unread.get(receiver, 0)
+        self._unread[receiver] = size
 
-    def may_inflate(self, holder: Incomplete, most: int) -> bool:
-        """Return True if `holder` may inflate a message now, and count `most` bytes as unread until
-        :meth:`is_read`. One holder at a time always may."""
-        if holder not in self._inflating:
+    def may_inflate(self, receiver: Incomplete, most: int) -> bool:
+        """Return True if `receiver` may inflate a message now, and count `most` bytes as unread until
+        :meth:`is_read`. One receiver at a time always may."""
+        if receiver not in self._inflating:
             if self._inflating and self.has_much_unread():
                 return False
-            self._inflating.add(holder)
-            self.count_unread(holder, most)
+            self._inflating.add(receiver)
+            self.count_unread(receiver, most)
         return True
 
-    def is_read(self, holder: Incomplete) -> None:
-        """Note that `holder` keeps nothing unread."""
-        self._unread_bytes -= self._unread.pop(holder, 0)
-        self._inflating.discard(holder)
+    def is_read(self, receiver: Incomplete) -> None:
+        """Note that `receiver` keeps nothing unread."""
+        self._unread_bytes -= self._unread.pop(receiver, 0)
+        self._inflating.discard(receiver)
 
     def has_much_unread(self) -> bool:
         """Return True if large messages must not be received for now."""
-        return self._unread_bytes > self._most // 4
+        return self._unread_bytes > self._shares.capacity // 4
 
 
 def _is_free(buffer: bytearray) -> bool:

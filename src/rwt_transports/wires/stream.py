@@ -37,6 +37,9 @@ class StreamWire(ABC):
         self._buffer = bytearray()
         self._over = False
 
+    def limit(self, size: int) -> None:
+        self._max_size = size
+
     def close(self, code: int, reason: str) -> bytes:
         """End the connection. Returns nothing to send: the protocol has no close."""
         self._over = True
@@ -63,7 +66,7 @@ class StreamWire(ABC):
         if size >= STAGING_BYTES:
             # From this size on, the driver receives into a buffer of this wire, in turns of the scheduler.
             self._part = self._part or bytearray(PART_BYTES)
-            self._buffers.hold(self, size)
+            self._buffers.hold(self, size, self._events.holder)
         elif self._part is not None:
             # Freed between large messages: a connection that is idle holds no buffer.
             self._part = None

@@ -48,6 +48,9 @@ class MessageWire(StreamWire):
         self._size = 0
         self._kind = TEXT
 
+    def limit(self, size: int) -> None:
+        """No-op: the driver has received the whole message, or dropped what is beyond its own limit."""
+
     def feed(self, data: bytes) -> None:
         if not self._over and self._wanted == len(data) and not self._buffer:
             self._finish(data)  # The driver's own message, uncopied.

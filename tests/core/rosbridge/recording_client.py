@@ -11,6 +11,7 @@ from rwt.rosbridge.bridge import Bridge
 from rwt.rosbridge.peer import Peer
 from rwt_protocol.frames import Burst, Frame
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
+from rwt_transports.shared_pool import Holder
 
 Message = dict[str, Any]
 
@@ -84,6 +85,9 @@ class Client:
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.close_code = code
         self.close_reason = reason
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: there is no pool of connections."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
         self.endpoint = endpoint

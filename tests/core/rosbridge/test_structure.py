@@ -25,6 +25,7 @@ from rwt_transports.drivers.asyncio_protocol import WATCHED_BYTES
 from rwt_transports.endpoint import Endpoint, PeerInfo
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
+from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.wire import SERVER_FRAMING
 from tests.core.rosbridge.recording_client import Client
 
@@ -151,6 +152,9 @@ class Wired(Outbox):
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.discard()
+
+    def count_for(self, holder: Holder) -> None:
+        """No-op: there is no pool of connections."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
         raise AssertionError("clients are let in at once")

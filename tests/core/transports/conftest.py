@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from rwt_transports.api import WireEvents
+from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.stream import StreamWire
 
@@ -26,6 +27,7 @@ class Heard(Generic[W]):
         self.sizes: list[int] = []
         self.heads: list[bytes] = []
         self.skip = skip
+        self.holder = Holder(str(id(self)))
         self.wire = make(self)
         self.wire.message = lambda data, binary: self.messages.append((data, binary))
 

@@ -662,9 +662,7 @@ def test_anything_else_is_no_assignment(data: bytes) -> None:
         decode_opening(data)
 
 
-@pytest.mark.parametrize(
-    "address", ["127.0.0.1", "127.0.0.2", "::1", "::ffff:127.0.0.1", "localhost", "?"]
-)
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.0.0.2", "::1", "::ffff:127.0.0.1", "localhost", "?"])
 async def test_a_client_that_a_hub_calls_local_is_not(address: str) -> None:
     program = Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program):

@@ -116,11 +116,11 @@ async def test_a_full_folder_takes_no_other_recording(tmp_path: Path) -> None:
     async with commanded(tmp_path, folder_bytes=10_000) as (_, robot):
         (tmp_path / "old.mcap").write_bytes(b"x" * 9_000)
         begun = await start(robot)
-        assert (await state_when(robot, lambda state: state.recording)).largest_bytes == 1_000
+        assert (await state_when(robot, lambda state: state.recording)).largest_bytes == 500
         await stop(robot)
         (tmp_path / "another.mcap").write_bytes(b"x" * 1_000)
         refused = await start(robot)
-        assert "bytes of 10000: remove some of them" in refused.message
+        assert "are left of 10000: remove some of them (recorder.folder_bytes)" in refused.message
         assert begun.success
         assert not refused.success
 

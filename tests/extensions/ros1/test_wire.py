@@ -25,6 +25,7 @@ from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_transports.limits import Limits
+from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.fuzz.ros1_targets import call_of, response_of, xml
 
@@ -73,6 +74,8 @@ class TestHeaders:
 
 class Receiver:
     """Wire whose frames are written down, with their status."""
+
+    holder = Holder()
 
     def __init__(self, *, has_status: bool = False) -> None:
         self.pool = ReceiveBufferPool()

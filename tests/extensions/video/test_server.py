@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import anyio
 import av
@@ -26,9 +26,13 @@ from rwt import Server, Settings
 from rwt.extensions.video import WebVideoServer
 from rwt.extensions.video.server import VisibleTopics
 from rwt.media.broadcast import STALLED_SECONDS
-from rwt.media.stream_request import StreamRequest
+from rwt.media.errors import StreamEnded
+from rwt.media.stream_request import StreamRequest, read_request
 from rwt_graph import MemoryGraph, Node, TopicPublisher
+from rwt_transports.errors import Refused
+from rwt_transports.shared_pool import Holder
 from tests.extensions.video.conftest import image, scene
+from tests.page_readers import SeesNothing
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -259,6 +263,9 @@ def large(number: int) -> dict[str, Any]:
     return {**image(noise, "rgb8"), "header": {"stamp": {"sec": number, "nanosec": 0}}}
 
 
+FULL: Final = b"2 of 2 are in use, 2 by this client: viewers of images (limits.video_viewers)\n"
+
+
 async def test_who_does_not_read_makes_place_for_who_wants_to_look(anyio_backend: str) -> None:
     seconds = [0.0]
     stream = "/stream?topic=/cam/image&type=png&quality=0"
@@ -276,14 +283,14 @@ async def test_who_does_not_read_makes_place_for_who_wants_to_look(anyio_backend
         await theatre.listeners(1)
         for number in range(1, 41):
             await publish(number)
-        assert (await theatre.gets(stream)).body == b"2 viewers are looking already (limits.video_viewers)\n"
+        assert (await theatre.gets(stream)).body == FULL
         seconds[0] = STALLED_SECONDS
         # Who reads is given one more at the new time; who does not is left with one of the old.
         await publish(41)
         async with theatre.asks(stream) as third:
             await third.parts(1)
             refused = await theatre.gets(stream)
-            assert refused.body == b"2 viewers are looking already (limits.video_viewers)\n"
+            assert refused.body == FULL
 
 
 async def test_who_does_not_read_holds_nobody_back_and_gets_the_newest(theatre: Theatre) -> None:
@@ -313,25 +320,28 @@ async def test_there_is_an_end_to_viewers_and_to_encoders(anyio_backend: str) ->
         await theatre.listeners(1)
         refused = await theatre.gets("/stream?topic=/cam/image&width=3")
         assert refused.status == 503
-        assert refused.body == b"1 different streams are running already (limits.video_encoders)\n"
+        assert refused.body == (
+            b"1 of 1 are in use, 1 by this client: different image streams (limits.video_encoders)\n"
+        )
         async with theatre.asks("/stream?topic=/cam/image") as second:
             await second.read_until(lambda body: bool(body))
             refused = await theatre.gets("/snapshot?topic=/cam/image")
             assert refused.status == 503
-            assert refused.body == b"2 viewers are looking already (limits.video_viewers)\n"
+            assert refused.body == FULL
 
 
 async def test_there_is_an_end_to_the_pixels_of_videos_together(anyio_backend: str) -> None:
     async with _theatre(limits=(100, 16, 5_000)) as theatre:
         refused = await theatre.gets("/stream?topic=/cam/image&type=vp8&width=100&height=51")
         assert refused.status == 503
-        assert b"more than 5000 (limits.video_pixels)" in refused.body
+        assert refused.body.startswith(b"5100 are needed, and 0 of 5000 are in use, 0 by this client: pixels")
+        assert b"(limits.video_pixels); `width` and `height`" in refused.body
         async with theatre.asks("/stream?topic=/cam/image&type=vp8") as first:  # 64x48
             await theatre.listeners(1)
             theatre.publish()
             await first.read_until(lambda body: bool(body))
             refused = await theatre.gets("/stream?topic=/cam/image&type=h264&width=64&height=48")
-            assert (refused.status, b"beside others of 3072" in refused.body) == (503, True)
+            assert (refused.status, b"3072 of 5000 are in use" in refused.body) == (503, True)
             # Without a size asked for it is the encoder that finds out, and the stream ends.
             async with theatre.asks("/stream?topic=/cam/image&type=vp8&gop=7") as ended:
                 await theatre.listeners(2)
@@ -516,3 +526,30 @@ def test_nothing_heavy_is_loaded_before_somebody_looks() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+async def test_a_stream_that_a_modest_client_watches_is_not_taken(anyio_backend: str) -> None:
+    def reader(address: str) -> SeesNothing:
+        made = SeesNothing()
+        made.holder = Holder(address)
+        return made
+
+    greedy, modest, newcomer = map(reader, ("10.0.0.1", "10.0.0.2", "10.0.0.3"))
+    requests = [read_request(f"topic=/cam/image&quality={number}") for number in range(1, 6)]
+    async with _theatre(limits=(100, 3, 1_500_000)) as theatre:
+        shared, *others = (theatre.video.watch(request, greedy) for request in requests[:3])
+        seen = theatre.video.watch(requests[0], modest)
+        # The oldest encoder counts to the modest client: the next one is taken.
+        theatre.video.watch(requests[3], newcomer)
+        assert [str(each.failure) for each in (shared, seen, *others)] == [
+            "None",
+            "None",
+            "2 of 3 were this client's, the most of all: different image streams (limits.video_encoders)",
+            "None",
+        ]
+        with pytest.raises(Refused, match=r"3 of 3 are in use, 1 by this client.*limits\.video_encoders"):
+            theatre.video.watch(requests[4], greedy)
+        # It counts to the greedy client again, which has most of all now.
+        seen.leave()
+        theatre.video.watch(requests[4], modest)
+        assert isinstance(shared.failure, StreamEnded) and others[1].failure is None

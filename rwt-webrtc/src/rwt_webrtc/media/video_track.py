@@ -29,9 +29,9 @@ from av import Packet
 from rwt.extensions.video import WebVideoServer
 from rwt.media.broadcast import Viewer
 from rwt.media.encoders.encoded import Encoded
-from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
-from rwt_transports.http.routes import WorkAccount
+from rwt_transports.errors import Refused
+from rwt_transports.http.routes import Reader
 from rwt_webrtc.congestion.controller import CongestionController
 from rwt_webrtc.transport.peer import Peer
 from rwt_webrtc.upstream.rtp_sender import PacedSender
@@ -56,7 +56,7 @@ class TopicTrack(MediaStreamTrack):
 
     Args:
         request: request of the viewer, with the resolved topic.
-        work: account to which the viewer's share of the encoders' work is charged.
+        reader: viewer, to which a share of the encoders and of their work counts.
         on_end: called once with the reason when the video has ended.
     """
 
@@ -66,13 +66,13 @@ class TopicTrack(MediaStreamTrack):
         self,
         server: WebVideoServer,
         request: StreamRequest,
-        work: WorkAccount,
+        reader: Reader,
         on_end: Callable[[str], None],
     ) -> None:
         super().__init__()
         self._server = server
         self._requests = level_requests(request)
-        self._work = work
+        self._reader = reader
         self._on_end = on_end
         best = _bitrate(request)
         self._ladder = BitrateLadder(best)
@@ -137,8 +137,8 @@ class TopicTrack(MediaStreamTrack):
             viewer.bitrate = self._ladder.bitrate(rate)
             return viewer
         try:
-            joined = self._server.watch(self._requests[wanted], self._work)
-        except RequestRefused as refused:
+            joined = self._server.watch(self._requests[wanted], self._reader, viewer)
+        except Refused as refused:
             if viewer is None:
                 self._end(str(refused))
             # No room for another encoder: stay on the present level.

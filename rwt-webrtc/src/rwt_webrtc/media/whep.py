@@ -84,7 +84,7 @@ class Sources:
                 track.follow(peer.connection.getTransceivers()[0], peer)
             return await peer.describe()
 
-        return await self.peers.open(request, refuse_channels, answer)
+        return await self.peers.open(request, reader.holder, refuse_channels, answer)
 
     async def _find_video(
         self, given: dict[str, str], description: Description, reader: Reader
@@ -100,7 +100,7 @@ class Sources:
 
     def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> TopicTrack:
         assert self.video is not None  # It found the topic.
-        track = TopicTrack(self.video, stream, reader.work, peer.fail)
+        track = TopicTrack(self.video, stream, reader, peer.fail)
         peer.connection.addTrack(track)
         (transceiver,) = peer.connection.getTransceivers()
         transceiver.setCodecPreferences(_codecs(stream.type))

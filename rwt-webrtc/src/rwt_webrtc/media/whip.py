@@ -122,7 +122,7 @@ class IncomingMedia:
             return await peer.describe()
 
         try:
-            return await peers.open(request, refuse_channels, answer)
+            return await peers.open(request, reader.holder, refuse_channels, answer)
         except BaseException:
             sender.close()
             raise

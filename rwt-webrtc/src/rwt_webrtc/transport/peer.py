@@ -17,9 +17,10 @@ from rwt_transports.background import ignore
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
 from rwt_transports.errors import log_exception
-from rwt_transports.http.addresses import AddressCount, network_of
+from rwt_transports.http.addresses import AddressCount, holder_of, network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
+from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import MessageWire
@@ -106,7 +107,7 @@ class Peer:
 
     * Wiring: ``connection``, ``_terms``, ``_accept``, ``_guard``, ``_listeners`` (one for each data channel),
       ``on_feedback``.
-    * Other side: ``_address``, ``network``, ``ufrag``, ``largest``, ``_candidates``.
+    * Other side: ``_address``, ``_holder``, ``network``, ``ufrag``, ``largest``, ``_candidates``.
     * End: ``state``, ``reason``, ``_deadline``, ``_ending``, ``_on_closed``, ``_when_ended``.
 
     Args:
@@ -116,6 +117,7 @@ class Peer:
         address: address of the other side according to its signalling.
         reach: addresses that are announced to the other side, and to which checks are sent.
         on_closed: called once when it has ended.
+        holder: client to which its incomplete messages count; by default that of the address.
 
     Attributes:
         connection: aiortc's connection.
@@ -135,10 +137,12 @@ class Peer:
         *,
         reach: Reach,
         on_closed: Callable[[Peer], None],
+        holder: Holder | None = None,
     ) -> None:
         self._terms = terms
         self._accept = accept
         self._address = address
+        self._holder = holder or holder_of(address)
         self.network = "" if not address or is_local(address) else network_of(address)
         self._guard = IceGuard(reach, partial(terms.checks.take, self.network))
         self._on_closed = on_closed
@@ -156,6 +160,7 @@ class Peer:
             configuration(servers, relay_only=terms.relay_only),
             terms.limits,
             terms.buffers,
+            self._holder,
             self._guard,
             fail=self.fail,
             on_feedback=lambda feedback: self.on_feedback(feedback),
@@ -264,6 +269,7 @@ class Peer:
             max_message_size=self.largest,
             addresses=self._terms.addresses,
             buffers=self._terms.buffers,
+            identify=lambda info: self._holder.credential,
         )
         self._listeners.append(listener)
         listener.add(Connection(listener, link, self._address, 0), link)

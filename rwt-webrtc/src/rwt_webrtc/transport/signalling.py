@@ -12,7 +12,7 @@ import asyncio
 import json
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, Never
@@ -23,7 +23,6 @@ from rwt_transports.background import background_tasks
 from rwt_transports.connection import TICK_SECONDS
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
     AnyReader,
     Audience,
@@ -32,8 +31,9 @@ from rwt_transports.http.routes import (
     MetricFamily,
     Reader,
     Route,
-    is_local,
 )
+from rwt_transports.shared_pool import RETRY_SECONDS, Holder, PoolFull, PoolRow, Share, SharedPool
+from rwt_transports.websocket.close_codes import TRY_AGAIN_LATER
 from rwt_webrtc.transport.ice_servers import IceServer
 from rwt_webrtc.transport.peer import Peer, PeerTerms
 from rwt_webrtc.transport.sdp import BadDescription, read_description, read_fragment
@@ -45,6 +45,11 @@ FindIceServers = Callable[[], Awaitable[tuple[IceServer, ...]]]
 """Finds the STUN and TURN servers of a new peer; their credentials may be temporary. Raises Refused if there
 are none.
 """
+
+
+PEERS: Final = PoolRow("WebRTC peers", "webrtc.peers", "peer connections")
+HANDSHAKES: Final = PoolRow("WebRTC handshakes", "webrtc.handshakes", "connecting peers")
+OFFERS: Final = PoolRow("waiting WebRTC offers", "webrtc.handshakes", "bytes of waiting offers")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,43 @@ class PeerBounds:
     queue_bytes: int = 1024 * 1024
 
 
+class _Admitted:
+    """Shares of one peer, from its offer to its end.
+
+    Attributes:
+        identifier: last part of the peer's URL.
+        peer: the peer; None before it is made.
+        present: share of the open peers.
+        handshake: share of the connecting peers; released once the peer is connected.
+        taken: reason why the pool has taken a share; empty while it has not.
+    """
+
+    __slots__ = ("_changed", "_ending", "handshake", "identifier", "peer", "present", "taken")
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        self._changed = changed
+        self._ending: asyncio.Task[None] | None = None
+        self.identifier = secrets.token_urlsafe(18)
+        self.peer: Peer | None = None
+        self.present: Share | None = None
+        self.handshake: Share | None = None
+        self.taken = ""
+
+    def end(self, reason: str) -> None:
+        """End the peer in favour of another client. An offer that still waits is refused."""
+        if not self.taken:
+            self.taken = reason
+            if self.peer is not None:
+                closing = self.peer.close(TRY_AGAIN_LATER, reason)
+                self._ending = asyncio.get_running_loop().create_task(closing)
+            self._changed()
+
+    def check(self) -> None:
+        """Raise Refused if a share was taken."""
+        if self.taken:
+            raise Refused(503, self.taken, {"Retry-After": str(RETRY_SECONDS)})
+
+
 class Peers:
     """Peer connections that a server has accepted.
 
@@ -78,12 +120,13 @@ class Peers:
         self._bounds = bounds
         self.find_servers = find_servers
         self._peers: dict[str, Peer] = {}
-        # Networks of peers that are about to be made.
-        self._reserved: list[str] = []
+        self._admitted: set[_Admitted] = set()
+        self._present = SharedPool(PEERS, bounds.peers)
+        self._handshakes = SharedPool(HANDSHAKES, bounds.handshakes)
+        self._offers = SharedPool(OFFERS, bounds.queue_bytes)
         self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
         self._refused = 0
         self._closing = False
-        self._queued_bytes = 0
         self._changed = anyio.Event()
 
     def __len__(self) -> int:
@@ -93,13 +136,18 @@ class Peers:
         return self._peers.get(identifier)
 
     async def open(
-        self, request: HttpRequest, accept: Accept, answer: Callable[[Peer], Awaitable[str]]
+        self,
+        request: HttpRequest,
+        holder: Holder,
+        accept: Accept,
+        answer: Callable[[Peer], Awaitable[str]],
     ) -> HttpResponse:
         """Open a peer for a request with an offer, and return the response.
 
         Waits while the maximum number of peers is connecting.
 
         Args:
+            holder: client to which the peer counts.
             accept: makes the endpoint of each data channel.
             answer: applies the offer to the new peer, and returns the answer.
 
@@ -107,76 +155,98 @@ class Peers:
             Refused: a limit is reached, or the STUN and TURN servers are not available.
             BadDescription: the offer is not usable.
         """
-        address = request.address
-        network = "" if is_local(address) else network_of(address)
-        await self._wait_for_room(network, len(request.body))
-        self._reserved.append(network)
+        admitted = _Admitted(self._notify)
+        self._admitted.add(admitted)
         try:
+            await self._admit(admitted, holder, len(request.body))
             servers = await self.find_servers()
-            identifier = secrets.token_urlsafe(18)
-            peer = Peer(
-                self.terms,
-                servers,
-                accept,
-                address,
-                reach=self.terms.reach(address),
-                on_closed=lambda peer: self._closed(identifier, peer),
-            )
-            self._peers[identifier] = peer
-        finally:
-            self._reserved.remove(network)
+            admitted.check()
+            peer = self._make(request, holder, accept, servers, admitted)
+        except BaseException:
+            self._release(admitted)
+            raise
         try:
             text = await answer(peer)
+            admitted.check()
         except BaseException:
             peer.fail("its description could not be used")
             raise
-        location = f"{request.prefix}{request.path}/{identifier}"
+        location = f"{request.prefix}{request.path}/{admitted.identifier}"
         headers = {"Location": location, "Cache-Control": "no-store"}
         if servers:
             headers["Link"] = ", ".join(server.link for server in servers)
         return HttpResponse(text.encode(), 201, SDP, headers)
 
-    def _shortage(self, network: str) -> tuple[str, str]:
-        """Return why there is no room for a peer, and the setting; empty strings if there is room."""
-        bounds = self._bounds
-        peers = tuple(self._peers.values())
-        present = [*self._reserved, *(peer.network for peer in peers)]
-        connecting = [*self._reserved, *(peer.network for peer in peers if not peer.connected)]
-        if network:
-            for count, most, setting in (
-                (present.count(network), bounds.peers, "peers"),
-                (connecting.count(network), bounds.handshakes, "handshakes"),
-            ):
-                if count >= max(1, 3 * most // 4):  # The rest is for other networks.
-                    text = f"{network} has {count} of at most {most}; the rest is for other networks"
-                    return text, setting
-        if len(present) >= bounds.peers or self._closing:
-            return f"{bounds.peers} peers are open", "peers"
-        if len(connecting) >= bounds.handshakes:
-            return f"{bounds.handshakes} peers are connecting", "handshakes"
-        return "", ""
+    def _make(
+        self,
+        request: HttpRequest,
+        holder: Holder,
+        accept: Accept,
+        servers: tuple[IceServer, ...],
+        admitted: _Admitted,
+    ) -> Peer:
+        def closed(peer: Peer) -> None:
+            self._release(admitted)
+            self._closed(admitted.identifier, peer)
 
-    async def _wait_for_room(self, network: str, size: int) -> None:
-        """Wait until fewer peers are connecting, for some seconds.
+        peer = Peer(
+            self.terms,
+            servers,
+            accept,
+            request.address,
+            reach=self.terms.reach(request.address),
+            on_closed=closed,
+            holder=holder,
+        )
+        self._peers[admitted.identifier] = admitted.peer = peer
+        return peer
+
+    async def _admit(self, admitted: _Admitted, holder: Holder, size: int) -> None:
+        """Take the shares of a new peer; wait for some seconds until fewer peers are connecting.
 
         Raises:
             Refused: there is no room, or too many bytes wait already.
         """
-        bounds = self._bounds
-        text, setting = self._shortage(network)
-        if setting == "handshakes" and self._queued_bytes + size <= bounds.queue_bytes:
-            self._queued_bytes += size
+        try:
+            if self._closing:
+                raise Refused(503, "the server is going away")
+            admitted.present = self._present.take(holder, admitted.end)
+            self._release_connected()
             try:
-                with anyio.move_on_after(bounds.queue_seconds):
-                    while setting == "handshakes":
-                        await self._changed.wait()
-                        text, setting = self._shortage(network)
-            finally:
-                self._queued_bytes -= size
-        if text:
+                admitted.handshake = self._handshakes.take(holder, admitted.end)
+            except PoolFull as full:
+                await self._wait(admitted, holder, size, full)
+            admitted.check()
+        except Refused:
             self._refused += 1
-            seconds = "2" if setting == "handshakes" else "5"
-            raise Refused(503, f"{text} (webrtc.{setting})", {"Retry-After": seconds})
+            raise
+
+    async def _wait(self, admitted: _Admitted, holder: Holder, size: int, refused: PoolFull) -> None:
+        """Wait until fewer peers are connecting; raises `refused` if that takes too long."""
+        offer = self._offers.take(holder, admitted.end, size)
+        try:
+            with anyio.move_on_after(self._bounds.queue_seconds):
+                while admitted.handshake is None and not admitted.taken:
+                    await self._changed.wait()
+                    self._release_connected()
+                    with suppress(PoolFull):
+                        admitted.handshake = self._handshakes.take(holder, admitted.end)
+        finally:
+            self._offers.release(offer)
+        if admitted.handshake is None and not admitted.taken:
+            raise refused
+
+    def _release_connected(self) -> None:
+        """Release the handshakes of the peers that are connected by now."""
+        for each in self._admitted:
+            if each.handshake is not None and each.peer is not None and each.peer.connected:
+                self._handshakes.release(each.handshake)
+
+    def _release(self, admitted: _Admitted) -> None:
+        self._admitted.discard(admitted)
+        for pool, share in ((self._present, admitted.present), (self._handshakes, admitted.handshake)):
+            if share is not None:
+                pool.release(share)
 
     def _closed(self, identifier: str, peer: Peer) -> None:
         self._peers.pop(identifier, None)
@@ -244,7 +314,7 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
             await peer.take_description(offer, "offer")
             return await peer.describe()
 
-        return await peers.open(request, _on_behalf(request, accept), answer)
+        return await peers.open(request, reader.holder, _on_behalf(request, accept), answer)
 
     async def configured(request: HttpRequest, reader: Reader) -> HttpResponse:
         try:

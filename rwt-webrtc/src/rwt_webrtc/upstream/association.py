@@ -61,6 +61,7 @@ from aiortc.rtcsctptransport import (
 from rwt_protocol.states import StateEnum
 from rwt_transports.background import ignore
 from rwt_transports.errors import TransportError, log_exception
+from rwt_transports.shared_pool import Holder
 from rwt_webrtc.packets.reassembly import Reassembly, Truncated, is_later
 from rwt_webrtc.packets.sctp import BadPacket, check_packet
 from rwt_webrtc.packets.sending import PACKET_BYTES, Acknowledgement, Bundle, ChannelTurns, gap_blocks
@@ -142,6 +143,7 @@ class Association(RTCSctpTransport):
 
     Args:
         buffers: counts the bytes of incomplete messages.
+        holder: client to which they count.
         fail: ends the peer for a reason.
 
     Attributes:
@@ -154,6 +156,7 @@ class Association(RTCSctpTransport):
         transport: RTCDtlsTransport,
         limits: Limits,
         buffers: ReceiveBufferPool,
+        holder: Holder,
         fail: Callable[[str], None],
     ) -> None:
         super().__init__(transport)
@@ -161,6 +164,7 @@ class Association(RTCSctpTransport):
         self.unread_bytes = 0
         self._limits = limits
         self._buffers = buffers
+        self._holder = holder
         self._fail = fail
         self._channels: dict[int, ChannelLink] = {}
         self._turns: ChannelTurns[ChannelLink] = ChannelTurns()
@@ -198,7 +202,7 @@ class Association(RTCSctpTransport):
             self._schedule_sack()
 
     def give_up(self, reason: str) -> None:
-        """End the peer, which holds most of the bytes of incomplete messages that may wait."""
+        """End the peer: its client holds most of the bytes of incomplete messages."""
         self._fail(reason)
 
     async def _send_awaited(self) -> None:
@@ -428,7 +432,7 @@ class Association(RTCSctpTransport):
         if self.held_bytes > most:
             raise BrokenAssociation(f"{most} bytes of messages whose end does not come")
         if self.held_bytes >= WINDOW_BYTES:
-            self._buffers.hold(self, self.held_bytes)
+            self._buffers.hold(self, self.held_bytes, self._holder)
         elif change < 0:
             self._buffers.release(self)
 

@@ -22,6 +22,7 @@ from aiortc import RTCCertificate, RTCConfiguration, RTCIceTransport, RTCPeerCon
 
 from rwt_transports.background import ignore
 from rwt_transports.limits import Limits
+from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_webrtc.congestion.feedback import Feedback
 from rwt_webrtc.packets.ice_guard import IceGuard
@@ -44,6 +45,7 @@ class GuardedPeerConnection(RTCPeerConnection):
     Args:
         limits: limits of each data channel.
         buffers: counts the bytes of incomplete messages.
+        holder: client to which they count.
         guard: limits of its ICE agents.
         fail: ends the peer for a reason.
         on_feedback: called with transport-wide feedback of the other side.
@@ -57,13 +59,16 @@ class GuardedPeerConnection(RTCPeerConnection):
         configuration: RTCConfiguration,
         limits: Limits,
         buffers: ReceiveBufferPool,
+        holder: Holder,
         guard: IceGuard,
         fail: Callable[[str], None],
         on_feedback: Callable[[Feedback], None],
     ) -> None:
         super().__init__(configuration)
         self.association: Association | None = None
-        self._make_association = partial(Association, limits=limits, buffers=buffers, fail=fail)
+        self._make_association = partial(
+            Association, limits=limits, buffers=buffers, holder=holder, fail=fail
+        )
         self._make_gatherer = partial(GuardedGatherer, configuration, guard)
         self._own_certificates: list[RTCCertificate] = [AnyCertificate.generateCertificate()]
         self._on_feedback = on_feedback

@@ -15,10 +15,10 @@ from rwt.extensions.asgi.messages import AsgiWire, close_bytes, close_of
 from rwt.extensions.asgi.types import Receive, Scope, Send
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.drivers.task_link import TaskLink
-from rwt_transports.endpoint import Accept, PeerInfo
+from rwt_transports.endpoint import Accept, Identify, PeerInfo, anonymous
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
-from rwt_transports.http.connection import SAFE_HEADERS, close_iterator
+from rwt_transports.http.connection import BROKEN, SAFE_HEADERS, close_iterator
 from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import (
     Hosts,
@@ -163,10 +163,8 @@ class AsgiListener:
 
     async def _answer(self, request: HttpRequest, receive: Receive) -> HttpResponse | None:
         """Return the response; None if the client left before its request was complete."""
-        limits = self._state.limits
         found = self._routes.find(request.method, request.path)
-        small = isinstance(found, HttpResponse) or request.method in ("GET", "HEAD")
-        body = await _body(receive, limits.http_header_bytes if small else limits.http_body_bytes)
+        body = await _body(receive, *self._state.body_limit(self._routes, request))
         if body is None or isinstance(body, HttpResponse):
             return body
         if isinstance(found, HttpResponse):
@@ -208,8 +206,7 @@ class AsgiListener:
         refusal: HttpResponse | None = None
         try:
             self._check(request)
-            if len(state.connections) >= (most := state.limits.connections):
-                raise Refused(503, f"all {most} connections of this server are taken (limits.connections)")
+            state.claim(connection, peer)
             connection.open(peer)
         except Refused as refused:
             refusal = HttpResponse.refusing(refused)
@@ -217,7 +214,7 @@ class AsgiListener:
             log_exception("the accept function failed for %s", connection)
             refusal = HttpResponse(b"internal error\n", 500)
         if refusal is not None:
-            state.addresses.leave(request.address)
+            state.detach(connection)
             await _refuse(scope, send, refusal)
             return
         state.connections.add(connection)
@@ -243,7 +240,7 @@ def _split_path(scope: Scope) -> tuple[str, str]:
     return path or "/", mounted
 
 
-async def _body(receive: Receive, most: int) -> bytes | HttpResponse | None:
+async def _body(receive: Receive, most: int, status: int) -> bytes | HttpResponse | None:
     body = bytearray()
     while True:
         event = await receive()
@@ -251,8 +248,7 @@ async def _body(receive: Receive, most: int) -> bytes | HttpResponse | None:
             return None
         body += event.get("body", b"")
         if len(body) > most:
-            text = f"the request body is larger than {most} bytes (http_body_bytes)\n"
-            return HttpResponse(text.encode(), 413, headers={"Connection": "close"})
+            return HttpResponse(BROKEN[status], status, headers={"Connection": "close"})
         if not event.get("more_body", False):
             return bytes(body)
 
@@ -323,6 +319,7 @@ async def asgi_listener(
     access_log: bool = False,
     subprotocols: Iterable[str] = (),
     addresses: AddressCount | None = None,
+    identify: Identify = anonymous,
     limits: Limits | None = None,
     buffers: ReceiveBufferPool | None = None,
     loopback: bool = False,
@@ -330,7 +327,7 @@ async def asgi_listener(
     """Serve scopes within the block; leaving it closes every WebSocket with 1001.
 
     Args:
-        accept, routes, hosts, proxies, access_log, subprotocols, addresses, limits, buffers: as of
+        accept, routes, hosts, proxies, access_log, subprotocols, addresses, identify, limits, buffers: as of
             :func:`rwt_transports.listener.listen`.
         loopback: True if the clients' server is only reached from this machine.
     """
@@ -346,6 +343,7 @@ async def asgi_listener(
         proxies=proxies,
         access_log=access_log,
         subprotocols=frozenset(subprotocols),
+        identify=identify,
         hosts=Hosts(hosts, loopback=loopback),
     )
     async with state.serving():

@@ -138,8 +138,8 @@ class AsgiMounts(Mounts):
                     f"mounts: {mount.path!r} is taken by this server's {taken[0]}: choose another path"
                 )
             for method in METHODS:
-                routes.add(mount.path, partial(mount.handle, secure=secure), method)
-                routes.add(f"{mount.path}/*", partial(mount.handle, secure=secure), method)
+                for path in (mount.path, f"{mount.path}/*"):
+                    routes.add(path, partial(mount.handle, secure=secure), method, is_public=True)
 
 
 class _Lifespan:

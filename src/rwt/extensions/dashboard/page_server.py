@@ -16,6 +16,7 @@ from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Page, Routes
 from rwt_transports.listener import Listener, listen
+from rwt_transports.shared_pool import Holder
 
 _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page alone"
 
@@ -28,6 +29,7 @@ class _Nobody:
 
     is_admitted = True
     work = WorkLimit(0.0, 0.0, WorkTotals(), time.monotonic)
+    holder = Holder()
 
     def may_subscribe(self, topic: str) -> bool:
         return False

@@ -7,15 +7,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, Final
+from typing import Final
 from urllib.parse import unquote
+
+import anyio
 
 from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt.access.roles import Role
 from rwt.extensions.http import problems
-from rwt.extensions.http.events import EventQueue
+from rwt.extensions.http.events import EventQueue, event
 from rwt.extensions.http.representations import EVENTS
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
@@ -23,9 +25,12 @@ from rwt_transports.endpoint import DropReason, PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.shared_pool import PoolFull, PoolRow, Share, SharedPool
 
 Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
 
+
+STREAMS: Final = PoolRow("event streams and long polls", "api.streams", "event streams and waiting requests")
 
 SESSION: Final = "RWT-Session"
 """Header with the name that a program chooses, to distinguish it from others with its token and address."""
@@ -53,12 +58,23 @@ class ReaderStream(ABC):
         self, client: HttpClient, depth: int, max_bytes: int, allowed: Callable[[ClientGraph], bool]
     ) -> None:
         self._client = client
+        self._streams = client.streams_of_all
+        self._share: Share | None = None
         self._dropped = 0
         self.allowed = allowed
         self.queue = EventQueue(depth, max_bytes, self._drop, self._close)
 
     def response(self, request: HttpRequest) -> HttpResponse:
-        """Return the response with the stream, which holds the client."""
+        """Return the response with the stream, which holds the client.
+
+        Raises:
+            PoolFull: `api.streams` is reached.
+        """
+        try:
+            self._share = self._streams.take(self._client.graph.holder, self._displace)
+        except PoolFull:
+            self.queue.close()
+            raise
         self._client.add_stream(self, request)
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return HttpResponse(self.queue, 200, EVENTS, headers)
@@ -67,7 +83,13 @@ class ReaderStream(ABC):
     def _drop(self, reason: DropReason) -> None:
         """Count and report a dropped event."""
 
+    def _displace(self, reason: str) -> None:
+        """End the stream in favour of another client."""
+        self.queue.close(event({"reason": reason}, "ended"))
+
     def _close(self) -> None:
+        if self._share is not None:
+            self._streams.release(self._share)
         self._client.discard_stream(self)
 
 
@@ -81,13 +103,15 @@ class HttpClient(Visitor):
 
     Attributes:
         streams: open streams, each with the request that began it.
+        streams_of_all: pool of the open streams, and of the requests that wait, of all clients.
     """
 
-    __slots__ = ("graph", "streams")
+    __slots__ = ("graph", "streams", "streams_of_all")
 
-    def __init__(self, clients: Visitors[Any], key: Hashable, graph: ClientGraph) -> None:
+    def __init__(self, clients: Clients, key: Hashable, graph: ClientGraph) -> None:
         super().__init__(clients, key)
         self.graph = graph
+        self.streams_of_all = clients.streams_of_all
         self.streams: dict[ReaderStream, PeerInfo] = {}
 
     def leave(self) -> None:
@@ -107,9 +131,17 @@ class HttpClient(Visitor):
 
 
 class Clients(Visitors[HttpClient]):
-    """All clients of the gateway."""
+    """All clients of the gateway.
 
-    def __init__(self, gateway: Gateway, linger: float) -> None:
+    Attributes:
+        streams_of_all: pool of the open streams, and of the requests that wait.
+
+    Args:
+        streams: capacity of that pool (`api.streams`).
+    """
+
+    def __init__(self, gateway: Gateway, linger: float, streams: int) -> None:
+        self.streams_of_all = SharedPool(STREAMS, streams)
         super().__init__(gateway.shared.counters, gateway.shared.graph.clock, linger)
         self._gateway = gateway
         self._count = 0
@@ -129,7 +161,7 @@ class Clients(Visitors[HttpClient]):
             gateway = self._gateway
             name, agent = f"{gateway.name}:{self._count}", request.headers.get("user-agent", "")
             graph = gateway.access.client(gateway.shared, role, address, name, agent)
-            return HttpClient(clients, key, graph)
+            return HttpClient(self, key, graph)
 
         client = self.find(self._key_of(request, (role.name, role.credential, network_of(address))), make)
         client.hold()
@@ -137,6 +169,29 @@ class Clients(Visitors[HttpClient]):
             yield client
         finally:
             client.release()
+
+    @contextmanager
+    def waiting(self, client: HttpClient) -> Iterator[None]:
+        """Count a request that waits within the block.
+
+        Raises:
+            PoolFull: `api.streams` is reached; also at the end of the block, if it was ended in favour of
+                another client.
+        """
+        reasons: list[str] = []
+        with anyio.CancelScope() as scope:
+
+            def displace(reason: str) -> None:
+                reasons.append(reason)
+                scope.cancel()
+
+            share = self.streams_of_all.take(client.graph.holder, displace)
+            try:
+                yield
+            finally:
+                self.streams_of_all.release(share)
+        if scope.cancelled_caught:
+            raise PoolFull(reasons[0])
 
     def _key_of(self, request: HttpRequest, owner: tuple[str, str, str]) -> Hashable:
         """Return the identity of a client among those of its owner: its session, or else its program.

@@ -125,11 +125,17 @@ class EventQueue:
         self._ended = True
         self._awake.set()
 
-    def close(self) -> None:
-        """Discard the queue and accept no further events. Idempotent."""
+    def close(self, last: bytes = b"") -> None:
+        """Discard the queue and accept no further events. Idempotent.
+
+        Args:
+            last: event that the reader still receives.
+        """
         self._ended = True
         self._waiting.clear()
         self._own.clear()
+        if last:
+            self._own.append(last)
         self._size = 0
         self._awake.set()
         if not self._closed:

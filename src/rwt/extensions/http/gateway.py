@@ -77,7 +77,7 @@ class HttpGateway(Gateway):
         self._server = server
         self._requests: dict[tuple[str, str], int] = {}
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
-        self._visitors = Clients(self, linger)
+        self._visitors = Clients(self, linger, settings.streams)
         self._actions = actions.ActionPages(
             self._visitors, settings.goals, several_processes=server.processes > 1
         )

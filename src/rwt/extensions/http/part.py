@@ -17,6 +17,9 @@ class HttpSettings(Table):
         description="goals of one role's clients of one address, including ended goals, of which the"
         " oldest are forgotten first",
     )
+    streams: Count = Field(
+        512, description="event streams, and requests that wait for a message or an approval, of all clients"
+    )
 
 
 def _make(context: GatewayContext, settings: HttpSettings) -> Gateway:
@@ -26,6 +29,7 @@ def _make(context: GatewayContext, settings: HttpSettings) -> Gateway:
 
 
 PART = GatewayPart(
+    pools=("rwt.extensions.http.clients:STREAMS",),
     summary="topics, services, actions and parameters over plain HTTP, at `/api`",
     settings=HttpSettings,
     make=_make,

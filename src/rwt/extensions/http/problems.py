@@ -36,6 +36,7 @@ from rwt_participant.errors import (
 from rwt_participant.spelling import did_you_mean
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.shared_pool import PoolFull
 
 CONTENT_TYPE: Final = "application/problem+json"
 
@@ -79,6 +80,7 @@ _KINDS: Final = (
     (422, "parameter-rejected", "The parameter cannot have that value", "send another value"),
     (429, "too-much", "As much as may be", "wait, or end something"),
     (502, "service-failed", "The service said that it failed", "its reason is in the detail"),
+    (503, "no-room", "Other clients use all that there is", "try again later"),
     (503, "provider-gone", "The provider has gone away", "try again"),
     (504, "timeout", "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
 )
@@ -88,7 +90,12 @@ KINDS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
 )
 """Kinds of problems by the last part of their `type`."""
 
-_OF_STATUS: Final[Mapping[int, str]] = {401: "not-authenticated", 403: "not-allowed", 429: "too-much"}
+_OF_STATUS: Final[Mapping[int, str]] = {
+    401: "not-authenticated",
+    403: "not-allowed",
+    429: "too-much",
+    503: "no-room",
+}
 
 _OF_ERROR: Final[tuple[tuple[type[Exception], str], ...]] = (
     (NotAllowed, "not-allowed"),
@@ -152,7 +159,7 @@ class CallWaits(Exception):
         self.response = response
 
 
-REFUSALS: Final = (HttpProblem, RobotError, AccessError)
+REFUSALS: Final = (HttpProblem, RobotError, AccessError, PoolFull)
 """Exceptions of a page whose texts are sent to the client."""
 
 
@@ -160,6 +167,8 @@ def problem_of(error: Exception, reader: GraphView) -> HttpProblem:
     """Return the problem for one of :data:`REFUSALS`; names a similar topic that the reader sees."""
     if isinstance(error, HttpProblem):
         return error
+    if isinstance(error, PoolFull):
+        return HttpProblem("no-room", error.reason, headers=error.headers)
     # The table has classes before their bases.
     kind = next((kind for known, kind in _OF_ERROR if isinstance(error, known)), "invalid-request")
     where = _pointer(error.path) if isinstance(error, InvalidMessage) else ""

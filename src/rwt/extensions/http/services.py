@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Awaitable
+from contextlib import suppress
 from functools import partial
 from typing import Final
 
@@ -17,6 +18,7 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ProviderNotFound
 from rwt_participant.spelling import did_you_mean
 from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.shared_pool import PoolFull
 
 _CALL: Final = re.compile(r"/calls/([0-9a-f]{32})\Z")
 
@@ -68,13 +70,25 @@ class ServicePages:
             CallWaits: it waits for approval, longer than the request prefers to wait.
             CallFailed: it has failed.
         """
-        await call.wait(preferred_wait(request, MAX_WAIT_SECONDS))
+        await self._wait(request, call)
         if call.outcome is None:
             self.calls.make_room(call.client)
             call.on_end = partial(self._end, call)
             self.calls.add(call)
             raise CallWaits(call.state(request))
         return call.response()
+
+    async def _wait(self, request: HttpRequest, call: HttpCall) -> None:
+        """Wait for the outcome; if approval is required, for as long as the client prefers and there is room.
+
+        The call itself continues in any case.
+        """
+        seconds = preferred_wait(request, MAX_WAIT_SECONDS)
+        if seconds and call.outcome is None and call.approval is not None:
+            with suppress(PoolFull), self._clients.waiting(call.client):
+                await call.wait(seconds)
+        if call.outcome is None and call.approval is None:
+            await call.wait(0.0)
 
     def _end(self, call: HttpCall) -> None:
         call.keep_outcome()
@@ -92,7 +106,7 @@ class ServicePages:
                     "not-found", f"no call {found[1]} of {name} by this client is known here; those that have"
                     f" ended are kept for {self.calls.seconds:g} s", instead="call again with POST",
                 )  # fmt: skip
-            await call.wait(preferred_wait(request, MAX_WAIT_SECONDS))
+            await self._wait(request, call)
             if call.outcome is None:
                 return call.state(request)
             return payload_response(request, call.response(), notice_headers(call.notices))

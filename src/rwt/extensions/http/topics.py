@@ -95,7 +95,7 @@ class TopicPages:
     async def _next(
         self, request: HttpRequest, reader: GraphView, name: str, type: str | None, seconds: float
     ) -> HttpResponse:
-        with self._clients.client_of(request, reader) as client:
+        with self._clients.client_of(request, reader) as client, self._clients.waiting(client):
             sample = await _next_sample(client.graph, name, type, seconds)
         if sample is None:
             raise HttpProblem("timeout", f"no message of {name} came within {seconds:g} s")

@@ -107,14 +107,14 @@ def _add_bounds(parser: argparse.ArgumentParser) -> None:
     for option, metavar, least, most, default, help in (
         ("--robots", "COUNT", 1, 1_000_000, MAX_ROBOTS, "robots that have dialled in"),
         ("--connections", "COUNT", 1, 1_000_000, _LIMITS.connections,
-         "open connections of clients, including plain HTTP"),
+         "open connections of clients, including plain HTTP, which the addresses share"),
         ("--connections-per-address", "COUNT", 0, 1_000_000, _LIMITS.connections_per_address,
          "connections of clients per address, other than this machine; 0 for no limit"),
         ("--message-bytes", "BYTES", _KIB, 1 << 30, _LIMITS.message_bytes,
          "largest message in either direction"),
         ("--waiting-bytes", "BYTES", _KIB, 1 << 40, ADDRESS_BYTES,
-         ("bytes that may wait for clients of one address, or for their robots, before the connection with"
-          " the most is ended; all addresses together four times as many")),
+         ("bytes that may wait for clients of one address, or for their robots, before the connection that"
+          " has waited for longest is ended; all addresses together share four times as many")),
     ):  # fmt: skip
         kind = integer_within(least, most)
         help = f"{help} (default {default})"

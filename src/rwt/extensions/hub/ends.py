@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import anyio
@@ -16,11 +16,18 @@ from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import network_of
+from rwt_transports.http.addresses import holder_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import MIB
 from rwt_transports.scheduler import MESSAGES
-from rwt_transports.websocket.close_codes import GOING_AWAY, POLICY, SERVICE_RESTART, may_travel
+from rwt_transports.shared_pool import PoolRow, Share, SharedPool
+from rwt_transports.websocket.close_codes import (
+    GOING_AWAY,
+    POLICY,
+    SERVICE_RESTART,
+    TRY_AGAIN_LATER,
+    may_travel,
+)
 
 if TYPE_CHECKING:
     from rwt.extensions.hub.hub import DialedRobot, Hub
@@ -44,53 +51,51 @@ emergency stop. The robot decides whether they do."""
 _find_stop: Final = re.compile(rb"gate\\?/stop").search
 
 
+WAITING_BYTES: Final = PoolRow("waiting bytes of a hub", "--waiting-bytes", "waiting bytes")
+CLIENTS: Final = PoolRow("clients of a hub", "--connections", "connections of clients")
+
+
 class WaitingBytes:
-    """Counter of waiting bytes; above the limit, it closes the connection with the most.
+    """Counter of waiting bytes; above the limit, it closes the connection that has waited for longest.
 
     A connection is held back once 256 KiB of it wait. What counts is therefore large messages to a side that
     does not read.
 
     Args:
         most: maximum number of waiting bytes for the clients of one address, in both directions. Local
-            addresses have no limit of their own; all addresses together may use four times as much.
-
-    Attributes:
-        total: waiting bytes of all connections.
+            addresses have no limit of their own; all addresses together share four times as much.
     """
 
     def __init__(self, most: int = ADDRESS_BYTES) -> None:
         self._most = most
-        self.total = 0
-        self._held: dict[HubEnd, int] = {}
-        self._of_address: Counter[str] = Counter()
+        self._pool = SharedPool(WAITING_BYTES, TOTAL_FACTOR * most)
+        self._shares: dict[HubEnd, Share] = {}
 
-    def take(self, holder: HubEnd, size: int) -> None:
-        """Add `size` waiting bytes of a holder."""
-        network = network_of(holder.address)
-        self._held[holder] = self._held.get(holder, 0) + size
-        self._of_address[network] += size
-        self.total += size
-        if not is_local(network) and self._of_address[network] > self._most:
-            self._cut_largest(network)
-        elif self.total > TOTAL_FACTOR * self._most:
-            ((largest, _),) = self._of_address.most_common(1)
-            self._cut_largest(largest)
+    @property
+    def total(self) -> int:
+        """Waiting bytes of all connections."""
+        return self._pool.used
 
-    def give_back(self, holder: HubEnd) -> None:
-        """Clear the waiting bytes of a holder; idempotent."""
-        size = self._held.pop(holder, 0)
-        if size:
-            self.total -= size
-            network = network_of(holder.address)
-            self._of_address[network] -= size
-            if not self._of_address[network]:
-                del self._of_address[network]
+    def take(self, end: HubEnd, size: int) -> None:
+        """Add `size` waiting bytes of a connection."""
+        share = self._shares.get(end)
+        if share is None:
+            share = self._pool.take(holder_of(end.address), partial(self._cut, end), 0)
+            self._shares[end] = share
+        self._pool.resize(share, share.amount + size)
+        held = self._pool.held(share.holder)
+        if (held > self._most and not is_local(end.address)) or self._pool.used > self._pool.capacity:
+            self._pool.end_oldest(share.holder)
 
-    def _cut_largest(self, network: str) -> None:
-        its = [holder for holder in self._held if network_of(holder.address) == network]
-        largest = max(its, key=self._held.__getitem__)
-        self.give_back(largest)
-        largest.cut(f"more than {self._most} bytes of clients of this address wait (--waiting-bytes)")
+    def give_back(self, end: HubEnd) -> None:
+        """Clear the waiting bytes of a connection; idempotent."""
+        share = self._shares.pop(end, None)
+        if share is not None:
+            self._pool.release(share)
+
+    def _cut(self, end: HubEnd, reason: str) -> None:
+        del self._shares[end]
+        end.cut(reason)
 
 
 class HubEnd(ABC):
@@ -206,11 +211,24 @@ class RobotEnd(HubEnd):
 
 
 class ClientEnd(HubEnd):
-    """Connection of a client."""
+    """Connection of a client.
+
+    Raises:
+        PoolFull: all places for clients are taken, and no client has more than this one would have.
+    """
 
     def __init__(self, hub: Hub, robot: DialedRobot, sink: Sink, address: str) -> None:
         super().__init__(hub, robot, sink, address)
         self._stop_sent = -STOP_SECONDS
+        self._place = hub.places.take(holder_of(address), self._displace)
+
+    def _displace(self, reason: str) -> None:
+        self.closed(TRY_AGAIN_LATER, reason)
+        self.hang_up(TRY_AGAIN_LATER, reason)
+
+    def closed(self, code: int, reason: str) -> None:
+        self.hub.places.release(self._place)
+        super().closed(code, reason)
 
     def send_to(self, other: HubEnd, frame: Frame, now: float) -> None:
         """Send a message to the robot, or end the client whose message cannot be delivered now."""

@@ -19,7 +19,15 @@ from typing import Final
 
 import anyio
 
-from rwt.extensions.hub.ends import ADDRESS_BYTES, Admission, ClientEnd, RobotEnd, WaitingBytes, join
+from rwt.extensions.hub.ends import (
+    ADDRESS_BYTES,
+    CLIENTS,
+    Admission,
+    ClientEnd,
+    RobotEnd,
+    WaitingBytes,
+    join,
+)
 from rwt.extensions.hub.listing import hub_routes
 from rwt.extensions.hub.uplink.carrier import Carrier
 from rwt.extensions.hub.uplink.dial import SOFTWARE
@@ -47,9 +55,11 @@ from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.scheduler import MESSAGES, WRITING, Scheduler
+from rwt_transports.shared_pool import SharedPool
 from rwt_transports.websocket.close_codes import (
     ABNORMAL,
     GOING_AWAY,
+    POLICY,
     PROTOCOL_ERROR,
     TRY_AGAIN_LATER,
 )
@@ -117,6 +127,7 @@ class Hub:
 
     Attributes:
         url: URL at which it listens, with the actual port; empty until it is open.
+        places: pool of the connections of clients.
         clients: clients so far.
         pages: requests for pages of robots so far.
         bytes: bytes of messages and pages so far, in both directions.
@@ -141,6 +152,7 @@ class Hub:
         self._buffers = self._limits.receive_pool()
         self._page_seconds = page_seconds
         self.waiting = WaitingBytes(waiting_bytes)
+        self.places = SharedPool(CLIENTS, self._limits.connections)
         self.addresses = addresses or AddressCount()
         self._max_robots = max_robots
         self._robots: dict[str, DialedRobot] = {}
@@ -187,6 +199,11 @@ class Hub:
             stream.resume()
             raise
         return lambda sink, _: self._accept_client(sink, info, robot, stream)
+
+    def identify(self, info: PeerInfo) -> str:
+        """Return the name of a robot, which holds one place of the listener; empty for clients."""
+        path = info.path.partition("?")[0]
+        return path if path.startswith(ROBOTS) else ""
 
     def refuse(self, sink: Sink, info: PeerInfo) -> Endpoint:
         """Refuse a connection that is no WebSocket."""
@@ -325,7 +342,12 @@ class Hub:
         return robot
 
     def _accept_client(self, sink: Sink, info: PeerInfo, robot: DialedRobot, stream: Stream) -> Endpoint:
-        client = ClientEnd(self, robot, sink, info.address)
+        try:
+            client = ClientEnd(self, robot, sink, info.address)
+        except Refused as refused:
+            stream.close(POLICY, refused.reason)
+            stream.resume()
+            raise
         join(client, RobotEnd(self, robot, stream, info.address))
         self.clients += 1
         return client
@@ -449,6 +471,7 @@ async def open_hub(
             access_log=access_log,
             subprotocols=_SUBPROTOCOLS,
             admit=hub.admit,
+            identify=hub.identify,
             addresses=addresses,
             limits=replace(chosen, connections=chosen.connections + max_robots),
             tls=tls,

@@ -62,6 +62,7 @@ async def _run(context: ServiceContext, settings: DialSettings) -> AsyncIterator
                     limits=context.limits,
                     buffers=context.buffers,
                     addresses=context.addresses,
+                    identify=context.access.admission.credential_of,
                     routes=context.pages(url),
                     tls=tls,
                 )
@@ -85,6 +86,7 @@ def _metrics(found: list[UplinkStatus]) -> Iterator[MetricFamily]:
 
 
 PART = ServicePart(
+    pools=("rwt.extensions.hub.ends:WAITING_BYTES", "rwt.extensions.hub.ends:CLIENTS"),
     summary="connections to hubs, through which clients outside of the robot's network reach it",
     settings=DialSettings,
     check=_check,

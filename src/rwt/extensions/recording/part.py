@@ -32,7 +32,8 @@ class RecorderSettings(Table):
     )
     folder_bytes: Bytes = Field(
         8 * 1024 * MIB,
-        description="largest size of all files in the folder; recordings end there, and none starts",
+        description="largest size of all files in the folder; recordings end there, and none starts. Each"
+        " client may use as much as it leaves free",
     )
 
 
@@ -54,6 +55,7 @@ def _make(context: NodeContext, settings: RecorderSettings) -> ReadyNode:
 
 ON_DEMAND = NodePart(
     summary="recordings that clients start and end",
+    pools=("rwt.extensions.recording.recorder_node:RECORDINGS",),
     settings=RecorderSettings,
     check=_check,
     is_on=lambda settings: settings.folder is not None,

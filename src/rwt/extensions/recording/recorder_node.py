@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Hashable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -19,12 +19,14 @@ from rwt.extensions.meshes.mesh_files import file_chunks
 from rwt.extensions.recording.errors import RecordingError, RecordingNotWritten, require
 from rwt.extensions.recording.recorder import Recorder, record_graph
 from rwt.extensions.recording.writer import RecordingOptions, RecordingWriter
+from rwt_graph.accounts import ASKER
 from rwt_graph.api import Graph
 from rwt_graph.nodes.node import Node
 from rwt_graph.topic_selection import TopicSelection
 from rwt_participant.messages import Message
 from rwt_participant.timers import Timer
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.shared_pool import PoolRow, lasting_room
 
 logger = logging.getLogger(__name__)
 
@@ -39,6 +41,8 @@ _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
 _MAX_FILES_PER_SECOND: Final = 100
 
+RECORDINGS: Final = PoolRow("recordings", "recorder.folder_bytes", "bytes of recordings")
+
 
 class RecorderFolderError(ValueError):
     """A folder that recordings cannot be put into; the text says which and why."""
@@ -50,7 +54,7 @@ class RecorderLimits:
 
     Attributes:
         recording: content of one, before compression.
-        folder: all files of the folder; a recording ends where they would be more.
+        folder: all files of the folder, which clients share: each may have as much as it leaves free.
     """
 
     recording: int
@@ -81,6 +85,7 @@ class RecorderNode:
         self._limits = limits
         self._recorder: Recorder | None = None
         self._is_changing = False
+        self._askers: dict[str, Hashable] = {}  # Clients that started the files since this node started.
         self._ending: list[RecordingWriter] = []
         self._timer: Timer | None = None
         self._state: dict[str, object] = {"largest_bytes": min(limits.recording, limits.folder)}
@@ -141,20 +146,28 @@ class RecorderNode:
     async def _start(self, request: Message) -> dict[str, object]:
         name, topics = request.name, tuple(request.topics)
         if self._recorder is not None:
-            return _refusal(f"{self._state['file']} is being recorded already")
+            return _refusal(f"{self._state['file']} is being recorded already; /recorder/stop ends it")
         if name and _NAME.fullmatch(name) is None:
             return _refusal(
                 "name: expected up to 64 of the characters A-Z a-z 0-9 . _ -, no dot at its start"
             )
         if len(topics) > _MAX_TOPICS or any(not each or len(each) > _MAX_NAME_CHARS for each in topics):
             return _refusal(f"topics: expected at most {_MAX_TOPICS} names or patterns")
-        used = await anyio.to_thread.run_sync(_bytes_in, self._folder)
-        room = min(self._limits.recording, self._limits.folder - used)
+        asker = ASKER.get()
+        sizes = await anyio.to_thread.run_sync(_sizes_in, self._folder)
+        used = sum(sizes.values())
+        own = sum(
+            size for file, size in sizes.items() if file in self._askers and self._askers[file] == asker
+        )
+        room = min(self._limits.recording, lasting_room(self._limits.folder, used, own))
         if room <= 0:
             return _refusal(
-                f"the recordings here have {used} bytes of {self._limits.folder}: remove some of them"
+                f"the recordings here have {used} bytes, {own} of them by this client, which may have as many"
+                f" as are left of {self._limits.folder}: remove some of them ({RECORDINGS.setting})"
             )
         path = self._free_path(name or "recording")
+        self._askers = {file: each for file, each in self._askers.items() if file in sizes}
+        self._askers[path.name] = asker
         options = RecordingOptions(largest_bytes=room)
         self._recorder = record_graph(self._graph, path, TopicSelection(topics), options)
         self._state = {
@@ -257,5 +270,5 @@ def _files_in(folder: Path) -> list[dict[str, object]]:
     ]
 
 
-def _bytes_in(folder: Path) -> int:
-    return sum(each.stat().st_size for each in folder.iterdir() if each.is_file())
+def _sizes_in(folder: Path) -> dict[str, int]:
+    return {each.name: each.stat().st_size for each in folder.iterdir() if each.is_file()}

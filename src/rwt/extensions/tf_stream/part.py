@@ -11,4 +11,8 @@ def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
     return Tf2WebRepublisher(context.graph)
 
 
-PART = NodePart(summary="transforms that a page requests, at its rate", make=_make)
+PART = NodePart(
+    summary="transforms that a page requests, at its rate",
+    pools=("rwt.extensions.tf_stream.republisher:STREAMS",),
+    make=_make,
+)

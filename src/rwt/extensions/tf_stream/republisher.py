@@ -12,12 +12,14 @@ import anyio
 from rwt.extensions.tf_stream.streams import FEEDBACK_TIMEOUT, CpuBudget, Stream, to_message
 from rwt.extensions.tf_stream.transform_filters import InvalidRequest, MissingFrames, Request, make_filter
 from rwt_graph import Graph, Node
+from rwt_graph.accounts import ASKER
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import GoalAborted, GoalCanceled, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message
 from rwt_participant.qos import Durability, QoS
 from rwt_tf2 import Buffer, Feed, stamp_ns
+from rwt_transports.shared_pool import PoolRow, SharedPool
 
 NAME: Final = "/tf2_web_republisher"
 SERVICE: Final = "/republish_tfs"
@@ -26,7 +28,10 @@ TOPIC_TIMEOUT: Final = 10.0
 """Default time that a topic waits for a subscriber, in seconds, for a request of 0."""
 
 MOST_STREAMS: Final = 100
-"""Maximum number of goals and topics. Closed pages leave theirs behind, so the oldest is ended."""
+"""Maximum number of goals and topics. Closed pages leave theirs behind, so the oldest of the client with most
+is ended."""
+
+STREAMS: Final = PoolRow("transform streams", "", "subscriptions of transforms")
 
 #: QoS of a topic: late subscribers receive the last messages.
 _TOPIC_QOS = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
@@ -46,7 +51,7 @@ class Tf2WebRepublisher(Node):
     def __init__(self, graph: Graph) -> None:
         super().__init__(graph, NAME)
         self._buffer = listen(self)
-        self._streams: dict[Stream, None] = {}
+        self._streams = SharedPool(STREAMS, MOST_STREAMS)
         self._numbers = count()
         over_topics = f"{_PACKAGE}/TFSubscription"
         if self.distro.action_transport == "topics":
@@ -101,9 +106,6 @@ class Tf2WebRepublisher(Node):
         timeout: float,
         end: Callable[[], object],
     ) -> Stream:
-        if len(self._streams) >= MOST_STREAMS:
-            oldest = next(iter(self._streams))
-            oldest.stop(f"there are more than {MOST_STREAMS} subscriptions; the oldest ended")
         filter_ = make_filter(request, MissingFrames(self.log.error, self.clock.monotonic))
         budget = CpuBudget(self.clock.monotonic, lambda: len(self._streams))
 
@@ -113,12 +115,13 @@ class Tf2WebRepublisher(Node):
                 send(to_message(due))
 
         def on_end() -> None:
-            self._streams.pop(stream, None)
+            self._streams.release(share)
             end()
 
         send_in_turn = partial(budget.turn, send_due)
         stream = Stream(self, request.period, readers, filter_.forget, send_in_turn, timeout, on_end)
-        self._streams[stream] = None
+        share = self._streams.take(ASKER.get(), stream.stop, 0)
+        self._streams.resize(share, 1)
         return stream
 
 

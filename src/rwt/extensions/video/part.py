@@ -12,4 +12,13 @@ def _make(context: NodeContext, settings: NoSettings) -> ReadyNode:
     return WebVideoServer(context.graph, limits.video_viewers, limits.video_encoders, limits.video_pixels)
 
 
-PART = NodePart(summary="image topics as images and video over HTTP", make=_make, on_every_worker=True)
+PART = NodePart(
+    summary="image topics as images and video over HTTP",
+    pools=(
+        "rwt.extensions.video.server:VIEWERS",
+        "rwt.extensions.video.server:ENCODERS",
+        "rwt.extensions.video.server:PIXELS",
+    ),
+    make=_make,
+    on_every_worker=True,
+)

@@ -11,8 +11,8 @@ from urllib.parse import parse_qsl, urlencode
 
 from rwt.media.broadcast import Viewer
 from rwt.media.encoders.encoded import Encoded, Track
-from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import Jpeg, StreamRequest
+from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt.media.encoders.mp4 import Mp4
@@ -25,18 +25,19 @@ WEBM: Final = "video/webm"
 
 
 async def multipart(
-    join: Callable[[StreamRequest], Viewer], ladder: QualityLadder, now: Callable[[], float]
+    join: Callable[[StreamRequest, Viewer | None], Viewer], ladder: QualityLadder, now: Callable[[], float]
 ) -> AsyncGenerator[bytes, None]:
     """Send images as parts (RFC 2046 section 5.1), in a quality for the viewer's connection.
 
     The boundary after a part is sent with it, not with the next: browsers show a part at its end.
 
     Args:
-        join: adds a viewer; raises `RequestRefused` if there is no room for a further encoder.
+        join: adds a viewer, in place of another if one is given; raises `Refused` if there is no room for a
+            further encoder.
         now: returns the seconds of a steady clock.
     """
     request = ladder.request
-    viewer = join(request)
+    viewer = join(request, None)
     try:
         yield f"--{BOUNDARY}\r\n".encode()
         while (image := await viewer.next()) is not None:
@@ -46,8 +47,8 @@ async def multipart(
             yield part
             ladder.delivered(now() - began, now())
             if ladder.request != request:
-                with suppress(RequestRefused):
-                    joined = join(ladder.request)
+                with suppress(Refused):
+                    joined = join(ladder.request, viewer)
                     viewer.leave()
                     viewer, request = joined, ladder.request
     finally:

@@ -7,9 +7,10 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import anyio
+import anyio.from_thread
 
 from rwt.extensions.video.responses import (
     MP4,
@@ -25,7 +26,7 @@ from rwt.extensions.video.responses import (
 )
 from rwt.media.broadcast import Broadcast, EncoderThreads, Viewer
 from rwt.media.encoders.encoded import Encoded, Encoder
-from rwt.media.errors import ImageUnreadable, RequestRefused
+from rwt.media.errors import ImageUnreadable, RequestRefused, StreamEnded
 from rwt.media.stream_metrics import StreamMetrics
 from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest, Video, read_request
 from rwt_graph import Graph, Node
@@ -38,11 +39,24 @@ from rwt_transports.http.routes import (
     MetricFamily,
     Reader,
     Route,
-    WorkAccount,
     page_policy,
 )
+from rwt_transports.shared_pool import Holder, PoolFull, PoolRow, Share, SharedPool
 
 INFO: Final = "sensor_msgs/CameraInfo"
+
+VIEWERS: Final = PoolRow("viewers of images", "limits.video_viewers", "viewers of images")
+ENCODERS: Final = PoolRow("image encoders", "limits.video_encoders", "different image streams")
+PIXELS: Final = PoolRow("pixels of videos", "limits.video_pixels", "pixels per image of all videos")
+
+_SMALLER: Final = "`width` and `height` make a video smaller"
+
+
+class _EncoderShares(NamedTuple):
+    """Shares of one encoder. They count to that of its viewers' clients which has fewest encoders."""
+
+    encoder: Share
+    pixels: Share
 
 
 class VisibleTopics:
@@ -127,10 +141,10 @@ class WebVideoServer:
     """Node that serves image topics over HTTP, with the paths and parameters of web_video_server.
 
     Args:
-        most_viewers: maximum number of viewers; others are rejected with status 503.
-        most_encoders: maximum number of different streams; others are rejected with status 503.
+        most_viewers: maximum number of viewers, which clients share.
+        most_encoders: maximum number of different streams, which clients share.
         most_pixels: maximum sum of the pixels of all different videos, VP9 counted twice; an encoder uses up
-            to fifty bytes for each.
+            to fifty bytes for each. Clients share it.
         now: returns the seconds of a steady clock in real time, to detect stalled viewers.
 
     Attributes:
@@ -147,10 +161,12 @@ class WebVideoServer:
     ) -> None:
         self._node = Node(graph, NAME)
         self._now = now
-        self._most_viewers = most_viewers
-        self._most_encoders = most_encoders
-        self._most_pixels = most_pixels
+        self._viewers = SharedPool(VIEWERS, most_viewers)
+        self._encoders = SharedPool(ENCODERS, most_encoders)
+        self._pixels = SharedPool(PIXELS, most_pixels)
         self._broadcasts: dict[StreamRequest, Broadcast] = {}
+        self._encoder_shares: dict[StreamRequest, _EncoderShares] = {}
+        self._viewer_shares: dict[Viewer, Share] = {}
         self._stream_metrics = StreamMetrics()
         self._threads = EncoderThreads()
         pages = (("/stream", self._stream), ("/stream_viewer", self._viewer), ("/snapshot", self._snapshot))
@@ -170,20 +186,23 @@ class WebVideoServer:
         """Return the request with its topic resolved.
 
         Raises:
-            RequestRefused: the topic does not exist, the reader may not see it, or a limit is reached.
+            RequestRefused: the topic does not exist, or the reader may not see it.
+            Refused: a limit is reached.
         """
         topics = VisibleTopics(self._node.graph, reader)
         topics.require(stream.topic)
         return await self._resolved(stream, topics)
 
-    def watch(self, stream: StreamRequest, work: WorkAccount) -> Viewer:
+    def watch(self, stream: StreamRequest, reader: Reader, former: Viewer | None = None) -> Viewer:
         """Add a viewer for a request from :meth:`find`, until its `leave`; equal requests share an encoder.
 
+        Args:
+            former: viewer that it replaces, and which leaves next.
+
         Raises:
-            RequestRefused: a limit is reached.
+            Refused: a limit is reached.
         """
-        self._check_room(stream)
-        return self._join(stream, work)
+        return self._join(reader, stream, former)
 
     def _section(self, request: HttpRequest, reader: Reader) -> str:
         topics = VisibleTopics(self._node.graph, reader)
@@ -205,6 +224,9 @@ class WebVideoServer:
             return await page(request, stream, topics)
         except RequestRefused as refused:
             return HttpResponse(f"{refused}\n".encode(), refused.status, headers=_NO_CACHE)
+        except Refused as refused:
+            headers = {**_NO_CACHE, **refused.headers}
+            return HttpResponse(f"{refused}\n".encode(), refused.status, headers=headers)
 
     async def _stream(
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
@@ -212,9 +234,9 @@ class WebVideoServer:
         stream = await self._resolved(stream, topics)
         if not isinstance(stream.coding, Video):
             ladder = QualityLadder(stream, self._now())
-            images = multipart(partial(self._join_checked, topics.reader), ladder, self._now)
+            images = multipart(partial(self._join_while_allowed, topics.reader), ladder, self._now)
             return HttpResponse(images, content_type=MULTIPART, headers=_NO_CACHE, is_live=True)
-        join = partial(self._join_while_allowed, stream, topics.reader)
+        join = partial(self._join_while_allowed, topics.reader, stream)
         media_type = MP4 if stream.type == "h264" else WEBM
         return HttpResponse(video_stream(join), content_type=media_type, headers=_NO_CACHE, is_live=True)
 
@@ -233,12 +255,12 @@ class WebVideoServer:
         if isinstance(stream.coding, Video):
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
         stream = await self._resolved(stream, topics)
-        image = await self._one_image(stream, topics.reader.work)
+        image = await self._one_image(stream, topics.reader)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
         return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
-    async def _one_image(self, stream: StreamRequest, work: WorkAccount) -> Encoded:
-        viewer, image = self._join(stream, work), None
+    async def _one_image(self, stream: StreamRequest, reader: Reader) -> Encoded:
+        viewer, image = self._join(reader, stream), None
         try:
             with anyio.move_on_after(PATIENCE):
                 image = await viewer.next()
@@ -247,6 +269,8 @@ class WebVideoServer:
         if image is not None:
             viewer.count_sent(len(image.data))
             return image
+        if isinstance(viewer.failure, StreamEnded):
+            raise RequestRefused(503, str(viewer.failure))
         if viewer.failure is not None:
             raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
         raise RequestRefused(504, f"no picture came on {stream.topic} within {PATIENCE:g} s")
@@ -260,93 +284,146 @@ class WebVideoServer:
             if anyio.current_time() >= until:
                 raise topics.not_found(stream.topic)
             await anyio.sleep(_LOOK_EVERY)
-        self._check_room(resolved)
+        self._check_room(resolved, topics.reader.holder)
         return resolved
 
-    def _check_room(self, stream: StreamRequest) -> None:
+    def _check_room(self, stream: StreamRequest, holder: Holder) -> None:
         """Check that there is room for one more viewer of `stream`.
 
         Raises:
-            RequestRefused: a limit is reached.
+            Refused: a limit is reached.
         """
-        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.listeners]
-        if len(viewers) >= self._most_viewers:
-            # Viewers whose connection accepts nothing make room for new ones.
-            stalled = [viewer for viewer in viewers if viewer.has_stalled]
-            for viewer in stalled:
-                viewer.leave()
-            if not stalled:
-                raise RequestRefused(
-                    503, f"{len(viewers)} viewers are looking already (limits.video_viewers)"
-                )
-        if stream not in self._broadcasts and isinstance(stream.coding, Video):
-            try:
-                self._check_pixels(stream, _counted(stream, (stream.width or 0) * (stream.height or 0)))
-            except ImageUnreadable as error:
-                raise RequestRefused(503, str(error)) from None
-        self._check_encoders(stream)
+        self._end_stalled()
+        self._viewers.check(holder)
+        if stream not in self._broadcasts:
+            self._encoders.check(holder)
+            if isinstance(stream.coding, Video):
+                try:
+                    self._pixels.check(holder, _counted(stream, (stream.width or 0) * (stream.height or 0)))
+                except PoolFull as full:
+                    raise PoolFull(f"{full.reason}; {_SMALLER}") from None
 
-    def _check_encoders(self, stream: StreamRequest) -> None:
-        many = len(self._broadcasts)
-        if stream not in self._broadcasts and many >= self._most_encoders:
-            raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
-
-    def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
-        """Raise ImageUnreadable if a video exceeds `limits.video_pixels` together with the other videos."""
-        others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
-        taken = sum(broadcast.pixels for broadcast in others)
-        if taken + pixels > self._most_pixels:
-            raise ImageUnreadable(
-                f"a video of {pixels} pixels a picture beside others of {taken} would make more than"
-                f" {self._most_pixels} (limits.video_pixels); `width` and `height` make it smaller"
-            )
+    def _end_stalled(self) -> None:
+        """End viewers whose connection accepts nothing, if others need their place."""
+        if self._viewers.is_full:
+            for viewer in tuple(self._viewer_shares):
+                if viewer.has_stalled:
+                    viewer.leave()
 
     def _reserve(self, stream: StreamRequest, pixels: int) -> None:
         """Reserve pixels for a video whose size the encoder has learned from its first image.
 
-        Runs in the thread of the encoder; another encoder may reserve in its thread at the same time.
+        Runs in the thread of the encoder.
 
         Raises:
             ImageUnreadable: the videos together would exceed `limits.video_pixels`.
         """
-        broadcast = self._broadcasts.get(stream)
-        if broadcast is None:
-            return  # All viewers have left meanwhile.
-        # Set before the check: of two threads at the same time, at least one sees the other's pixels.
-        broadcast.pixels = _counted(stream, pixels)
-        try:
-            self._check_pixels(stream, broadcast.pixels)
-        except ImageUnreadable:
-            broadcast.pixels = 0
-            raise
+        anyio.from_thread.run_sync(self._reserve_now, stream, _counted(stream, pixels))
 
-    def _join(self, stream: StreamRequest, work: WorkAccount) -> Viewer:
-        broadcast = self._broadcasts.get(stream)
-        if broadcast is None:
-            counts = self._stream_metrics.of(stream.topic, stream.type)
-            broadcast = Broadcast(
+    def _reserve_now(self, stream: StreamRequest, pixels: int) -> None:
+        shares = self._encoder_shares.get(stream)
+        if shares is None:
+            return  # All viewers have left meanwhile.
+        try:
+            self._pixels.grow(shares.pixels, pixels)
+        except PoolFull as full:
+            raise ImageUnreadable(f"{full.reason}; {_SMALLER}") from None
+
+    def _join(self, reader: Reader, stream: StreamRequest, former: Viewer | None = None) -> Viewer:
+        """Add a viewer, with the share of the former one if it replaces one. Raises Refused."""
+        share = None if former is None else self._viewer_shares.get(former)
+        if share is None:
+            self._end_stalled()
+        taken = share or self._viewers.take(reader.holder, _ignore)
+        try:
+            broadcast = self._broadcasts.get(stream) or self._begin(stream, reader.holder)
+        except BaseException:
+            if share is None:
+                self._viewers.release(taken)
+            raise
+        viewer = broadcast.join(reader.work)
+        if former is not None:
+            self._viewer_shares.pop(former, None)
+        taken.end = viewer.cut
+        self._viewer_shares[viewer] = taken
+        viewer.when_ended = partial(self._left, stream, viewer)
+        self._count_encoder(stream)
+        return viewer
+
+    def _begin(self, stream: StreamRequest, holder: Holder) -> Broadcast:
+        """Start the encoder of a stream. Raises Refused."""
+        displace = partial(self._displace, stream)
+        shares = _EncoderShares(self._encoders.take(holder, displace), self._pixels.take(holder, displace, 0))
+        self._encoder_shares[stream] = shares
+        try:
+            broadcast = self._broadcasts[stream] = Broadcast(
                 self._node,
                 stream,
                 partial(_make_encoder, stream, partial(self._reserve, stream)),
                 self._threads,
-                counts,
-                partial(self._broadcasts.pop, stream),
+                self._stream_metrics.of(stream.topic, stream.type),
+                partial(self._ended, stream),
                 self._now,
             )
-            self._broadcasts[stream] = broadcast
-        return broadcast.join(work)
+        except BaseException:
+            self._ended(stream)
+            raise
+        return broadcast
 
-    def _join_checked(self, reader: Reader, stream: StreamRequest) -> Viewer:
-        self._check_encoders(stream)
-        return self._join_while_allowed(stream, reader)
+    def _ended(self, stream: StreamRequest) -> None:
+        self._broadcasts.pop(stream, None)
+        shares = self._encoder_shares.pop(stream, None)
+        if shares is not None:
+            self._encoders.release(shares.encoder)
+            self._pixels.release(shares.pixels)
 
-    def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
-        viewer = self._join(stream, reader.work)
+    def _displace(self, stream: StreamRequest, reason: str) -> None:
+        broadcast = self._broadcasts.get(stream)
+        if broadcast is not None:
+            broadcast.end(StreamEnded(reason))
+
+    def _left(self, stream: StreamRequest, viewer: Viewer) -> None:
+        share = self._viewer_shares.pop(viewer, None)
+        if share is not None:
+            self._viewers.release(share)
+        self._count_encoder(stream)
+
+    def _count_encoder(self, stream: StreamRequest) -> None:
+        """Count an encoder to that of its viewers' clients which has fewest: another one cannot lose it."""
+        broadcast, shares = self._broadcasts.get(stream), self._encoder_shares.get(stream)
+        if broadcast is None or shares is None:
+            return
+        present = shares.encoder.holder
+        holders = {
+            share.holder: self._encoders.held(share.holder) - (share.holder == present)
+            for viewer in broadcast.listeners
+            if (share := self._viewer_shares.get(viewer)) is not None
+        }
+        if holders:
+            fewest = min(holders, key=lambda holder: (holders[holder], holder != present))
+            self._encoders.move(shares.encoder, fewest)
+            self._pixels.move(shares.pixels, fewest)
+
+    def _join_while_allowed(
+        self, reader: Reader, stream: StreamRequest, former: Viewer | None = None
+    ) -> Viewer:
+        viewer = self._join(reader, stream, former)
         try:
-            viewer.when_ended = reader.while_allowed((stream.topic,), viewer.cut)
+            end = reader.while_allowed((stream.topic,), viewer.cut)
         except Refused as refused:
             viewer.cut(refused.reason)
+            return viewer
+
+        def ended() -> None:
+            end()
+            self._left(stream, viewer)
+
+        viewer.when_ended = ended
         return viewer
+
+
+def _ignore(reason: str) -> None:
+    """No-op: end of a share whose viewer is just being added."""
 
 
 def _counted(stream: StreamRequest, pixels: int) -> int:

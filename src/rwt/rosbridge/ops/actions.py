@@ -36,6 +36,7 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
+from rwt_transports.shared_pool import Holder, PoolRow, Share, SharedPool
 
 #: Paths of the payloads in their ops, for errors.
 _GOAL: Final = "send_action_goal.args"
@@ -46,6 +47,38 @@ _OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
 
 #: Maximum number of stored goals whose sender has disconnected, for a later `cancel_action_goal`.
 _MAX_ORPHANS: Final = 1000
+
+ORPHANS: Final = PoolRow("goals without their clients", "", "goals of clients that have left")
+
+
+class Orphans:
+    """Running goals of clients that have left, which these can still cancel (ACT-19).
+
+    Beyond the maximum, the oldest of the client with most is forgotten; the goal itself continues.
+    """
+
+    def __init__(self) -> None:
+        self._pool = SharedPool(ORPHANS, _MAX_ORPHANS)
+        self._goals: dict[PeerGoal, tuple[str, Share]] = {}
+
+    def add(self, goal: PeerGoal, address: str, holder: Holder) -> None:
+        """Add a goal of a client at an address."""
+        share = self._pool.take(holder, lambda reason: self.discard(goal), 0)
+        self._goals[goal] = address, share
+        self._pool.resize(share, 1)
+
+    def discard(self, goal: PeerGoal) -> None:
+        """Remove a goal that has ended; idempotent."""
+        found = self._goals.pop(goal, None)
+        if found is not None:
+            self._pool.release(found[1])
+
+    def find(self, address: str, action: str, id: str | int | None) -> PeerGoal | None:
+        """Return the newest goal that a client of the address sent to the action under an id."""
+        for goal, (sender, _) in reversed(self._goals.items()):
+            if (sender, goal.action, goal.id) == (address, action, id):
+                return goal
+        return None
 
 
 class PeerGoal:
@@ -154,7 +187,7 @@ class PeerActions:
         replies: Replies,
         address: str,
         offers: Offers[Accepted],
-        orphans: dict[PeerGoal, str],
+        orphans: Orphans,
     ) -> None:
         self.graph = graph
         self.replies = replies
@@ -189,7 +222,7 @@ class PeerActions:
     def ended(self, goal: PeerGoal) -> None:
         """Remove a goal that has its result."""
         self._sent.discard(goal)
-        self._orphans.pop(goal, None)
+        self._orphans.discard(goal)
 
     def cancel(self, op: CancelActionGoal) -> None:
         """Cancel a goal by the id it was sent with, also from a new connection of the same address."""
@@ -198,15 +231,12 @@ class PeerActions:
             if goal.id == op.id and goal.action == action:
                 goal.goal.cancel()  # The outcome is the result (ACT-07, ACT-08).
                 return
-        orphan = next((goal for goal in reversed(self._orphans) if self._has_sent(goal, action, op.id)), None)
+        orphan = self._orphans.find(self._address, action, op.id)
         if orphan is None:
             raise Refused(
                 f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
             )
         self.graph.cancel_goal(action, orphan.goal.id)
-
-    def _has_sent(self, orphan: PeerGoal, action: str, id: str | int | None) -> bool:
-        return (self._orphans[orphan], orphan.action, orphan.id) == (self._address, action, id)
 
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
@@ -269,9 +299,7 @@ class PeerActions:
         yield from self.provided.close()
         for goal in tuple(self._sent):
             goal.orphan()
-            self._orphans[goal] = self._address
-            while len(self._orphans) > _MAX_ORPHANS:
-                del self._orphans[next(iter(self._orphans))]
+            self._orphans.add(goal, self._address, self.graph.holder)
             yield
 
 

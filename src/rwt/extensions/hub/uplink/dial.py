@@ -34,18 +34,21 @@ from rwt.extensions.hub.uplink.uplink import Uplink
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
-from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.connection import CONNECTIONS
+from rwt_transports.endpoint import Accept, Endpoint, Identify, PeerInfo, Sink, anonymous
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
-from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.addresses import AddressCount, holder_of
 from rwt_transports.http.proxies import behind_proxy
 from rwt_transports.http.routes import Routes, is_local
 from rwt_transports.limits import Limits
 from rwt_transports.scheduler import WRITING, Scheduler
 from rwt_transports.schemes import parse_connect_url
+from rwt_transports.shared_pool import Holder, Share, SharedPool
 from rwt_transports.websocket.close_codes import (
     ABNORMAL,
     GOING_AWAY,
     PROTOCOL_ERROR,
+    TRY_AGAIN_LATER,
 )
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
@@ -99,6 +102,7 @@ async def dial(
     token: str | None = None,
     limits: Limits | None = None,
     addresses: AddressCount | None = None,
+    identify: Identify = anonymous,
     buffers: ReceiveBufferPool | None = None,
     routes: Routes | None = None,
     tls: SSLContext | None = None,
@@ -112,6 +116,7 @@ async def dial(
             hub answers. The address of a client is the hub's word, and never one of this machine.
         token: token of the robot for the hub.
         addresses: counts the clients of each address that the hub names; one of its own by default.
+        identify: returns the credential of a client or request; by default none are needed.
         buffers: what large messages of all clients are received in; of its own by default.
         routes: pages for requests from the hub.
         tls: how to check the hub's certificate; by default against the system's authorities.
@@ -129,7 +134,7 @@ async def dial(
     pool = buffers or chosen.receive_pool()
     connect_one = partial(connect, url, limits=chosen, buffers=pool, tls=tls, headers=headers)
     counted = addresses or AddressCount(chosen.connections_per_address)
-    robot = _Robot(status, accept, routes or Routes(), backoff, connect_one, counted, chosen, pool)
+    robot = _Robot(status, accept, routes or Routes(), backoff, connect_one, counted, chosen, pool, identify)
     async with background_tasks() as tasks:
         tasks.start_soon(robot.starter.run, tasks)
         tasks.start_soon(robot.run)
@@ -166,7 +171,8 @@ class _Robot:
 
     Attributes by purpose:
 
-    * Clients: ``_accept``, ``_routes``, ``_addresses``, ``starter`` (starts the tasks that serve pages).
+    * Clients: ``_accept``, ``_routes``, ``_addresses``, ``_identify``, ``_pool`` and ``_places``
+      (shares of `limits.connections` by stream), ``starter`` (starts the tasks that serve pages).
     * Uplink: ``uplink`` (None without a session), ``_limits``, ``_buffers``, ``_carrier`` (the connection;
       None without one), ``scheduler`` (of writing).
     * Connecting: ``status``, ``_backoff``, ``_connect_one``, ``_running`` (cancelled when the robot leaves),
@@ -183,6 +189,7 @@ class _Robot:
         addresses: AddressCount,
         limits: Limits,
         buffers: ReceiveBufferPool,
+        identify: Identify,
     ) -> None:
         self.starter = TaskStarter()
         self.scheduler = Scheduler.of_loop(WRITING)
@@ -196,6 +203,9 @@ class _Robot:
         self._addresses = addresses
         self._limits = limits
         self._buffers = buffers
+        self._identify = identify
+        self._pool = SharedPool(CONNECTIONS, limits.connections)
+        self._places: dict[Stream, Share] = {}
         self._running = anyio.CancelScope()
         self._ended = 0
         self._is_leaving = False
@@ -315,6 +325,9 @@ class _Robot:
             stream.address = address
             self._addresses.enter(address)
             self._addresses.check(address)
+            holder = self._holder_of(info)
+            stream.count_for(holder)
+            self._places[stream] = self._pool.take(holder, partial(stream.close, TRY_AGAIN_LATER))
             endpoint = self.serve(stream, info)
             stream.admit()
             stream.begin(endpoint)
@@ -327,6 +340,15 @@ class _Robot:
     def _closed(self, stream: Stream) -> None:
         self.status.clients -= 1
         self._addresses.leave(stream.address)
+        place = self._places.pop(stream, None)
+        if place is not None:
+            self._pool.release(place)
+
+    def _holder_of(self, info: PeerInfo | PageRequest) -> Holder:
+        if isinstance(info, PageRequest):
+            asked = info.request
+            info = PeerInfo("http", asked.address, 0, asked.target, asked.headers)
+        return holder_of(info.address, self._identify(info) or "")
 
     def _located(self, info: PeerInfo | PageRequest) -> PeerInfo | PageRequest:
         """Return a client with an address that has limits: a hub may say what it likes."""
@@ -344,10 +366,6 @@ class _Robot:
 
     def serve(self, sink: Sink, info: PeerInfo | PageRequest) -> Endpoint:
         """Return the endpoint of a client or a page; raises Refused."""
-        most = self._limits.connections
-        # `clients` includes this one.
-        if self.status.clients > most:
-            raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
         if isinstance(info, PeerInfo):
             return self._accept(sink, info)
         page = PageServer(sink, self._routes, info.request, info.body_size)

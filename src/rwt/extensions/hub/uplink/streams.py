@@ -25,6 +25,8 @@ from rwt_transports.background import ignore
 from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Traffic
 from rwt_transports.errors import log_exception
+from rwt_transports.http.addresses import holder_of
+from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.close_codes import INTERNAL_ERROR, POLICY, TOO_BIG
 
 if TYPE_CHECKING:
@@ -117,7 +119,8 @@ class Stream:
     Attributes by purpose:
 
     * Wiring: ``number``, ``address`` (of the client), ``on_admission`` (called at the hub with the robot's
-      answer: None, or why the client is refused), ``_uplink``, ``_endpoint``, ``_state``.
+      answer: None, or why the client is refused), ``_holder`` (client that it
+      counts to), ``_uplink``, ``_endpoint``, ``_state``.
     * Sending: ``_opening`` (not sent yet; empty afterwards), ``_stops``, ``_control``, ``_control_bytes``,
       ``_data``, ``_begun`` (by lane), ``_may_send`` (bytes that the other side still takes), ``_ending``
       (code and reason of the `END`), ``_on_empty``, ``_deadline`` (monotonic time to end without the rest).
@@ -129,14 +132,15 @@ class Stream:
 
     __slots__ = (
         "_arriving", "_begun", "_control", "_control_bytes", "_data", "_deadline", "_ending", "_endpoint",
-        "_held", "_held_end", "_holds", "_is_paused", "_may_receive", "_may_send", "_on_empty", "_opening",
-        "_state", "_stops", "_taken", "_uplink", "address", "messages", "number", "on_admission",
+        "_held", "_held_end", "_holder", "_holds", "_is_paused", "_may_receive", "_may_send", "_on_empty",
+        "_opening", "_state", "_stops", "_taken", "_uplink", "address", "messages", "number", "on_admission",
         "sent_bytes",
     )  # fmt: skip
 
     def __init__(self, uplink: Uplink, number: int, address: str = "", opening: bytes = b"") -> None:
         self.number = number
         self.address = address
+        self._holder = holder_of(address)
         self.on_admission: Callable[[Refusal | None], None] = ignore
         self._uplink = uplink
         self._endpoint: Endpoint | None = None
@@ -184,6 +188,10 @@ class Stream:
             endpoint.closed(*(self._ending or (1000, "")))
         else:
             self.begin(endpoint)
+
+    def count_for(self, holder: Holder) -> None:
+        """See :class:`~rwt_transports.endpoint.Sink`."""
+        self._holder = holder
 
     def send(self, frame: Frame) -> None:
         """See :class:`~rwt_transports.endpoint.Sink`."""
@@ -444,7 +452,7 @@ class Stream:
         """Count incomplete messages in what all connections share."""
         size = sum(len(arriving.data) for arriving in self._arriving.values())
         if size:
-            self._uplink.buffers.hold(self, size)
+            self._uplink.buffers.hold(self, size, self._holder)
         else:
             self._uplink.buffers.release(self)
 

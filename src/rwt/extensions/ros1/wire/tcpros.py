@@ -227,7 +227,7 @@ class TcprosWire:
 
     def _note_held(self) -> None:
         if self._size >= LARGE_BYTES:
-            self._buffers.hold(self, len(self._buffer))
+            self._buffers.hold(self, len(self._buffer), self._events.holder)
 
     def _complete(self) -> None:
         buffer, size = self._buffer, self._size

@@ -34,6 +34,7 @@ from rwt_transports.endpoint import (
     Traffic,
 )
 from rwt_transports.errors import Refused
+from rwt_transports.shared_pool import Holder
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
@@ -219,6 +220,9 @@ class _ObservedSink:
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.slow_reader.flush()
         self.inner.close(code, reason)
+
+    def count_for(self, holder: Holder) -> None:
+        self.inner.count_for(holder)
 
     def hand_over(self, endpoint: Endpoint) -> None:
         if self.over:
