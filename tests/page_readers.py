@@ -31,6 +31,7 @@ class CountedWork(WorkAccount):
 class NobodyInParticular:
     """A reader of whom nothing is asked but whether an answer may last."""
 
+    is_admitted = True
     holder = Holder()
 
     @property
@@ -47,6 +48,7 @@ class NobodyInParticular:
 class SeesNothing:
     """A reader who may subscribe to no topic."""
 
+    is_admitted = True
     holder = Holder()
 
     def __init__(self) -> None:

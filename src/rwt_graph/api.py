@@ -17,6 +17,10 @@ Rules for every backend:
   callback has returned, keep its `detach()` or `value()`.
 * Exceptions of a callback are logged, and affect no other callback.
 * `close` and `cancel` are idempotent.
+* The robot comes before the clients of a server. A server acts for its clients as nodes of its own
+  (`for_clients`). What these hold is held against other such nodes only: an endpoint of the robot, in this
+  process or another, takes the type of its topic, and the name of its service or action. What is in its way
+  is displaced: closed, with the reason (`on_displaced`).
 """
 
 from __future__ import annotations
@@ -91,12 +95,22 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
         return Sample(self.topic, payload, self.stamp_ns, self.node, self.expires_ns)
 
 
+OnDisplaced: TypeAlias = Callable[[str], None]
+"""Called once with a text for clients, after an endpoint of a node for clients was closed for the robot."""
+
+
 class Publisher(ABC):
-    """Publisher of one topic."""
+    """Publisher of one topic.
+
+    Attributes:
+        on_displaced: called if the robot uses the topic with another type. Nodes for clients set it; an
+            endpoint of another node for which it is set is displaced, too.
+    """
 
     topic: str
     type: MessageType
     qos: QoS
+    on_displaced: OnDisplaced | None = None
 
     @property
     def is_closed(self) -> bool:
@@ -118,9 +132,15 @@ class Publisher(ABC):
 
 
 class Subscription(ABC):
-    """Subscriber of one topic."""
+    """Subscriber of one topic.
+
+    Attributes:
+        on_displaced: called if the robot uses the topic with another type. Nodes for clients set it; an
+            endpoint of another node for which it is set is displaced, too.
+    """
 
     topic: str
+    on_displaced: OnDisplaced | None = None
 
     @property
     @abstractmethod
@@ -137,9 +157,14 @@ class Subscription(ABC):
 
 
 class Registration(ABC):
-    """Service or action that a node offers."""
+    """Service or action that a node offers.
+
+    Attributes:
+        on_displaced: set by a node for clients; called if the robot offers the same name.
+    """
 
     name: str
+    on_displaced: OnDisplaced | None = None
 
     @abstractmethod
     def close(self) -> None:
@@ -319,7 +344,7 @@ class Participant(ABC):
         """Become a publisher of `topic`.
 
         Raises:
-            TypeConflict: the topic is established with another type.
+            TypeConflict: the topic is established with another type, not only by nodes for clients.
         """
 
     @abstractmethod
@@ -335,7 +360,7 @@ class Participant(ABC):
         Without `type` the subscription takes the topic's type, as soon as there is one.
 
         Raises:
-            TypeConflict: the topic is established with another type.
+            TypeConflict: the topic is established with another type, not only by nodes for clients.
         """
 
     @abstractmethod
@@ -347,8 +372,9 @@ class Participant(ABC):
     ) -> Registration:
         """Offer a service.
 
-        A provider of the same name in this process is displaced until this one closes; its pending calls fail
-        (SVP-07). A provider in another process is not displaced: each process calls its own first.
+        A provider of the same name in this process is replaced until this one closes; its pending calls fail
+        (SVP-07). A provider in another process is not replaced: each process calls its own first. A provider
+        of a node for clients is displaced by a later one of the robot, in this process or another.
         """
 
     @abstractmethod
@@ -369,7 +395,7 @@ class Participant(ABC):
         type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
-        """Offer an action. Displaces a server of the same name in this process (ACT-18), as for services."""
+        """Offer an action. Replaces a server of the same name in this process (ACT-18), as for services."""
 
     @abstractmethod
     def send_goal(
@@ -502,8 +528,13 @@ class Graph(GraphListings):
         return set()
 
     @abstractmethod
-    def participant(self, name: str) -> Participant:
-        """Join as a node with that absolute name. Several nodes may have the same name, as in ROS 2."""
+    def participant(self, name: str, *, for_clients: bool = False) -> Participant:
+        """Join as a node with that absolute name. Several nodes may have the same name, as in ROS 2.
+
+        Args:
+            for_clients: True for a node as which a server acts for its clients: the robot displaces what it
+                holds. In other processes, such nodes are known by :func:`rwt_graph.names.is_for_clients`.
+        """
 
     @abstractmethod
     def reserve(self, names: Iterable[str]) -> None:

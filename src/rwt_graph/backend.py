@@ -19,6 +19,9 @@ Rules:
   process subscribes, and belong to that publisher.
 * On a topic that is reserved, other processes publish nothing: subscribe there only for its
   `announced_subscribers`. Names that are not :func:`rwt_graph.names.is_printable` are left out.
+* The robot displaces what clients of a server hold, here and in other processes: `remote_joined` and
+  :class:`RemoteServiceTable` do so for clients of this process. A backend that
+  overrides `participant` passes `for_clients` on.
 * What a backend cannot do, it declares in `limitations`, in one place (:class:`~rwt_graph.api.Limitation`).
 
 `tests/contract/graph` holds the tests that all backends pass; its `harness` module says how to run them on

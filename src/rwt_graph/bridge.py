@@ -11,6 +11,7 @@ import anyio
 
 from rwt_graph.api import Graph, Participant, Registration, Sample, ServiceCall, ServiceInfo, TopicInfo
 from rwt_graph.errors import TypeConflict
+from rwt_graph.names import is_for_clients
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType, ServiceType
@@ -22,6 +23,9 @@ logger = logging.getLogger(__name__)
 #: Name of the bridge's node in both graphs. Nodes whose names begin with it are bridges, too: what they
 #: publish is not relayed again.
 NODE: Final = "/rwt_bridge"
+
+#: Name of the bridge's node for what clients of servers publish and offer; see :func:`is_for_clients`.
+FOR_CLIENTS: Final = "/rwt_bridge_of_clients"
 
 #: Seconds between two looks at the listings.
 _LOOK_SECONDS: Final = 0.2
@@ -59,11 +63,8 @@ class GraphBridge:
 
     def open(self) -> None:
         """Relay until :meth:`close`, or until the graphs are left. Both run on this event loop."""
-        nodes = self._first.participant(NODE), self._second.participant(NODE)
-        self._directions = (
-            _Direction(self._first, nodes[0], self._second, nodes[1]),
-            _Direction(self._second, nodes[1], self._first, nodes[0]),
-        )
+        first, second = _Nodes(self._first), _Nodes(self._second)
+        self._directions = _Direction(first, second), _Direction(second, first)
         self._second.observers.add(self._pass_on)
         self._first.spawn(self._run, "bridge of two graphs")
 
@@ -89,14 +90,33 @@ class GraphBridge:
         self._directions = ()
 
 
+class _Nodes:
+    """Nodes of the bridge in one graph.
+
+    What only clients of a server publish or offer in one graph, the robot displaces in the other, too.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self._of_robot = graph.participant(NODE)
+        self._of_clients = graph.participant(FOR_CLIENTS, for_clients=True)
+
+    def for_those(self, *, are_clients: bool) -> Participant:
+        """Return the node that relays for clients, or for the robot."""
+        return self._of_clients if are_clients else self._of_robot
+
+    def close(self) -> None:
+        """Leave the graph. Idempotent."""
+        self._of_clients.close()
+        self._of_robot.close()
+
+
 class _Direction:
     """Relay from one graph to the other."""
 
-    def __init__(
-        self, source: Graph, source_node: Participant, target: Graph, target_node: Participant
-    ) -> None:
-        self._source, self._source_node = source, source_node
-        self._target, self._target_node = target, target_node
+    def __init__(self, source: _Nodes, target: _Nodes) -> None:
+        self._source, self._source_nodes = source.graph, source
+        self._target, self._target_nodes = target.graph, target
         self._topics: dict[str, _TopicRelay] = {}
         self._services: dict[str, tuple[ServiceType, Registration]] = {}
         self._reported: set[str] = set()
@@ -133,9 +153,7 @@ class _Direction:
 
     def _add_topic(self, info: TopicInfo) -> None:
         assert info.type is not None
-        self._topics[info.name] = _TopicRelay(
-            info, info.type, self._target, self._source_node, self._target_node
-        )
+        self._topics[info.name] = _TopicRelay(info, info.type, self._source_nodes, self._target_nodes)
 
     def _update_services(self) -> None:
         wanted = {each.name: each for each in self._source.services() if self._is_offered(each)}
@@ -153,21 +171,22 @@ class _Direction:
         if info.type.name.split("/")[0] in _LOCAL_SERVICES:
             return False
         there = self._target.service(info.name)
-        return there is None or _is_bridge(there.node)
+        if there is None or _is_bridge(there.node):
+            return True
+        return is_for_clients(there.node) and not is_for_clients(info.node)
 
     def _add_service(self, info: ServiceInfo) -> None:
         source, target = info.type, info.type
         if self._source.distro is not self._target.distro:
             target = self._target.registry.service(info.type.name)
+        are_clients = is_for_clients(info.node)
         relay = _ServiceRelay(
-            self._source_node,
+            self._source_nodes.for_those(are_clients=are_clients),
             _converter(target.request, source.request),
             _converter(source.response, target.response),
         )
-        self._services[info.name] = (
-            source,
-            self._target_node.advertise_service(info.name, target, relay.on_call),
-        )
+        node = self._target_nodes.for_those(are_clients=are_clients)
+        self._services[info.name] = (source, node.advertise_service(info.name, target, relay.on_call))
 
     def _attempt(self, what: str, add: Callable[[], None]) -> None:
         try:
@@ -186,8 +205,8 @@ class _Direction:
             registration.close()
         self._topics.clear()
         self._services.clear()
-        self._source_node.close()
-        self._target_node.close()
+        self._source_nodes.close()
+        self._target_nodes.close()
 
 
 class _TopicRelay:
@@ -197,23 +216,30 @@ class _TopicRelay:
         self,
         info: TopicInfo,
         type: MessageType,
-        target: Graph,
-        source_node: Participant,
-        target_node: Participant,
+        source: _Nodes,
+        target: _Nodes,
     ) -> None:
         self._name = info.name
         self._type = type
         self._is_latched = _is_latched(info)
-        there = type if type.registry.distro is target.distro else target.registry.message(type.name)
+        self._are_clients = _is_of_clients(info)
+        graph = target.graph
+        there = type if type.registry.distro is graph.distro else graph.registry.message(type.name)
         self._convert = _converter(type, there)
-        self._node = source_node
-        self._publisher = target_node.advertise(info.name, there, _LATCHED if self._is_latched else QoS())
+        self._node = source.for_those(are_clients=self._are_clients)
+        node = target.for_those(are_clients=self._are_clients)
+        self._publisher = node.advertise(info.name, there, _LATCHED if self._is_latched else QoS())
         self._subscription: Any = None
         self._is_reported = False
 
     def fits(self, info: TopicInfo) -> bool:
-        """Return False if the topic has another type now, or is latched and was not."""
-        return info.type is self._type and self._is_latched == _is_latched(info)
+        """Return False if the topic has another type now, is latched and was not, or other publishers."""
+        return (
+            info.type is self._type
+            and self._is_latched == _is_latched(info)
+            and self._are_clients == _is_of_clients(info)
+            and not self._publisher.is_closed
+        )
 
     def follow(self, *, is_wanted: bool) -> None:
         """Subscribe while there are subscribers; to a latched topic for good, as its samples are retained."""
@@ -276,6 +302,11 @@ def _is_bridge(node: str) -> bool:
 def _is_hidden(name: str) -> bool:
     """Return True for the topics and services of actions on ROS 2."""
     return "/_" in name
+
+
+def _is_of_clients(info: TopicInfo) -> bool:
+    """Return True if only clients of servers publish on a topic."""
+    return all(is_for_clients(each.node) for each in info.publishers if not _is_bridge(each.node))
 
 
 def _is_latched(info: TopicInfo) -> bool:

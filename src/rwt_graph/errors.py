@@ -16,6 +16,9 @@ class InvalidGraphName(GraphError, ValueError):
 class TypeConflict(GraphError, ValueError):
     """The topic is already established with another type.
 
+    The robot's endpoints establish it for all. Those of clients of a server establish it for other clients
+    only, and end when the robot's bring another type.
+
     Args:
         topic: name of the topic.
         asked: requested type, as the robot's distribution spells it.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from typing import Final
 
 from rwt_graph.errors import InvalidGraphName
 
@@ -104,6 +105,24 @@ def node_name(name: str, namespace: str = "/") -> str:
 def namespace_of(name: str) -> str:
     """Return the namespace of an absolute name: `/a` for `/a/b`, `/` for `/a`."""
     return name.rpartition("/")[0] or "/"
+
+
+#: Last parts of the names of nodes as which servers act for their clients: this project's, and those of ROS.
+_FOR_CLIENTS: Final = frozenset(
+    (
+        "rosbridge_websocket", "rosbridge_tcp", "rosbridge_udp", "foxglove_bridge", "http_bridge", "mcp",
+        "whip", "rwt_bridge_of_clients",
+    )
+)  # fmt: skip
+
+
+def is_for_clients(node: str) -> bool:
+    """Return True if a node of another process, given by its absolute name, acts for clients of a server.
+
+    Other processes know such nodes by their names only. A gateway with another name counts there as a program
+    of the robot.
+    """
+    return node.rpartition("/")[2] in _FOR_CLIENTS
 
 
 def parameter_name(name: str) -> str:

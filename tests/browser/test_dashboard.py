@@ -447,6 +447,29 @@ async def test_layouts_are_kept_and_opened_by_a_link(browser: Browser, tmp_path:
             page.forgive("404")
 
 
+async def test_layouts_are_opened_once_the_user_has_given_a_token(browser: Browser, tmp_path: Path) -> None:
+    panel = {"id": "topics", "kind": "topics", "config": {"topic": "/odom"}}
+    (tmp_path / "only-topics.json").write_text(json.dumps({"version": 1, "panels": [panel], "dock": None}))
+    token = "token-of-a-viewer-of-this-robot"
+    auth = {"tokens": {"viewer": {"token": token, "role": "viewer"}}}
+    async with Server("ws://127.0.0.1:0", demo=True, web={"layouts": tmp_path}, auth=auth) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}?layout=only-topics", **SIZE) as page:
+            page.forgive("401")
+            await page.wait("document.querySelector('input[name=token]')")
+            await page.evaluate("document.querySelector('input[name=token]').focus()")
+            for character in token:
+                await page.keyboard("press", character)
+            await page.keyboard("press", "Enter")
+            await page.wait(f"{text('.panel-topics h2')} === '/odom'")
+            assert await page.evaluate("document.querySelectorAll('.panel').length") == 1
+            assert await page.evaluate("document.querySelector('.notice-error') === null")
+            await page.click("summary:has-text('Layouts')")
+            await page.wait(
+                "[...document.querySelectorAll('.layouts a')].some(a => a.text === 'only-topics')"
+            )
+
+
 async def test_a_page_at_a_hub_changes_to_another_robot(browser: Browser) -> None:
     async with (
         open_hub("ws://127.0.0.1:0") as hub,

@@ -36,7 +36,7 @@ test("a layout of more panels than a browser can show is refused, with the limit
 });
 
 test("a layout that the page did not survive is not opened again", async () => {
-  const settings = { robot: null, layouts: [], robots: null };
+  const settings = { robot: null, robots: null };
   const worker = () =>
     ({ postMessage: () => undefined, terminate: () => undefined }) as unknown as WorkerPort;
   const last = JSON.stringify({ version: 1, panels: [panel], dock: null });
@@ -67,7 +67,7 @@ test.each([
   ["http://laptop/", "ws://other:9090", "ws://other:9090"],
 ])("the robot of %s", (href, robot, url) => {
   const place = new URL(href) as unknown as Location;
-  expect(robotUrl(place, { robot, layouts: [], robots: null })).toBe(url);
+  expect(robotUrl(place, { robot, robots: null })).toBe(url);
 });
 
 test("a translation may leave texts out, and places are filled in", () => {

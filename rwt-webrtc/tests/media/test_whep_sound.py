@@ -21,6 +21,7 @@ from rwt_webrtc.media import audio_topics
 from rwt_webrtc.media.audio import DATA, INFO, SAMPLE_FORMATS, AudioFormat, AudioUnreadable, read_info
 from rwt_webrtc.media.opus_encoder import OpusEncoder
 from rwt_webrtc.settings import WebRtcSettings
+from tests.page_readers import CountedWork
 from tests.waiting import until
 from tests.webrtc.sounds import pitch, tone
 from tests.webrtc.watching import Camera, media_peer
@@ -266,3 +267,20 @@ def test_a_message_that_cannot_be_read_is_left_out_once_some_could_be() -> None:
     assert "3 bytes" in str(encoder.complaint)
     with pytest.raises(AudioUnreadable, match="9 channels"):
         encoder.encode([(0.2, _info(channels=9))])
+
+
+async def test_listeners_do_not_hold_the_type_of_a_topic_against_the_robot() -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        graph = server.graph
+        clients = graph.participant("/rosbridge_websocket", for_clients=True)
+        held = clients.subscribe("/t", lambda _: None, graph.registry.message(DATA))
+        topics = audio_topics.AudioTopics(graph)
+        listener = topics.listen("/t", AudioFormat(48_000, 1, "S16LE"), CountedWork())
+        robot = server.node("robot")
+        for name in ("/t", "/t_info"):
+            robot.advertise(name, "std_msgs/String")
+        robot.publish("/t", {"data": "no sound"})
+        assert await listener.next() is None
+        assert str(listener.failure) == f"/t is a std_msgs/String now, not a {DATA}"
+        assert held.type is None
+        topics.close()

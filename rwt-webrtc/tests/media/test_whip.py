@@ -161,3 +161,11 @@ async def test_a_camera_whose_role_may_not_any_more_is_ended() -> None:
         server.settings = server.settings.model_copy(update={"roles": may_not})
         server.reload()
         await until(lambda: camera.connection.connectionState in ("closed", "failed"))
+
+
+async def test_a_camera_ends_when_the_robot_gives_its_topic_another_type() -> None:
+    async with media_server() as server, media_peer(Picture()) as camera:
+        await camera.connect(whip_url(server, f"topic={TOPIC}"))
+        await until(lambda: camera.connection.connectionState == "connected")
+        server.node("robot").subscribe(TOPIC, lambda _: None, "std_msgs/String")
+        await until(lambda: camera.connection.connectionState in ("closed", "failed"))

@@ -94,6 +94,7 @@ class Access:
         self.limits = settings.limits
         self.work = WorkTotals()
         self.nobody = GraphView(graph, Role("nobody", RoleSettings()), self._work(0.0))
+        self.nobody.is_admitted = False
         self._addresses: dict[str, AddressQuotas] = {}
         all_disclosures = {**PARAMETER_DISCLOSURES, **LOGGER_DISCLOSURES, **disclosures}
         self._reserved: set[str] = set()

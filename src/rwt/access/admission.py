@@ -146,14 +146,14 @@ class Admission:
                 return None if role is None else role.credential
         return None if self.default_role is None else self.default_role.credential
 
-    def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
-        """Return True if the web page named by the ``Origin`` header may connect."""
-        return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)
+    def allows_page(self, origin: str, headers: Mapping[str, str], *, loopback: bool) -> bool:
+        """Return True if the web page of an origin may connect; an empty one is that of no page."""
+        return self._origins.allows(origin, headers.get("host", ""), loopback=loopback)
 
     def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
-        if self.allows_page(info.headers, loopback=loopback):
+        origin = info.headers.get("origin", "")
+        if self.allows_page(origin, info.headers, loopback=loopback):
             return
-        origin = info.headers["origin"]
         shown = origin if origin.isprintable() else ascii(origin)
         hint = ": serve the page over http://, or list that origin" if origin in NO_SITE else ""
         raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here{hint} (origins.allow)")

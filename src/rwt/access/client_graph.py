@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from rwt_participant.qos import QoS
     from rwt_transports.shared_pool import Holder
 
+    OnEnded = Callable[[str, str, str], None]
+
 
 T = TypeVar("T")
 C = TypeVar("C")
@@ -239,6 +241,7 @@ class ClientGraph(GraphView):
     * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark), and
       ``_offers`` (services and actions, by kind and name).
     * In progress: ``_calls``. Goals hold their own charges.
+    * What the robot displaces: ``_on_ended`` is told, see :meth:`tell_ended`.
 
     Args:
         policy: rules that hold for all clients.
@@ -266,6 +269,7 @@ class ClientGraph(GraphView):
         self._offers: dict[tuple[_OfferKind, str], tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
         self._quotas = quotas
+        self._on_ended: OnEnded | None = None
 
     def take_role(self, role: Role) -> None:
         """Switch to another role. What is open stays open; callers must request publishers again."""
@@ -292,6 +296,15 @@ class ClientGraph(GraphView):
         """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
         if self._gate is not None:
             self._gate.actor.on_notice = self._gate.actor.on_approval = on_notice
+
+    def tell_ended(self, on_ended: OnEnded) -> None:
+        """Call `on_ended` after something that the client advertises has ended, with kind, name and reason.
+
+        The kinds are `topic`, `service` and `action`. They end if the robot uses the topic with another type,
+        or offers the service or action: what a client advertises does not stand in the robot's way.
+        Publishers of the topic must not be used any more.
+        """
+        self._on_ended = on_ended
 
     def approval_of(self, pending: PendingCall | ClientGoal | None) -> Approval | None:
         """Return the request for approval that a call or goal waits for; None if it waits for none."""
@@ -477,13 +490,25 @@ class ClientGraph(GraphView):
         # A lingering publisher of this client is reused with its charge.
         charge = known or quota.exchange(publishers.lingering(name), 1)
         try:
-            publisher = publishers.acquire(name, type, qos, (self, mark), lacks)
+            on_end = partial(self._publisher_ended, name, mark)
+            publisher = publishers.acquire(name, type, qos, (self, mark), on_end, lacks)
         except BaseException:
             if known is None:
                 publishers.linger_for(name, charge)
             raise
         self._advertised.setdefault(name, {})[mark] = charge
         return publisher
+
+    def _publisher_ended(self, name: str, mark: Hashable, reason: str) -> None:
+        marks = self._advertised[name]
+        marks.pop(mark).end()
+        if marks:
+            return  # Told once, when the last one ends.
+        del self._advertised[name]
+        if self._gate is not None:
+            self._gate.leave_topic(name)
+        if self._on_ended is not None:
+            self._on_ended("topic", name, reason)
 
     def subscribe(self, topic: str, type: str | None, *, is_new: bool = True) -> Fanout:
         """Return the fan-out of a topic; join it to receive samples.
@@ -492,6 +517,9 @@ class ClientGraph(GraphView):
             type: name of its message type; None for the type that the graph knows.
             is_new: True for a new subscription, which counts until :meth:`unsubscribe`; False to change an
                 existing one.
+
+        The fan-out ends with the function given to :meth:`Fanout.join` if the robot gives the topic another
+        type.
 
         Raises:
             NotAllowed: the role may not subscribe to the topic.
@@ -751,9 +779,18 @@ class ClientGraph(GraphView):
                 charge.end()
             raise
         self._offers[kind, absolute] = (offer, charge)
+        offer.on_displaced = partial(self._offer_ended, kind, absolute, offer)
         if previous is not None:
             previous[0].close()
         return absolute
+
+    def _offer_ended(self, kind: _OfferKind, name: str, offer: Registration, reason: str) -> None:
+        present = self._offers.get((kind, name))
+        if present is None or present[0] is not offer:
+            return
+        self._withdraw(kind, name)
+        if self._on_ended is not None:
+            self._on_ended(kind, name, reason)
 
     def _withdraw(self, kind: _OfferKind, name: str) -> bool:
         offered = self._offers.pop((kind, name), None)
@@ -772,6 +809,7 @@ class ClientGraph(GraphView):
         Returns:
             The release of services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
         """
+        self._on_ended = None
         if self._gate is not None:
             self._gate.close()
         self._quotas.leave()

@@ -39,6 +39,7 @@ class GraphView(GraphListings):
 
     Attributes:
         work: account of the work that the server does for the holder of the view.
+        is_admitted: True if the holder may connect; False for the view in which everything is hidden.
         has_pressed_stop: True if the holder is a request that has pressed the emergency stop, so that nothing
             may delay or refuse it.
         holder: client to which shares of pools count.
@@ -59,6 +60,7 @@ class GraphView(GraphListings):
         holder: Holder = NOBODY,
     ) -> None:
         self.role = role
+        self.is_admitted = True
         self.holder = holder
         self._open_services = open_services
         self._keep = keep

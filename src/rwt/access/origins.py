@@ -1,8 +1,9 @@
-"""Check of the `Origin` header: any web page can open a WebSocket to every host that its browser reaches."""
+"""Check of origins: any web page can open WebSockets to what its browser reaches, and load images from it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from rwt_transports.http.routes import any_of, host_name, is_local
@@ -43,6 +44,35 @@ class Origins:
         if not page:
             return False
         return is_local(page) if loopback else page == host_name(host)
+
+
+def page_of(headers: Mapping[str, str]) -> str:
+    """Return the origin of the web page that sends an HTTP request; empty if it is not known to be a page's.
+
+    That is `Origin`, or else the origin of `Referer`, which browsers send with images and frames. A page of
+    another site that sends neither is one without a site: browsers then name it in `Sec-Fetch-Site`, but only
+    over https and to this machine.
+    """
+    origin = headers.get("origin") or _origin_of(headers.get("referer", ""))
+    return origin or ("null" if headers.get("sec-fetch-site") == "cross-site" else "")
+
+
+def is_navigation(method: str, headers: Mapping[str, str]) -> bool:
+    """Return True if a browser opens a page in a tab: another page may link to it, and cannot read it."""
+    return (
+        method in ("GET", "HEAD")
+        and headers.get("sec-fetch-mode") == "navigate"
+        and headers.get("sec-fetch-dest") == "document"
+    )
+
+
+def _origin_of(url: str) -> str:
+    """Return the origin of a URL, `null` if it has none; empty for an empty URL."""
+    if not url:
+        return ""
+    scheme, separator, rest = url.partition("://")
+    authority = re.split(r"[/?#\\]", rest, maxsplit=1)[0].rpartition("@")[2]
+    return f"{scheme}://{authority}" if separator and authority else "null"
 
 
 def is_loopback_listener(url: str) -> bool:

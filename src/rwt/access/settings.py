@@ -570,7 +570,7 @@ class RoleSettings(Table):
 
 
 class OriginSettings(Table):
-    """Web pages that may connect, and accepted host names. Requests without an origin are not checked."""
+    """Web pages that may connect, and accepted host names. Programs name no page, and are not checked."""
 
     allow: OriginGlobs = Field(
         (),

@@ -16,6 +16,7 @@ from typing import Final, TypeVar
 from rwt.access.access import Access
 from rwt.access.errors import OriginRefused
 from rwt.access.graph_view import GraphView
+from rwt.access.origins import is_navigation, page_of
 from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.metrics import ServerMetrics
@@ -101,7 +102,9 @@ def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Han
 
     def handler(request: HttpRequest) -> HttpResponse:
         origin = request.headers.get("origin", "")
-        if not origin.isascii() or not access.admission.allows_page(request.headers, loopback=loopback):
+        if not origin.isascii() or not access.admission.allows_page(
+            origin, request.headers, loopback=loopback
+        ):
             return refusal_as_text(request, _foreign(origin))
         headers = {
             "Access-Control-Allow-Origin": origin or "*",
@@ -117,7 +120,23 @@ def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Han
 
 
 def _foreign(origin: str) -> Refused:
-    return OriginRefused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
+    return OriginRefused(403, f"pages of {ascii(origin)[1:-1][:200]} may not use this server (origins.allow)")
+
+
+def _shared(request: HttpRequest, page: str, response: HttpResponse) -> HttpResponse:
+    """Return a response with the headers by which browsers show it to the page that has asked for it.
+
+    Args:
+        page: origin of the page, which may connect; empty if it is not known.
+    """
+    varies = response.headers.get("Vary")
+    headers = {
+        "Cross-Origin-Resource-Policy": "cross-origin" if page else "same-site",
+        "Vary": f"{varies}, Origin, Referer" if varies else "Origin, Referer",
+    }
+    if origin := request.headers.get("origin"):
+        headers |= {"Access-Control-Allow-Origin": origin, "Access-Control-Expose-Headers": "*"}
+    return replace(response, headers={**response.headers, **headers})
 
 
 def _admitted(access: Access, audience: Audience, request: HttpRequest, press: Press | None) -> GraphView:
@@ -161,38 +180,33 @@ def guarded(
     full, the page waits for its own turn. A request that has pressed the emergency stop by `press` is
     answered at once.
 
-    Unless the page is public, scripts of other origins may read the response if their page may connect
-    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Otherwise
-    their browser hides the response, and requests with effects are refused beforehand.
+    Unless the page is public, a web page of another origin may use it if it may connect by WebSocket (the
+    setting `origins`): its scripts may read the response (the Fetch standard's CORS protocol, without
+    credentials), and its images and frames may show it. All else is refused before it has an effect, as it
+    would show what exists, and cost work. A link to the page is not.
     """
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         if audience is Audience.ANYBODY:
             return page(request, access.nobody)
-        origin = request.headers.get("origin")
+        origin = page_of(request.headers)
         # An origin is ASCII (RFC 6454 section 6.2); others cannot be sent back, even if globs allow them.
-        # Pages of other origins may read nothing, but requests without effects need no refusal: the browser
-        # hides the response, which has no CORS headers.
-        if origin and not (
-            origin.isascii() and access.admission.allows_page(request.headers, loopback=loopback)
+        if not origin.isascii() or not access.admission.allows_page(
+            origin, request.headers, loopback=loopback
         ):
-            if request.method in ("GET", "HEAD"):
-                return answer_admitted(request)
-            return refusal(request, _foreign(origin))
-        answer = answer_admitted(request)
-        if not origin:
-            return answer
-        headers = {
-            "Access-Control-Allow-Origin": origin,
-            "Access-Control-Expose-Headers": "*",
-            "Vary": "Origin",
-        }
-        return then(answer, lambda response: replace(response, headers={**response.headers, **headers}))
+            if audience is Audience.IF_ADMITTED:
+                return page(request, access.nobody)
+            if not is_navigation(request.method, request.headers):
+                return refusal(request, _foreign(origin))
+            origin = ""
+        return then(answer_admitted(request), partial(_shared, request, origin))
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         try:
             reader = _admitted(access, audience, request, press)
         except Refused as refused:
+            if audience is Audience.IF_ADMITTED:
+                return page(request, access.nobody)
             return refusal(request, refused)
         if scheduler is not None and scheduler.is_full and not reader.has_pressed_stop:
             return _answer_in_turn(scheduler, partial(answer_now, request, reader))

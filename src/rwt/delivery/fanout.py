@@ -22,6 +22,9 @@ from rwt_transports.scheduler import Scheduler
 
 logger = logging.getLogger(__name__)
 
+OnEnd = Callable[[str], None]
+"""Function that ends a subscription for a reason, which it passes on to the subscriber."""
+
 _MAX_DEFERRED: Final = 8
 """Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once, or dropped if
 another program sends them."""
@@ -344,6 +347,8 @@ class Fanout:
     A throttle that joins while samples are deferred does not receive those: they were published before it
     joined.
 
+    The fan-out ends if the robot uses the topic with another type: every subscriber is told why, and leaves.
+
     Attributes by purpose:
 
     * Streams: ``_streams`` (by spelling and encoding), ``_active`` (as a tuple for the hot path),
@@ -351,6 +356,7 @@ class Fanout:
       are).
     * Deferral: ``late`` (the queue), ``_late_samples`` (samples in it), ``_number`` (number of the newest
       deferred sample), ``_joined`` (throttles and takers that joined meanwhile: ``_number`` at that time).
+    * End: ``_on_end`` (function of each throttle and taker that ends its subscription).
 
     Attributes:
         counts: totals of the topic. Up to date after :meth:`settle`.
@@ -378,7 +384,22 @@ class Fanout:
         self._late_samples = 0
         self._number = 0
         self._joined: dict[object, int] = {}
-        self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
+        self._on_end: dict[object, OnEnd] = {}
+        self.subscription = self._subscribe()
+
+    def _subscribe(self) -> Subscription:
+        subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
+        subscription.on_displaced = self._end
+        return subscription
+
+    def _end(self, reason: str) -> None:
+        # A copy: each subscriber leaves, perhaps with others, and the last one closes the fan-out.
+        for subscriber, on_end in tuple(self._on_end.items()):
+            try:
+                if subscriber in self._on_end:
+                    on_end(reason)
+            except Exception:
+                logger.exception("a subscriber of %s failed on its end", self.topic)
 
     @property
     def subscriptions(self) -> int:
@@ -403,11 +424,16 @@ class Fanout:
         """
         # The new one first, so that the topic is subscribed to without a gap.
         old = self.subscription
-        self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
+        self.subscription = self._subscribe()
         old.close()
 
-    def join(self, throttle: Throttle, name: str, encoding: Encoding) -> EncodedStream:
-        """Add a throttle to the stream of this spelling and encoding, which is created if needed."""
+    def join(self, throttle: Throttle, name: str, encoding: Encoding, on_end: OnEnd) -> EncodedStream:
+        """Add a throttle to the stream of this spelling and encoding, which is created if needed.
+
+        Args:
+            on_end: called with the reason if the fan-out ends; it has to :meth:`leave`.
+        """
+        self._on_end[throttle] = on_end
         if self._late_samples:
             self._joined[throttle] = self._number  # Samples from before it joined reach it by replay() only.
         key = (name, encoding.name)
@@ -429,14 +455,20 @@ class Fanout:
         key = (name, encoding.name)
         stream = self._streams[key]
         stream.remove(throttle)
+        del self._on_end[throttle]
         self._joined.pop(throttle, None)
         if not stream:
             del self._streams[key]
             self._update_active()
 
-    def take_samples(self, take: Callable[[Sample], None]) -> None:
+    def take_samples(self, take: Callable[[Sample], None], on_end: OnEnd) -> None:
         """Call `take` with each sample from now on, without encoding. Retained samples are in
-        `subscription.history()`."""
+        `subscription.history()`.
+
+        Args:
+            on_end: called with the reason if the fan-out ends; it has to call :meth:`end_samples`.
+        """
+        self._on_end[take] = on_end
         if self._late_samples:
             self._joined[take] = self._number
         self._takers.append(take)
@@ -444,6 +476,7 @@ class Fanout:
     def end_samples(self, take: Callable[[Sample], None]) -> None:
         """Undo :meth:`take_samples`."""
         self._takers.remove(take)
+        del self._on_end[take]
         self._joined.pop(take, None)
 
     def _update_active(self) -> None:

@@ -27,7 +27,7 @@ class SharedGraph:
 
     def __init__(self, graph: Graph, node: str, linger: float, log: Callable[[str], None]) -> None:
         self.graph = graph
-        self.participant = graph.participant(node)
+        self.participant = graph.participant(node, for_clients=True)
         self.counters = Counters()
         self.publishers = SharedPublishers(self.participant, graph.clock, linger, self.counters, log)
         self._scheduler = scheduler_of(graph.clock, SAMPLES)

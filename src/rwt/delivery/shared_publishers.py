@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import LOG_SECONDS, DeadlineWatch
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
     from rwt_participant.timers import Timer
+
+logger = logging.getLogger(__name__)
+
+OnEnd = Callable[[str], None]
+"""Function that is told why a publisher has ended."""
 
 Lacks = Callable[[QoS], str]
 """Function that names the requested policies that a publisher does not offer; empty if there are none."""
@@ -51,7 +58,8 @@ class SharedPublisher:
     * **USED**: it has ``users``, or is about to get its first.
     * **LINGERING**: ``_linger`` closes it, unless it is used again. ``lingers_for`` are the charges of its
       last users.
-    * **CLOSED**: users that remain must request the publisher again.
+    * **CLOSED**: users that remain must request the publisher again. If the robot uses the topic with another
+      type, all users are told why, and none remains.
 
     During its first `STARTUP_SECONDS`, unless the topic is latched, ``_startup`` keeps messages for late
     subscribers.
@@ -60,6 +68,7 @@ class SharedPublisher:
     about the deadline), ``_kept`` (charges of retained messages of a latched topic, oldest first).
 
     Attributes:
+        users: clients that use it, each with a function that is told why the publisher has ended.
         publish: publishes a message, which the caller counts. Not a method, since it runs for every message:
             the publisher's own function, or :meth:`_publish` while a message needs more.
         deadline: checks that clients publish as often as they promised; None without a deadline.
@@ -77,7 +86,7 @@ class SharedPublisher:
         self.publisher = publisher
         self.topic = publisher.topic
         self.type = publisher.type
-        self.users: set[Hashable] = set()
+        self.users: dict[Hashable, OnEnd] = {}
         self._state = _PublisherState.USED
         self._linger: Timer | None = None
         self.lingers_for: list[OpenCharge] = []
@@ -99,12 +108,12 @@ class SharedPublisher:
         self.publish: Callable[[Payload], None] = self._publish
         self._choose_publish()
 
-    def use(self, user: Hashable) -> None:
+    def use(self, user: Hashable, on_end: OnEnd) -> None:
         """Add a user; the charges of former users end."""
         if self._state is _PublisherState.LINGERING:
             self._state = self._state.become(_PublisherState.USED)
             self._stop_lingering()
-        self.users.add(user)
+        self.users[user] = on_end
 
     def linger(self, seconds: float, charge: OpenCharge, close: Callable[[], None]) -> None:
         """Call `close` in a while, unless it is used again: the last user has left its charge."""
@@ -227,12 +236,15 @@ class SharedPublishers:
         type: MessageType,
         qos: QoS | None,
         user: Hashable,
+        on_end: OnEnd,
         lacks: Lacks | None = None,
     ) -> SharedPublisher:
         """Use the topic's publisher, which is created with `qos` if needed: the first use decides (ADV-07).
 
         Args:
             qos: policies for a new publisher; None for the graph's default.
+            on_end: called with the reason if the robot uses the topic with another type: the user has no
+                publisher then, and must end its charge.
             lacks: names the requested policies that the publisher does not offer (ADV-11). A publisher
                 without other users is then replaced.
 
@@ -242,7 +254,7 @@ class SharedPublishers:
         """
         shared = self._by_topic.get(topic)
         if shared is not None and lacks is not None and (lacking := lacks(shared.publisher.qos)):
-            if shared.users - {user}:  # A sole user may change its policies: no other relies on them.
+            if shared.users.keys() - {user}:  # A sole user may change its policies: no other relies on them.
                 raise IncompatiblePolicies(
                     f"{topic} is published here with other policies: {lacking}; "
                     "leave `qos` out to publish with these"
@@ -255,10 +267,20 @@ class SharedPublishers:
             shared = self._by_topic[topic] = SharedPublisher(
                 publisher, self._participant.name, self._clock, self._counters, self._log
             )
+            publisher.on_displaced = partial(self._on_displaced, topic, shared)
         elif shared.type.name != type.name:
             raise TypeConflict(topic, type.name, shared.type.name)
-        shared.use(user)
+        shared.use(user, on_end)
         return shared
+
+    def _on_displaced(self, topic: str, shared: SharedPublisher, reason: str) -> None:
+        users, shared.users = shared.users, {}
+        self._end(topic, shared)
+        for on_end in users.values():
+            try:
+                on_end(reason)
+            except Exception:
+                logger.exception("a publisher's user failed on the end of %s", topic)
 
     def lingering(self, topic: str) -> OpenCharge | None:
         """Return the first charge of a publisher without users; None if there is none."""
@@ -283,7 +305,7 @@ class SharedPublishers:
             # The user was released already, or end_latched() has closed the publisher.
             charge.end()
             return
-        shared.users.discard(user)
+        del shared.users[user]
         if shared.users:
             charge.end()
         else:

@@ -78,7 +78,8 @@ class Gateway(ABC):
         http: pages, section of the index page, and metrics of the gateway.
 
     Args:
-        node: absolute name of the node as which all clients act.
+        node: absolute name of the node as which all clients act. The robot displaces what it holds; other
+            processes know that only of the names in :func:`rwt_graph.names.is_for_clients`.
         linger: seconds that a publisher outlives its last user among the clients.
     """
 

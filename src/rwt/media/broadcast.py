@@ -20,7 +20,7 @@ import anyio.to_thread
 from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.errors import StreamEnded, VideoError
 from rwt.media.stream_metrics import Counts
-from rwt.media.stream_request import StreamRequest
+from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest
 from rwt_graph import Node
 from rwt_graph.api import Sample
 from rwt_interfaces.payload import Payload
@@ -367,6 +367,11 @@ class Broadcast(SharedStream[Viewer]):
 
     def _take(self, sample: Sample) -> None:
         """Store a message, in place of one that was not encoded for lack of room."""
+        # Subscribed without a type, which would hold the topic's against the robot: viewers choose the topic.
+        name = sample.payload.type.name
+        if name not in (RAW, COMPRESSED):
+            self.end(VideoError(f"{sample.topic} is a {name} now; pictures are {RAW} and {COMPRESSED}"))
+            return
         if self._newest is not None:
             self.counts.skipped += 1
         self._newest = sample.payload.detach()

@@ -75,6 +75,7 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
         self._unfinished: Op | None = None
         self.topics = PeerTopics(graph, replies, bridge.encoding_of, limits.data_bytes)
         graph.tell_notices(self._tell_notice)
+        graph.tell_ended(self._tell_ended)
         self.services = PeerServices(
             graph, replies, info.address, bridge.service_offers, settings.default_call_service_timeout
         )
@@ -82,6 +83,17 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
 
     def _tell_notice(self, text: str) -> None:
         self.replies.send(Status(level="warning", msg=f"gate: {text}"))
+
+    def _tell_ended(self, kind: str, name: str, reason: str) -> None:
+        """Forget what the client advertised and the robot has displaced, and say why."""
+        if kind == "topic":
+            self.topics.forget_publisher(name)
+        elif kind == "service":
+            self.services.provided.discard(name)
+        else:
+            self.actions.provided.discard(name)
+        op = "advertise" if kind == "topic" else f"advertise_{kind}"
+        self.replies.refuse(Status(level="error", msg=f"{op}: {reason}"))
 
     def report_connection(self, text: str, is_connected: bool) -> None:
         """Send a status: an error if the connection is lost."""

@@ -25,7 +25,7 @@ CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
 DEFAULT: Final = "default"
 
 #: Keys of settings that an error text names.
-_NAMED: Final = re.compile(r'`([A-Za-z0-9_-]+(?:\.(?:[A-Za-z0-9_-]+|"[^"`]*"))+)`')
+_NAMED: Final = re.compile(r'`([A-Za-z0-9_-]+(?:\.(?:[A-Za-z0-9_-]+|"[^"`]*"))++)`')
 _PART: Final = re.compile(r'"([^"]*)"|([A-Za-z0-9_-]+)')
 
 _DEEPEST: Final = 16

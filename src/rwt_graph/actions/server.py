@@ -7,6 +7,7 @@ latched one of states. The topics include the goals of local clients.
 from __future__ import annotations
 
 from collections import OrderedDict
+from functools import partial
 from typing import Any
 
 from rwt_graph.accounts import hold_for_asker
@@ -14,7 +15,7 @@ from rwt_graph.actions.names import ActionNames, struct_payload, uuid_struct
 from rwt_graph.api import GoalEvents, Participant, ServiceCall
 from rwt_graph.clock import Clock
 from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
-from rwt_graph.memory.tables import NodeResources
+from rwt_graph.memory.tables import NodeResources, displace
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus
@@ -60,6 +61,10 @@ class Ros2ActionServer:
             ),
             participant.advertise_service(names.send_goal, send, self._on_send_goal),
         )
+        if self._server.owner.for_clients:
+            # A client's action ends as a whole if the robot uses a part of it.
+            for part in (self._feedback, self._status, self._reasons, *self._services):
+                part.on_displaced = partial(displace, self._server)
 
     def close(self) -> None:
         """Withdraw the services and topics; open calls for a result end with :exc:`ProviderGone`."""

@@ -355,8 +355,10 @@ class Actions(ProviderTable[MemoryActionServer]):
     def advertise(
         self, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> MemoryActionServer:
-        """Offer an action; a server of the same name is displaced (ACT-18) until this one closes."""
+        """Offer an action; a server of the same name is replaced (ACT-18) until this one closes."""
         server = MemoryActionServer(self, name, interface, owner, on_goal)
+        if not owner.for_clients:
+            self.displace(name, f"{name}: the robot offers this action now")
         old = self.put(server)
         if old is not None:
             logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)

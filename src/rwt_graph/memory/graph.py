@@ -185,8 +185,9 @@ class MemoryGraph(Runtime, Graph):
         time = {"clock": self.distro.time(now_ns)}
         self._clock_topic.publish(Payload.from_value(self._clock_topic.type, time))
 
-    def participant(self, name: str) -> MemoryParticipant:
+    def participant(self, name: str, *, for_clients: bool = False) -> MemoryParticipant:
         participant = self.make_participant(validate(name))
+        participant.owner.for_clients = for_clients
         self._participants[participant] = None
         self.node_joined(name)
         return participant

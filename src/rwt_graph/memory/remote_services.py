@@ -6,8 +6,8 @@ from collections.abc import Hashable, Iterator
 from typing import Generic, TypeVar
 
 from rwt_graph.api import ServiceInfo
-from rwt_graph.memory.services import MemoryCall
-from rwt_graph.memory.tables import Changes
+from rwt_graph.memory.services import MemoryCall, Services
+from rwt_graph.names import is_for_clients
 from rwt_participant.errors import ProviderGone
 
 T = TypeVar("T")
@@ -59,15 +59,22 @@ def _end(calls: set[MemoryCall], why: str) -> None:
 
 
 class RemoteServiceTable(Generic[T]):
-    """Services of other processes, by name."""
+    """Services of other processes, by name.
 
-    def __init__(self, changes: Changes) -> None:
-        self._changes = changes
+    Args:
+        services: services of this process; those of clients are displaced by the robot's.
+    """
+
+    def __init__(self, services: Services) -> None:
+        self._changes = services.changes
+        self._local = services
         self._services: dict[str, RemoteService[T]] = {}
 
     def found(self, key: Hashable, info: ServiceInfo, description: T) -> None:
         self._services.setdefault(info.name, RemoteService()).add(key, info, description)
         self._changes.note()
+        if not is_for_clients(info.node):
+            self._local.robot_offers(info.name)
 
     def lost(self, key: Hashable, name: str) -> None:
         """Remove a provider, and end the calls that no other one has received."""

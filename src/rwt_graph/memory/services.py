@@ -257,8 +257,10 @@ class Services(ProviderTable[MemoryProvider]):
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> MemoryProvider:
-        """Offer a service; a provider of the same name is displaced (SVP-07) until this one closes."""
+        """Offer a service; a provider of the same name is replaced (SVP-07) until this one closes."""
         provider = MemoryProvider(self, name, interface, owner, on_call)
+        if not owner.for_clients:
+            self.robot_offers(name)
         old = self.put(provider)
         if old is not None:
             if self.remote is not None:
@@ -272,17 +274,21 @@ class Services(ProviderTable[MemoryProvider]):
             self.remote.offered(provider)
         return provider
 
+    def robot_offers(self, name: str) -> None:
+        """End the clients' providers of a service that the robot offers, in this process or another."""
+        self.displace(name, f"{name}: the robot offers this service now")
+
     def others(self, provider: MemoryProvider) -> list[MemoryProvider]:
-        """Return the services that one has displaced; by DDS's rules also its node's, but for an action's."""
+        """Return the services that one has replaced; by DDS's rules also its node's, but for an action's."""
         same_node = self.dds_rules and "/_action/" not in provider.name
         return [
             each
-            for each in self._displaced.get(provider.name, ())
+            for each in self._replaced.get(provider.name, ())
             if same_node or each.owner is not provider.owner
         ]
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """Remove a closed provider; the one that it displaced answers again."""
+        """Remove a closed provider; the one that it replaced answers again."""
         restored = self.remove(provider)
         if self.remote is not None:
             self.remote.withdrawn(provider)

@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
-from rwt_graph.api import Registration
+from rwt_graph.api import OnDisplaced, Registration
+
+logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
+
+
+class Displaceable(Protocol):
+    """Endpoint that can be displaced: a publisher, subscription, service or action."""
+
+    on_displaced: OnDisplaced | None
+
+    def close(self) -> None:
+        """Close it."""
+
+
+def displace(endpoint: Displaceable, reason: str) -> None:
+    """Close an endpoint of a node for clients because of the robot, and report the reason once."""
+    on_displaced, endpoint.on_displaced = endpoint.on_displaced, None
+    endpoint.close()
+    if on_displaced is not None:
+        try:
+            on_displaced(reason)
+        except Exception:
+            logger.exception("the holder of a displaced endpoint failed")
 
 
 class Changes:
@@ -29,11 +52,13 @@ class NodeResources:
 
     Attributes:
         private: True if the node and its endpoints are hidden from other processes.
+        for_clients: True if the node acts for clients of a server: the robot displaces what it holds.
     """
 
-    def __init__(self, name: str, *, private: bool = False) -> None:
+    def __init__(self, name: str, *, private: bool = False, for_clients: bool = False) -> None:
         self.name = name
         self.private = private
+        self.for_clients = for_clients
         self._release: dict[object, Callable[[], None]] = {}
 
     def __len__(self) -> int:
@@ -94,6 +119,7 @@ class Provider(Registration):
     def close(self) -> None:
         if not self.closed:
             self.closed = True
+            self.on_displaced = None
             self.owner.drop(self)
             self.withdraw()
             self.end_requests()
@@ -121,7 +147,7 @@ class RemoteProviders(Protocol):
 
 
 class ProviderTable(Generic[P]):
-    """Current provider of each name: the newest, and after it closes, the one that it has displaced.
+    """Current provider of each name: the newest, and after it closes, the one that it has replaced.
 
     Attributes:
         current: provider that answers, by name.
@@ -134,8 +160,8 @@ class ProviderTable(Generic[P]):
     def __init__(self, changes: Changes) -> None:
         self.changes = changes
         self.current: dict[str, P] = {}
-        #: Displaced providers of each name, the oldest first.
-        self._displaced: dict[str, list[P]] = {}
+        #: Replaced providers of each name, the oldest first.
+        self._replaced: dict[str, list[P]] = {}
 
     def __iter__(self) -> Iterator[P]:
         return iter(tuple(self.current.values()))
@@ -149,29 +175,35 @@ class ProviderTable(Generic[P]):
         if self.remote is not None:
             yield from self.remote.by_node()
 
+    def displace(self, name: str, reason: str) -> None:
+        """End the providers of nodes for clients: a program of the robot offers the name."""
+        for provider in (*self._replaced.get(name, ()), self.current.get(name)):
+            if provider is not None and provider.owner.for_clients:
+                displace(provider, reason)
+
     def put(self, provider: P) -> P | None:
-        """Make a provider the current one; return the one that it displaces."""
+        """Make a provider the current one; return the one that it replaces."""
         provider.owner.add(provider, provider.close)
         old = self.current.get(provider.name)
         self.current[provider.name] = provider
         self.changes.note()
         if old is not None:
-            self._displaced.setdefault(provider.name, []).append(old)
+            self._replaced.setdefault(provider.name, []).append(old)
         return old
 
     def remove(self, provider: P) -> P | None:
         """Remove a provider; return the one that becomes current again."""
         name = provider.name
         self.changes.note()
-        displaced = self._displaced.get(name, [])
+        replaced = self._replaced.get(name, [])
         restored = None
         if self.current.get(name) is not provider:
-            if provider in displaced:
-                displaced.remove(provider)
-        elif displaced:
-            restored = self.current[name] = displaced.pop()
+            if provider in replaced:
+                replaced.remove(provider)
+        elif replaced:
+            restored = self.current[name] = replaced.pop()
         else:
             del self.current[name]
-        if not displaced:
-            self._displaced.pop(name, None)
+        if not replaced:
+            self._replaced.pop(name, None)
         return restored

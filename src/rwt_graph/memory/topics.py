@@ -3,13 +3,17 @@
 A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber,
 and is free again when the last of those has left. A subscriber without a type does not establish one.
 
+The robot comes first: endpoints of nodes for clients establish a type for other such endpoints only. When an
+endpoint of the robot brings another type, here or in another process, theirs are displaced.
+
 `publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers
 are a tuple that is replaced when one joins or leaves, so callbacks may join and leave. A function call meets
 every reliability and deadline, so all combinations of QoS are compatible, unless DDS's rules are followed.
 
 A topic may have endpoints in other processes (:class:`RemoteEndpoint`). Remote publishers hold its type as
 local ones do. Remote subscribers do not: they may have taken it from this process, and two processes would
-keep each other's type established forever. They only prevent that the first publisher has another type.
+keep each other's type established forever. They only prevent that the first publisher has another type, and
+displace clients' endpoints of another type.
 """
 
 from __future__ import annotations
@@ -24,7 +28,8 @@ from typing import Protocol
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
-from rwt_graph.memory.tables import Changes, NodeResources
+from rwt_graph.memory.tables import Changes, NodeResources, displace
+from rwt_graph.names import is_for_clients
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
@@ -127,6 +132,11 @@ class RemoteEndpoint:
     qos: QoS
     cache: TransientLocalCache | None = None
 
+    @property
+    def for_clients(self) -> bool:
+        """True if its node acts for clients of a server."""
+        return is_for_clients(self.node)
+
 
 def received_sample(topic: str, payload: Payload, stamp_ns: int, publisher: RemoteEndpoint | None) -> Sample:
     """Return a sample of another process, with the lifespan that its publisher offers."""
@@ -193,10 +203,47 @@ class Topic:
 
     @property
     def known_type(self) -> MessageType | None:
-        """Return the type, or else that of a remote subscriber."""
+        """Return the type, or else that of a remote subscriber, the robot's before the clients'."""
         if self.type is not None:
             return self.type
-        return next((s.type for s in self.remote_subscribers if s.type is not None), None)
+        announced = [s for s in self.remote_subscribers if s.type is not None]
+        of_robot = (s.type for s in announced if not s.for_clients)
+        return next(of_robot, announced[0].type if announced else None)
+
+    @property
+    def _local(self) -> tuple[MemoryPublisher | MemorySubscription, ...]:
+        return (*self.publishers, *self.subscribers)
+
+    def _held_by_robot(self) -> list[MessageType]:
+        """Return the types that endpoints of the robot hold: those of this process, or else publishers."""
+        local = [
+            end.held_type for end in self._local if end.held_type is not None and not end.is_displaceable
+        ]
+        return local or [p.type for p in self.remote_publishers if p.type is not None and not p.for_clients]
+
+    def _held_by_clients(self) -> list[MessageType]:
+        local = [end.held_type for end in self.of_clients]
+        remote = [p.type for p in self.remote_publishers if p.for_clients]
+        return [type for type in (*local, *remote) if type is not None]
+
+    def _announced_by_robot(self) -> MessageType | None:
+        """Return the type of the robot's remote subscribers.
+
+        None if it may have been taken from clients: a subscriber may follow what they publish.
+        """
+        announced = [s for s in self.remote_subscribers if s.type is not None]
+        of_robot = [s.type for s in announced if not s.for_clients]
+        if not of_robot:
+            return None
+        of_clients = (*self._held_by_clients(), *(s.type for s in announced if s.for_clients))
+        clients = {type.name for type in of_clients if type is not None}
+        is_own = not any(type.name in clients for type in of_robot if type is not None)
+        return of_robot[0] if is_own else None
+
+    @property
+    def of_clients(self) -> tuple[MemoryPublisher | MemorySubscription, ...]:
+        """Endpoints in this process that the robot may displace."""
+        return tuple(end for end in self._local if end.is_displaceable)
 
     @property
     def announced_subscribers(self) -> tuple[MemorySubscription, ...]:
@@ -211,21 +258,38 @@ class Topic:
     def all_subscribers(self) -> tuple[MemorySubscription | RemoteEndpoint, ...]:
         return (*self.subscribers, *self.remote_subscribers)
 
-    def establish(self, wanted: MessageType, registry: Registry) -> None:
-        """Set the type of the topic. Raises :exc:`TypeConflict` if it has another one."""
+    def establish(self, wanted: MessageType, registry: Registry, *, for_clients: bool) -> None:
+        """Set the type of the topic, for an endpoint that is about to join.
+
+        Raises:
+            TypeConflict: it has another type, which for the robot only the robot's own endpoints establish.
+        """
         known = self.known_type
         if known is not None and known is not wanted and known.name != wanted.name:
-            raise TypeConflict(self.name, registry.type_name(wanted), registry.type_name(known))
-        if self.type is None:
+            if not for_clients:
+                known = next(iter(self._held_by_robot()), None) or self._announced_by_robot()
+            if known is not None and known.name != wanted.name:
+                raise TypeConflict(self.name, registry.type_name(wanted), registry.type_name(known))
+            self.type = wanted
+        elif self.type is None:
             self.type = wanted
 
     def settle(self) -> None:
-        """Release the type if no local endpoint holds it, and take that of a remote publisher."""
-        if self.publishers or any(s.typed for s in self.subscribers):
-            return
-        held = [p.type for p in self.remote_publishers if p.type is not None]
+        """Take the type that endpoints of the robot hold, or else those of clients; release it if none do."""
+        held = self._held_by_robot()
+        if not held and self._announced_by_robot() is None:
+            held = self._held_by_clients()
         if self.type not in held:
             self.type = held[0] if held else None
+
+    def misfits(self) -> list[MemoryPublisher | MemorySubscription]:
+        """Return the clients' endpoints whose type is no longer that of the topic."""
+        known = self.known_type
+        return [
+            end
+            for end in self.of_clients
+            if known is not None and end.held_type is not None and end.held_type.name != known.name
+        ]
 
 
 class MemoryPublisher(Publisher):
@@ -259,6 +323,16 @@ class MemoryPublisher(Publisher):
     @property
     def is_closed(self) -> bool:
         return self._state is None
+
+    @property
+    def is_displaceable(self) -> bool:
+        """True if it is displaced when the robot gives the topic another type."""
+        return self.owner.for_clients or self.on_displaced is not None
+
+    @property
+    def held_type(self) -> MessageType | None:
+        """Type that it holds: of a publisher, its own."""
+        return self.type
 
     def connect_remote(self, send: OnSample, send_if_matched: OnSample) -> None:
         """Send samples to other processes: those that are retained now, and all later ones.
@@ -300,6 +374,7 @@ class MemoryPublisher(Publisher):
     def close(self) -> None:
         state, self._state = self._state, None
         self.subscribers = ()
+        self.on_displaced = None  # It may refer to what holds this publisher.
         if state is not None:
             if self.cache is not None:
                 self.cache.clear()
@@ -313,20 +388,31 @@ class MemorySubscription(Subscription):
     """Subscriber of one topic.
 
     Attributes:
-        typed: True if it was created with a type, and so holds the topic's.
+        held_type: type that it was created with, and so holds; None if it takes the topic's.
     """
 
     def __init__(
-        self, topics: Topics, topic: Topic, on_sample: OnSample, typed: bool, qos: QoS, owner: NodeResources
+        self,
+        topics: Topics,
+        topic: Topic,
+        on_sample: OnSample,
+        held_type: MessageType | None,
+        qos: QoS,
+        owner: NodeResources,
     ) -> None:
         self.topic = topic.name
         self.on_sample = on_sample
-        self.typed = typed
+        self.held_type = held_type
         self.qos = qos
         self.node = owner.name
         self.owner = owner
         self._topics = topics
         self._state: Topic | None = topic
+
+    @property
+    def is_displaceable(self) -> bool:
+        """True if it is displaced when the robot gives the topic another type."""
+        return self.owner.for_clients or self.on_displaced is not None
 
     @property
     def type(self) -> MessageType | None:
@@ -337,7 +423,13 @@ class MemorySubscription(Subscription):
             return ()
         local = [p for p in self._state.publishers if self in p.subscribers]
         cached = [p.cache.samples() for p in local if p.cache is not None]
-        cached += [p.cache.samples() for p in self._state.remote_publishers if p.cache is not None]
+        # What a publisher of another type has left here was received before the topic had its present type.
+        known = "" if self._state.type is None else self._state.type.name
+        cached += [
+            p.cache.samples()
+            for p in self._state.remote_publishers
+            if p.cache is not None and p.type is not None and p.type.name == known
+        ]
         if len(cached) == 1:
             return cached[0]
         return tuple(sorted((s for samples in cached for s in samples), key=lambda s: s.stamp_ns))
@@ -362,6 +454,7 @@ class MemorySubscription(Subscription):
         state, self._state = self._state, None
         if state is not None:
             self.on_sample = _ignore
+            self.on_displaced = None
             state.subscribers = tuple(s for s in state.subscribers if s is not self)
             self._topics.match(state)
             self.owner.drop(self)
@@ -408,10 +501,11 @@ class Topics:
         topic = self._found(name)
         # Created first, so that a failure does not establish the topic's type.
         publisher = MemoryPublisher(self, topic, interface, qos, owner)
-        topic.establish(interface, self.registry)
+        topic.establish(interface, self.registry, for_clients=owner.for_clients)
         self._topics[name] = topic
         owner.add(publisher, publisher.close)
         topic.publishers = (*topic.publishers, publisher)
+        self._displace(topic)
         self.match(topic)
         self._changes.note()
         self._changed(topic)
@@ -427,12 +521,14 @@ class Topics:
     ) -> MemorySubscription:
         """Add a subscriber and deliver the history to it. Raises :exc:`TypeConflict`."""
         topic = self._found(name)
-        subscription = MemorySubscription(self, topic, on_sample, interface is not None, qos, owner)
+        subscription = MemorySubscription(self, topic, on_sample, interface, qos, owner)
         if interface is not None:
-            topic.establish(interface, self.registry)
+            topic.establish(interface, self.registry, for_clients=owner.for_clients)
         self._topics[name] = topic
         owner.add(subscription, subscription.close)
         topic.subscribers = (*topic.subscribers, subscription)
+        # Before the history, which must not be that of a displaced publisher.
+        self._displace(topic)
         self.match(topic)
         self._changes.note()
         subscription.replay()
@@ -451,10 +547,22 @@ class Topics:
     def left(self, topic: Topic) -> None:
         """Settle the type of a topic that an endpoint has left; remove the topic if it is empty."""
         topic.settle()
+        self._displace(topic)
         if topic.empty:
             self._topics.pop(topic.name, None)
         self._changes.note()
         self._changed(topic)
+
+    def _displace(self, topic: Topic) -> None:
+        """End the clients' endpoints of a topic to which the robot has given another type."""
+        misfits = topic.misfits()
+        if not misfits:
+            return
+        now, topic_type = topic.known_type, misfits[0].held_type
+        assert now is not None and topic_type is not None  # Misfits have one, which is another.
+        names = self.registry.type_name(now), self.registry.type_name(topic_type)
+        for end in misfits:
+            displace(end, f"{topic.name}: the robot uses this topic with type {names[0]}, not {names[1]}")
 
     def _changed(self, topic: Topic) -> None:
         if self.remote is not None:
@@ -491,6 +599,7 @@ class Topics:
         self._changes.note()
         before = topic.type
         topic.settle()
+        self._displace(topic)
         if topic.type is not before:
             self._changed(topic)
 

@@ -41,12 +41,15 @@ def packages(distro: str) -> tuple[str, ...]:
     return tuple(sorted(found.union(RENAMED)))
 
 
-@cache
 def package(distro: str, name: str) -> PackageTexts:
     """Return the texts of one package; empty if the distribution has no such package. Treat it as
     read-only."""
-    if name not in packages(distro):
-        return {}
+    # Names come from clients: only those of packages that exist may be kept.
+    return _texts(distro, name) if name in packages(distro) else {}
+
+
+@cache
+def _texts(distro: str, name: str) -> PackageTexts:
     texts: PackageTexts = {}
     for folder in ("both", distro):
         for suffix in _SUFFIXES:

@@ -110,6 +110,10 @@ class Reader(Protocol):
     """Sender of a request for a page: visible graph and charged work."""
 
     @property
+    def is_admitted(self) -> bool:
+        """True if the reader may connect; False on pages for everybody, where it is not known."""
+
+    @property
     def work(self) -> WorkAccount:
         """Account of the work for the reader's address."""
 
@@ -153,6 +157,8 @@ class Audience(Enum):
 
     ANYBODY = auto()
     """All clients, without credentials: the page reveals nothing of the robot (a health check)."""
+    IF_ADMITTED = auto()
+    """All clients; what the page reveals of the robot, it shows only if :attr:`Reader.is_admitted`."""
     ADMITTED = auto()
     """Clients that may connect; the page shows what its :class:`Reader` may see."""
     EVERY_TOPIC = auto()
@@ -181,8 +187,8 @@ class Route(Generic[AnyReader]):
         page: handler, limited to the rights of its reader.
         audience: clients that may request it.
         method: HTTP method in upper case; ``GET`` includes ``HEAD``, and ``*`` is every method without a
-            handler. Pages of other origins may use any
-            other method only where they may connect by WebSocket (the setting `origins`).
+            handler. Web pages of other origins may use a route only where they may connect by WebSocket (the
+            setting `origins`), unless it is for everybody.
         refusal: builds the response to a request that is refused before it reaches the page.
         stop: how requests press the robot's emergency stop; None if they cannot.
         feature: name under which ``/role`` lists it, for pages that check first whether a server has it.

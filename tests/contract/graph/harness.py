@@ -19,15 +19,20 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from rwt_graph.api import GoalEvents, Graph, Limitation
+from rwt_graph.api import GoalEvents, Graph, Limitation, Participant
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed
 from rwt_participant.goals import GoalStatus
 from rwt_participant.messages import Message
+from tests.contract.graph.paired import PairedGraph
 
 if TYPE_CHECKING:
     import pytest
+
+
+#: Name by which other processes know a node for clients.
+CLIENTS: Final = "/rosbridge_websocket"
 
 
 class Harness(ABC):
@@ -59,6 +64,11 @@ class Harness(ABC):
         """Let time go by, then settle."""
         self.clock.advance(seconds)
         await self.settle()
+
+    def elsewhere(self, node: str) -> Participant:
+        """Return a node of another process than that of the providers; of this one if there is no other."""
+        graph = self.graph.consumer if isinstance(self.graph, PairedGraph) else self.graph
+        return graph.participant(node)
 
     def message(self, name: str, value: object) -> Payload:
         return Payload.from_value(self.graph.registry.message(name), value)

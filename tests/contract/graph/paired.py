@@ -60,8 +60,11 @@ class PairedGraph(Graph):
     async def start(self) -> None:
         """Called when both graphs run."""
 
-    def participant(self, name: str) -> Participant:
-        return SplitParticipant(self.provider.participant(name), self.consumer.participant(name))
+    def participant(self, name: str, *, for_clients: bool = False) -> Participant:
+        return SplitParticipant(
+            self.provider.participant(name, for_clients=for_clients),
+            self.consumer.participant(name, for_clients=for_clients),
+        )
 
     def reserve(self, names: Iterable[str]) -> None:
         names = tuple(names)

@@ -92,8 +92,8 @@ class QueueGraph(DistributedGraph):
         self.is_linked = False
         self.services_of_other.close()
 
-    def participant(self, name: str) -> MemoryParticipant:
-        made = super().participant(name)
+    def participant(self, name: str, *, for_clients: bool = False) -> MemoryParticipant:
+        made = super().participant(name, for_clients=for_clients)
         self.post(partial(self.other.node_joined, name))
         return made
 
@@ -169,7 +169,7 @@ class QueueTopics:
     def on_sample(self, number: int, is_retained: bool, data: bytes, stamp_ns: int, expires_ns: int) -> None:
         name, endpoint = self._found[number]
         topic = self._graph.topic_table.find(name)
-        if endpoint.type is None or topic is None:
+        if endpoint.type is None or topic is None or endpoint.type is not topic.type:
             return
         sample = Sample(name, Payload.relayed_cdr(endpoint.type, data), stamp_ns, endpoint.node, expires_ns)
         if endpoint.cache is not None:
@@ -186,7 +186,7 @@ class QueueServices:
         self._graph = graph
         self._numbers = count()
         self._own: dict[MemoryProvider, int] = {}
-        self._remote: RemoteServiceTable[None] = RemoteServiceTable(graph.service_table.changes)
+        self._remote: RemoteServiceTable[None] = RemoteServiceTable(graph.service_table)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         self._callers = NodeResources("/_queue", private=True)
         # Calls by number: those of this process, and those of the other that are open here.

@@ -8,11 +8,12 @@ import pytest
 from rwt_graph import InvalidGraphName, InvalidTransition
 from rwt_graph.api import GoalEvents, Registration, ServerGoal
 from rwt_participant.goals import GoalStatus
+from tests.contract.graph.harness import CLIENTS, GoalDiary
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tests.contract.graph.harness import GoalDiary, Harness
+    from tests.contract.graph.harness import Harness
 
 pytestmark = pytest.mark.anyio
 
@@ -281,3 +282,56 @@ async def test_a_client_that_raises_is_logged(
         await harness.settle()
     assert goal.status is GoalStatus.SUCCEEDED
     assert caplog.text.count("ZeroDivisionError") >= 2
+
+
+@pytest.mark.parametrize("where", ["here", "elsewhere"])
+async def test_the_robots_action_displaces_that_of_clients(harness: Harness, where: str) -> None:
+    registry = harness.graph.registry
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    displaced: list[str] = []
+    lost: list[object] = []
+
+    def accept(goal: ServerGoal) -> None:
+        goal.on_end = lost.append
+        goal.accept()
+
+    offer = clients.advertise_action("/a", registry.action(harness.fibonacci), accept)
+    offer.on_displaced = displaced.append
+    await harness.settle()
+    diary = GoalDiary()
+    harness.graph.participant("/caller").send_goal("/a", harness.goal(), diary.events)
+    await harness.settle()
+    robot = harness.elsewhere("/robot") if where == "elsewhere" else harness.graph.participant("/robot")
+    reached: list[str] = []
+
+    def finish(goal: ServerGoal) -> None:
+        reached.append(goal.id)
+        goal.accept()
+        goal.finish(GoalStatus.SUCCEEDED, harness.sequence(7))
+
+    robot.advertise_action("/a", registry.action(harness.fibonacci), finish)
+    await harness.settle()
+    assert len(displaced) == len(lost) == 1
+    later = GoalDiary()
+    harness.graph.participant("/caller").send_goal("/a", harness.goal(), later.events)
+    await harness.settle()
+    assert len(reached) == 1
+    assert later.heard[-1] == (GoalStatus.SUCCEEDED, [7])
+
+
+async def test_topics_of_an_action_that_clients_subscribe_to_do_not_keep_the_robot_from_offering_it(
+    harness: Harness,
+) -> None:
+    registry = harness.graph.registry
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    for topic in ("feedback", "status", "result", "goal", "cancel"):
+        for name in (f"/a/_action/{topic}", f"/a/{topic}"):
+            clients.subscribe(name, lambda _: None, registry.message("std_msgs/Int32"))
+    await harness.settle()
+    robot = harness.graph.participant("/robot")
+    robot.advertise_action("/a", registry.action(harness.fibonacci), lambda goal: goal.accept())
+    await harness.settle()
+    diary = GoalDiary()
+    harness.graph.participant("/caller").send_goal("/a", harness.goal(), diary.events)
+    await harness.settle()
+    assert diary.heard[0] == "accepted"

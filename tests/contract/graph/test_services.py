@@ -16,6 +16,7 @@ from rwt_participant.errors import (
     ServiceFailed,
 )
 from rwt_participant.messages import Message
+from tests.contract.graph.harness import CLIENTS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ServiceType
@@ -319,3 +320,61 @@ async def test_a_caller_that_raises_is_logged(
         harness.graph.participant("/c").call_service("/s", harness.request(), on_reply)
         await harness.settle()
     assert "ZeroDivisionError" in caplog.text
+
+
+@pytest.mark.parametrize("where", ["here", "elsewhere"])
+async def test_the_robots_service_displaces_that_of_clients(
+    harness: Harness, trigger: ServiceType, replies: Replies, where: str
+) -> None:
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    displaced: list[str] = []
+    offer = clients.advertise_service("/s", trigger, partial(_answer, harness.response("of a client")))
+    offer.on_displaced = displaced.append
+    await harness.settle()
+    robot = harness.elsewhere("/robot") if where == "elsewhere" else harness.graph.participant("/robot")
+    robot.advertise_service("/s", trigger, partial(_answer, harness.response("of the robot")))
+    await harness.settle()
+    harness.graph.participant("/caller").call_service("/s", harness.request(), replies)
+    await harness.settle()
+    assert replies == ["of the robot"]
+    assert displaced == ["/s: the robot offers this service now"]
+    robot.close()
+    await harness.settle()
+    assert harness.graph.service("/s") is None
+
+
+async def test_open_calls_of_a_displaced_service_fail(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    calls: list[ServiceCall] = []
+    clients.advertise_service("/s", trigger, calls.append)
+    await harness.settle()
+    harness.graph.participant("/caller").call_service("/s", harness.request(), replies)
+    await harness.settle()
+    assert len(calls) == 1
+    harness.graph.participant("/robot").advertise_service("/s", trigger, calls.append)
+    await harness.settle()
+    assert replies == ["ProviderGone: Service /s was unadvertised"]
+
+
+async def test_clients_replace_each_others_service_until_they_withdraw_it(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    displaced: list[str] = []
+    offers = []
+    for name in ("first", "second"):
+        offer = clients.advertise_service("/s", trigger, partial(_answer, harness.response(name)))
+        offer.on_displaced = displaced.append
+        offers.append(offer)
+    await harness.settle()
+    caller = harness.graph.participant("/caller")
+    caller.call_service("/s", harness.request(), replies)
+    await harness.settle()
+    offers[1].close()
+    await harness.settle()
+    caller.call_service("/s", harness.request(), replies)
+    await harness.settle()
+    assert replies == ["second", "first"]
+    assert displaced == []

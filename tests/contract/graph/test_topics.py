@@ -9,6 +9,7 @@ from rwt_graph import NotRunning, TypeConflict
 from rwt_graph.api import Sample, Subscription
 from rwt_participant.messages import Message
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, Durability, QoS
+from tests.contract.graph.harness import CLIENTS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -241,3 +242,121 @@ async def test_a_closed_participant_takes_its_endpoints_along(harness: Harness) 
     publisher.publish(harness.text("x"))
     with pytest.raises(NotRunning, match="/a was closed"):
         a.advertise("/t", string)
+
+
+class Displaced(list[str]):
+    """Reasons with which endpoints for clients were closed."""
+
+
+async def test_the_robot_takes_the_type_of_a_topic_that_clients_subscribe_to(harness: Harness) -> None:
+    registry = harness.graph.registry
+    string, number = registry.message(STRING), registry.message("std_msgs/Int32")
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    displaced = Displaced()
+    wrong = Received()
+    held = clients.subscribe("/t", wrong, string)
+    held.on_displaced = displaced.append
+    await harness.settle()
+    publisher = harness.graph.participant("/a").advertise("/t", number)
+    received: list[object] = []
+    harness.graph.participant("/b").subscribe("/t", lambda s: received.append(s.payload.type), number)
+    await harness.settle()
+    publisher.publish(harness.message("std_msgs/Int32", {"data": 1}))
+    await harness.settle()
+    names = registry.type_name(number), registry.type_name(string)
+    assert displaced == [f"/t: the robot uses this topic with type {names[0]}, not {names[1]}"]
+    assert received == [number]
+    assert wrong == []
+    info = harness.graph.topic("/t")
+    assert info is not None
+    assert info.type is number
+    assert [(end.node, end.type) for end in info.subscribers] == [("/b", names[0])]
+
+
+async def test_the_robot_takes_the_type_of_a_topic_that_clients_publish(harness: Harness) -> None:
+    registry = harness.graph.registry
+    string, number = registry.message(STRING), registry.message("std_msgs/Int32")
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    displaced = Displaced()
+    latched = clients.advertise("/t", string, LATCHED)
+    latched.on_displaced = displaced.append
+    latched.publish(harness.text("of the wrong type"))
+    await harness.settle()
+    received: list[object] = []
+    harness.graph.participant("/b").subscribe("/t", lambda s: received.append(s.payload.type), number)
+    await harness.settle()
+    robot = harness.graph.participant("/a").advertise("/t", number)
+    await harness.settle()
+    latched.publish(harness.text("too late"))
+    robot.publish(harness.message("std_msgs/Int32", {"data": 1}))
+    await harness.settle()
+    assert latched.is_closed
+    assert len(displaced) == 1
+    assert received == [number]
+
+
+async def test_clients_hold_a_type_against_each_other_and_the_robot_against_them(harness: Harness) -> None:
+    registry = harness.graph.registry
+    string, number = registry.message(STRING), registry.message("std_msgs/Int32")
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    clients.advertise("/t", string)
+    await harness.settle()
+    for attempt in (
+        lambda: clients.advertise("/t", number),
+        lambda: clients.subscribe("/t", lambda _: None, number),
+    ):
+        with pytest.raises(TypeConflict):
+            attempt()
+    harness.graph.participant("/a").subscribe("/u", lambda _: None, number)
+    harness.graph.participant("/a").advertise("/v", number)
+    await harness.settle()
+    with pytest.raises(TypeConflict):
+        clients.advertise("/u", string)
+    with pytest.raises(TypeConflict):
+        clients.subscribe("/v", lambda _: None, string)
+
+
+async def test_a_subscriber_that_follows_clients_does_not_hold_their_type(harness: Harness) -> None:
+    registry = harness.graph.registry
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    publisher = clients.advertise("/t", registry.message(STRING))
+    follower = harness.graph.participant("/b").subscribe("/t", lambda _: None)
+    await harness.settle()
+    number = registry.message("std_msgs/Int32")
+    harness.graph.participant("/a").advertise("/t", number)
+    await harness.settle()
+    assert publisher.is_closed
+    assert type_of(follower) is number
+
+
+async def test_clients_may_have_the_same_type_as_the_robot(harness: Harness) -> None:
+    string = harness.graph.registry.message(STRING)
+    clients, a = harness.graph.participant(CLIENTS, for_clients=True), harness.graph.participant("/a")
+    displaced = Displaced()
+    received = Received()
+    for end in (clients.advertise("/t", string), clients.subscribe("/t", received, string)):
+        end.on_displaced = displaced.append
+    publisher = a.advertise("/t", string)
+    a.subscribe("/t", lambda _: None, string)
+    await harness.settle()
+    publisher.publish(harness.text("x"))
+    await harness.settle()
+    assert displaced == []
+    assert received == ["x"]
+
+
+async def test_a_holder_that_raises_when_displaced_disturbs_nobody(
+    harness: Harness, caplog: pytest.LogCaptureFixture
+) -> None:
+    registry = harness.graph.registry
+
+    def fail(_reason: str) -> None:
+        raise ZeroDivisionError
+
+    clients = harness.graph.participant(CLIENTS, for_clients=True)
+    clients.advertise("/t", registry.message(STRING)).on_displaced = fail
+    await harness.settle()
+    with caplog.at_level(logging.ERROR):
+        harness.graph.participant("/a").advertise("/t", registry.message("std_msgs/Int32"))
+        await harness.settle()
+    assert "ZeroDivisionError" in caplog.text

@@ -120,7 +120,7 @@ COUNTS = {"hidden"}
 """Numbers of names, which are not revealed."""
 OWN = {
     "while_allowed", "unadvertise", "unsubscribe", "startup_samples", "withdraw_service", "withdraw_action",
-    "take_role", "withdraw_refused", "keep", "late_sends", "leave", "close", "tell_notices",
+    "take_role", "withdraw_refused", "keep", "late_sends", "leave", "close", "tell_notices", "tell_ended",
     "notices", "approval_of",
 }  # fmt: skip
 """Requests that concern only what the client itself holds."""

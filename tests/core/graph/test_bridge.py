@@ -11,7 +11,7 @@ import pytest
 
 from rwt.extensions.ros1 import Ros1Graph, discovery
 from rwt_graph.api import Graph
-from rwt_graph.bridge import NODE, GraphBridge
+from rwt_graph.bridge import FOR_CLIENTS, NODE, GraphBridge
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
 from rwt_interfaces.distro import JAZZY, NOETIC
@@ -168,3 +168,29 @@ async def test_reserved_names_of_a_graph_take_nothing_of_the_other(graphs: Pair)
     await until(lambda: "open" in heard[0] and "true" in heard[1] and second.service("/offered") is not None)
     assert "forged" not in heard[0]
     assert second.service("/held") is None
+
+
+async def test_what_clients_publish_and_offer_does_not_stand_in_the_way_of_the_robot_there(
+    graphs: Pair,
+) -> None:
+    first, second = graphs
+    clients = first.participant("/rosbridge_websocket", for_clients=True)
+    clients.advertise("/t", first.registry.message("std_msgs/String"))
+    trigger = first.registry.service("std_srvs/Trigger")
+    clients.advertise_service("/s", trigger, lambda call: call.fail("of a client"))
+    await until(lambda: FOR_CLIENTS in _others(second, "/t") and second.service("/s") is not None)
+    robot = Node(second, "robot")
+    publisher = robot.advertise("/t", "std_msgs/Int32")
+    robot.advertise_service("/s", "std_srvs/Trigger", lambda _: {"success": True, "message": "of the robot"})
+    numbers: list[int] = []
+
+    def relayed() -> bool:
+        publisher.publish({"data": 7})
+        return bool(numbers)
+
+    # In the other graph the robot's type takes over, too: what the client published has ended.
+    await until(lambda: "/robot" in _others(second, "/t") and FOR_CLIENTS not in _others(second, "/t"))
+    Node(first, "listener").subscribe("/t", lambda message: numbers.append(message.data), "std_msgs/Int32")
+    await until(relayed)
+    await until(lambda: (it := first.service("/s")) is not None and it.node == NODE)
+    assert (await Node(first, "caller").call("/s")).message == "of the robot"

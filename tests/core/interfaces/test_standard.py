@@ -78,9 +78,9 @@ def test_importing_reads_no_data() -> None:
     program = (
         "import rwt_interfaces.registry as r, rwt_interfaces.standard as s\n"
         "registry = r.Registry()\n"
-        "assert s.package.cache_info().currsize == 0\n"
+        "assert s._texts.cache_info().currsize == 0\n"
         "registry.message('std_msgs/String')\n"
-        "assert s.package.cache_info().currsize == 1\n"
+        "assert s._texts.cache_info().currsize == 1\n"
     )
     subprocess.run(
         [sys.executable, "-c", program], check=True, timeout=20, env={"PYTHONPATH": str(ROOT / "src")}

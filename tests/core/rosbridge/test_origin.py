@@ -180,7 +180,7 @@ async def _works(url: str, **options: Any) -> Subprotocol | None:
         return wire.subprotocol
 
 
-async def _answer(url: str, target: str, *headers: bytes) -> bytes:
+async def _answer(url: str, target: str, *headers: bytes, method: str = "GET") -> bytes:
     """Answer to a request with these headers; the host is that of the URL if none is given."""
     host = url.removeprefix("ws://")
     if not any(header.startswith(b"Host:") for header in headers):
@@ -188,7 +188,7 @@ async def _answer(url: str, target: str, *headers: bytes) -> bytes:
     hop = b"Connection: upgrade" if b"Upgrade: websocket" in headers else b"Connection: close"
     name, _, port = host.rpartition(":")
     async with await anyio.connect_tcp(name, int(port)) as stream:
-        await stream.send(b"\r\n".join([f"GET {target} HTTP/1.1".encode(), hop, *headers, b"", b""]))
+        await stream.send(b"\r\n".join([f"{method} {target} HTTP/1.1".encode(), hop, *headers, b"", b""]))
         return b"".join([part async for part in stream])
 
 
@@ -406,8 +406,10 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
         async with Server("ws://127.0.0.1:0", settings=settings, http=[_PAGES]) as server:
             headers = () if origin is None else (f"Origin: {origin}".encode(),)
             answer = await _answer(server.urls[0], route.path, *headers)
-        assert answer.endswith(b"a mesh")
-        assert b'ETag: "1"\r\n' in answer
+        is_refused = origin is not None and not named
+        assert answer.startswith(b"HTTP/1.1 403" if is_refused else b"HTTP/1.1 200")
+        assert answer.endswith(b"(origins.allow)\n" if is_refused else b"a mesh")
+        assert (b'ETag: "1"\r\n' in answer) is not is_refused
         assert (f"Access-Control-Allow-Origin: {origin}\r\n".encode() in answer) is named
         assert (b"Access-Control-Allow-Origin" in answer) is named
 
@@ -433,7 +435,78 @@ async def test_the_index_says_how_to_connect(host: str, url: str, address: str) 
 async def test_an_origin_that_is_no_ascii_is_answered_too() -> None:
     async with _served(origins={"allow": ["*"], "hosts": ["robot"]}) as url:
         answer = await _answer(url, "/index", b"Host: robot:9090", b"Origin: http://\xfcber")
-        assert answer.startswith(b"HTTP/1.1 200 OK")
+        assert answer.startswith(b"HTTP/1.1 403")
         assert b"Access-Control" not in answer
         answer = await _answer(url, "/index", b"Host: robot:9090", b"Origin: http://a")
         assert b"access-control-allow-origin: http://a\r\n" in answer.lower()
+
+
+_TAB = (b"Sec-Fetch-Site: cross-site", b"Sec-Fetch-Mode: navigate", b"Sec-Fetch-Dest: document")
+_FRAME = (b"Sec-Fetch-Site: cross-site", b"Sec-Fetch-Mode: navigate", b"Sec-Fetch-Dest: iframe")
+_IMAGE = (b"Sec-Fetch-Site: cross-site", b"Sec-Fetch-Mode: no-cors", b"Sec-Fetch-Dest: image")
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("headers", "policy"),
+    [
+        ((), b"same-site"),
+        ((b"Sec-Fetch-Site: same-origin",), b"same-site"),
+        ((b"Sec-Fetch-Site: none",), b"same-site"),
+        ((b"Referer: http://127.0.0.1:8000/page?a#b",), b"cross-origin"),
+        ((b"Referer: http://localhost:8000/", b"Sec-Fetch-Site: cross-site"), b"cross-origin"),
+        ((b"Referer: https://ui.example.com/a/b", *_IMAGE), b"cross-origin"),
+        ((b"Referer: https://user@ui.example.com/", *_IMAGE), b"cross-origin"),
+        ((b"Origin: https://ui.example.com", b"Referer: https://evil.example.com/"), b"cross-origin"),
+        ((b"Referer: https://evil.example.com/",), None),
+        ((b"Referer: https://ui.example.com@evil.example.com/",), None),
+        ((b"Referer: https://evil.example.com/https://ui.example.com",), None),
+        ((b"Referer: https://evil.example.com?https://ui.example.com",), None),
+        ((b"Referer: https://evil.example.com\\@ui.example.com/",), None),
+        ((b"Referer: about:client",), None),
+        ((b"Referer: https://\xfcber.example.com/",), None),
+        ((b"Origin: https://evil.example.com", b"Referer: https://ui.example.com/"), None),
+        ((b"Origin: null",), None),
+        (_IMAGE, None),
+        (_FRAME, None),
+        (_TAB, b"same-site"),
+        ((b"Referer: https://evil.example.com/", *_TAB), b"same-site"),
+        ((b"Referer: https://evil.example.com/", *_FRAME), None),
+    ],
+)
+async def test_pages_load_only_what_they_may_connect_to(
+    headers: tuple[bytes, ...], policy: bytes | None
+) -> None:
+    async with _served(origins={"allow": ["https://ui.example.com"]}) as url:
+        for path in ("/index", "/role", "/metrics"):
+            answer = await _answer(url, path, *headers)
+            assert answer.startswith(b"HTTP/1.1 403" if policy is None else b"HTTP/1.1 200")
+            if policy is None:
+                assert answer.endswith(b"(origins.allow)\n")
+            else:
+                assert b"Cross-Origin-Resource-Policy: " + policy + b"\r\n" in answer
+                assert b"Vary: Origin, Referer\r\n" in answer
+        # What reveals nothing of the robot is for every page.
+        assert (await _answer(url, "/healthz", *headers)).startswith(b"HTTP/1.1 200")
+
+
+@pytest.mark.anyio
+async def test_pages_without_a_site_may_be_allowed() -> None:
+    async with _served(origins={"allow": ["null"]}) as url:
+        for headers in (_IMAGE, (b"Origin: null",), (b"Referer: about:client",)):
+            assert (await _answer(url, "/index", *headers)).startswith(b"HTTP/1.1 200")
+        assert (await _answer(url, "/index", b"Referer: http://a/")).startswith(b"HTTP/1.1 403")
+
+
+@pytest.mark.anyio
+async def test_a_form_of_a_foreign_page_is_refused_though_it_opens_in_a_tab() -> None:
+    async with Server("ws://127.0.0.1:0", gateways=["http"]) as server:
+        for method in ("POST", "PUT", "DELETE", "GET"):
+            answer = await _answer(
+                server.urls[0],
+                "/api/topics/talk?wait=0",
+                *_TAB,
+                b"Referer: https://evil.example/",
+                method=method,
+            )
+            assert answer.startswith(b"HTTP/1.1 403") is (method != "GET")

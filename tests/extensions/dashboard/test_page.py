@@ -16,7 +16,7 @@ from rwt.access.settings import SettingsError
 from rwt.errors import ServerError
 from rwt.extensions.dashboard import WebPage, WebPageError, find_static_files
 from rwt.extensions.dashboard.page_server import serve_page
-from rwt_transports.http.routes import HttpRequest, HttpResponse
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
 from tests.page_readers import SeesNothing
 
 pytestmark = pytest.mark.anyio
@@ -174,6 +174,8 @@ def test_layouts_are_offered_by_name_and_nothing_else_of_the_folder_is(built: Pa
     assert isinstance(settings.body, bytes)
     assert json.loads(settings.body) == {"robot": None, "layouts": ["patrol"]}
     assert ask(page, "/web/layouts/patrol").body == b'{"version": 1, "panels": []}'
+    audiences = {route.path: route.audience for route in page.http.routes}
+    assert audiences["/web/layouts/*"] is Audience.ADMITTED
     for name in ("..%2fsecret", "bad%20name", ".hidden", "missing", "..%2f..%2fetc%2fpasswd"):
         assert ask(page, f"/web/layouts/{name}").status == 404
 

@@ -208,3 +208,38 @@ async def test_a_reader_that_is_too_slow_is_told_what_it_lost(
 def test_json_with_line_breaks_stays_one_line() -> None:
     assert one_line(b'{\r\n "a": "b\\n"\n}') == b'{   "a": "b\\n" }'
     assert one_line(memoryview(b"{}")) == b"{}"
+
+
+async def test_a_stream_ends_when_the_robot_gives_its_topic_another_type(
+    robot: Robot, client: httpx.AsyncClient
+) -> None:
+    path = "/api/topics/open/late?type=std_msgs/String"
+    async with client.stream("GET", path, headers=EVENTS) as answer:
+        stream = events(answer)
+        robot.node.advertise("/open/late", "std_msgs/Int32")
+        name, _, data = await anext(stream)
+        assert name == "end"
+        assert data["topic"] == "/open/late"
+        assert "the robot uses this topic with type std_msgs/msg/Int32" in data["reason"]
+        assert [each async for each in stream] == []
+    await until_shown(client, "/metrics", "rwt_http_streams 0")
+
+
+async def test_a_wait_ends_when_the_robot_gives_its_topic_another_type(
+    robot: Robot, server: Server, client: httpx.AsyncClient
+) -> None:
+    answers: list[httpx.Response] = []
+
+    async def wait() -> None:
+        answers.append(await client.get("/api/topics/open/late?type=std_msgs/String&wait=30"))
+
+    async def is_waiting() -> bool:
+        return server.graph.topic("/open/late") is not None
+
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(wait)
+        await until_answered(is_waiting)
+        robot.node.advertise("/open/late", "std_msgs/Int32")
+    (answer,) = answers
+    assert answer.status_code == 409
+    assert "the robot uses this topic with type std_msgs/msg/Int32" in answer.json()["detail"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,10 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import ResourceUpdatedNotification
 
 from rwt import Settings
-from tests.extensions.mcp.agents import agent_at, agent_of_connection, done, url_of
+from tests.extensions.mcp.agents import agent_at, agent_of_connection, done, refused, url_of
 from tests.extensions.mcp.robots import small_robot
 from tests.extensions.mcp.test_gateway import GUARDED, GUEST, PILOT
-from tests.waiting import until
+from tests.waiting import until, until_answered
 
 if TYPE_CHECKING:
     from rwt import Server
@@ -129,3 +129,44 @@ async def test_subscriptions_are_bounded_and_do_not_block_calls() -> None:
             with pytest.raises(MCPError, match="17 subscriptions; the limit is 16"):
                 async with agent.listen(resource_subscriptions=[f"robot://topics/t{n}" for n in range(17)]):
                     pass
+
+
+async def test_a_subscription_ends_when_the_robot_gives_its_topic_another_type() -> None:
+    async with small_robot() as (server, robot):
+        clients = server.graph.participant("/rosbridge_websocket", for_clients=True)
+        registry = server.graph.registry
+        clients.advertise("/late", registry.message("std_msgs/String"))
+
+        def subscribers() -> int:
+            topic = server.graph.topic("/late")
+            return 0 if topic is None else len(topic.subscribers)
+
+        async with session(server, Told()) as agent:
+            await agent.subscribe_resource("robot://topics/late")
+            assert subscribers() == 1
+            robot.node.advertise("/late", "std_msgs/Int32")
+            await until(lambda: subscribers() == 0)
+            # The agent may subscribe again, now with the robot's type.
+            await until_answered(lambda: _subscribed(agent, subscribers))
+
+
+async def _subscribed(agent: Any, subscribers: Callable[[], int]) -> bool:
+    await agent.subscribe_resource("robot://topics/late")
+    return subscribers() == 1
+
+
+async def test_a_tool_that_waits_ends_when_the_robot_gives_its_topic_another_type() -> None:
+    async with small_robot() as (server, robot), agent_at(url_of(server)) as agent:
+        clients = server.graph.participant("/rosbridge_websocket", for_clients=True)
+        clients.advertise("/late", server.graph.registry.message("std_msgs/String"))
+        answers: list[str] = []
+
+        async def read() -> None:
+            answers.append(await refused(agent, "read_topic", topic="/late", timeout=50))
+
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(read)
+            await until(lambda: (it := server.graph.topic("/late")) is not None and it.subscribers)
+            robot.node.advertise("/late", "std_msgs/Int32")
+        (answer,) = answers
+        assert "/late: the robot uses this topic with type std_msgs/msg/Int32" in answer

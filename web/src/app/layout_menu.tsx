@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { Undo2 } from "lucide";
+import { useEffect } from "preact/hooks";
 import { Icon } from "../forms/icon";
 import { TextField } from "../forms/inputs";
 import { Problem } from "../forms/problem";
@@ -15,6 +16,17 @@ export function LayoutMenu({ app, close }: { app: App; close: () => void }) {
   const name = useSignal("");
   const problem = useSignal("");
   const mine = useSignal(app.savedNames);
+  const offered = useSignal<string[]>([]);
+  useEffect(() => {
+    app.offeredLayouts().then(
+      (names) => {
+        offered.value = names;
+      },
+      (error: Error) => {
+        problem.value = t("app.unreachable", { reason: error.message });
+      },
+    );
+  }, []);
   const attempt = async (act: () => unknown) => {
     try {
       await act();
@@ -63,9 +75,9 @@ export function LayoutMenu({ app, close }: { app: App; close: () => void }) {
           </li>
         ))}
       </ul>
-      {app.settings.layouts.length > 0 && <h2>{t("layout.offered")}</h2>}
+      {offered.value.length > 0 && <h2>{t("layout.offered")}</h2>}
       <ul>
-        {app.settings.layouts.map((each) => (
+        {offered.value.map((each) => (
           <li key={each}>
             <a href={linkTo(each)}>{each}</a>
           </li>

@@ -21,7 +21,7 @@ async function pageSettings(): Promise<PageSettings> {
     try {
       const response = await fetch("web/settings.json", { signal: AbortSignal.timeout(PATIENCE) });
       const robots = /<([^>]+)>; rel="collection"/.exec(response.headers.get("Link") ?? "")?.[1] ?? null;
-      return { ...(response.ok ? await response.json() : { robot: null, layouts: [] }), robots };
+      return { ...(response.ok ? await response.json() : { robot: null }), robots };
     } catch (error) {
       place.textContent = t("app.unreachable", { reason: (error as Error).message });
       await new Promise((later) => setTimeout(later, AGAIN));

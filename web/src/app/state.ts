@@ -28,7 +28,6 @@ export interface Layout {
 /** The settings of the server that the page came from. */
 export interface PageSettings {
   robot: string | null;
-  layouts: string[];
   /** Where a hub lists its robots, of which this is one; null without a hub. */
   robots: string | null;
 }
@@ -63,7 +62,11 @@ export function isRobotUrl(text: string): boolean {
 /** Where the robot is that this page belongs to, or the one that its address names. */
 export function robotUrl(location: Location, settings: PageSettings): string {
   const named = new URLSearchParams(location.search).get("robot") ?? settings.robot;
-  if (named && isRobotUrl(named)) return named;
+  return named && isRobotUrl(named) ? named : ownUrl(location);
+}
+
+/** Where the robot is that has this page's server. */
+function ownUrl(location: Location): string {
   const base = new URL(".", location.href);
   base.protocol = base.protocol === "https:" ? "wss:" : "ws:";
   base.search = base.hash = "";
@@ -125,6 +128,9 @@ export class App {
   private readonly earlier: Signal<readonly Layout[]> = signal([]);
   private isUndoing = false;
   readonly canUndo = computed(() => this.earlier.value.length > 0);
+
+  /** Layout that the address names, and that the server did not give without a token. */
+  private refusedLayout: string | null = null;
 
   /**
    * @param settings settings of the server
@@ -232,14 +238,29 @@ export class App {
       const stored = localStorage.getItem(LAYOUT + name);
       this.show(readLayout(stored === null ? await this.fetchLayout(name) : JSON.parse(stored)));
     } catch (error) {
+      // Without a token, the page asks for one, and then opens the layout.
+      if (this.refusedLayout === name) return;
       this.session.note("error", t("layout.missing", { name, reason: (error as Error).message }));
     }
   }
 
   private async fetchLayout(name: string): Promise<unknown> {
-    const response = await fetch(`web/layouts/${encodeURIComponent(name)}`);
+    const response = await this.fetchOwn(`web/layouts/${encodeURIComponent(name)}`);
+    if (response.status === 401) this.refusedLayout = name;
     if (!response.ok) throw new Error((await response.text()).trim());
     return response.json();
+  }
+
+  /** Names of the layouts that the page's server offers to this user. */
+  async offeredLayouts(): Promise<string[]> {
+    const response = await this.fetchOwn("web/settings.json");
+    return response.ok ? (await response.json()).layouts : [];
+  }
+
+  /** Ask the server of this page, which may be another one than the robot's, with the token that it knows. */
+  private fetchOwn(path: string): Promise<Response> {
+    const token = sessionStorage.getItem(TOKEN + ownUrl(location)) ?? "";
+    return fetch(path, token ? { headers: { Authorization: `Bearer ${token}` } } : {});
   }
 
   /** Open a panel, or show the one of the same kind and settings. */
@@ -359,5 +380,8 @@ export class App {
   authenticate(token: string): void {
     sessionStorage.setItem(TOKEN + this.robot, token);
     this.session.authenticate(token);
+    const refused = this.refusedLayout;
+    this.refusedLayout = null;
+    if (refused !== null) void this.openNamed(refused);
   }
 }

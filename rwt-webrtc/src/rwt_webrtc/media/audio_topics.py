@@ -23,7 +23,7 @@ from rwt_graph import Graph, InvalidGraphName, Node, Sample
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import TimedOut
-from rwt_participant.messages import Message
+from rwt_participant.messages import Message, type_of
 from rwt_transports.http.routes import Reader, WorkAccount
 from rwt_webrtc.media.audio import DATA, INFO, INFO_SUFFIX, AudioFormat, AudioUnreadable, read_info
 from rwt_webrtc.media.opus_encoder import OpusEncoder, OpusPacket
@@ -63,9 +63,10 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
         self._waiting_bytes = 0
         self._complaint = ""
         node.graph.spawn(self._run, f"sound of {topic}")
+        # Without types, which would hold those of the topics against the robot: listeners choose the topic.
         self._subscriptions = (
-            node.subscribe_samples(f"{topic}{INFO_SUFFIX}", self._take, INFO),
-            node.subscribe_samples(topic, self._take, DATA),
+            node.subscribe_samples(f"{topic}{INFO_SUFFIX}", partial(self._take, INFO)),
+            node.subscribe_samples(topic, partial(self._take, DATA)),
         )
 
     def join(self, work: WorkAccount) -> Listener[OpusPacket]:
@@ -74,8 +75,11 @@ class AudioBroadcast(SharedStream[Listener[OpusPacket]]):
         self.listeners.append(listener)
         return listener
 
-    def _take(self, sample: Sample) -> None:
+    def _take(self, wanted: str, sample: Sample) -> None:
         """Queue a message of either topic, in order of arrival; drop the oldest ones of a full queue."""
+        if sample.payload.type.name != wanted:
+            self.end(AudioUnreadable(f"{sample.topic} is a {sample.payload.type.name} now, not a {wanted}"))
+            return
         payload = sample.payload.detach()
         self._waiting.append((time.monotonic(), payload))
         self._waiting_bytes += payload.kept_size
@@ -167,11 +171,15 @@ class AudioTopics:
         if kind not in (None, INFO):
             raise RequestRefused(400, f"{topic} is a {kind}, where {INFO} tells of the sound")
         try:
-            return await self._node.once(topic, INFO, timeout=PATIENCE)
+            info = await self._node.once(topic, timeout=PATIENCE)
         except TimedOut:
             raise RequestRefused(
                 504, f"no {INFO} came on {topic} within {PATIENCE:g} s: the format of {name} is not known"
             ) from None
+        kind = type_of(info, self._node.registry)
+        if kind != INFO:
+            raise RequestRefused(400, f"{topic} is a {kind}, where {INFO} tells of the sound")
+        return info
 
     def listen(self, name: str, samples: AudioFormat, work: WorkAccount) -> Listener[OpusPacket]:
         """Add a listener to a topic found by :meth:`find`; its `leave` removes it."""

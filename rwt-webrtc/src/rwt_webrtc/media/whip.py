@@ -193,6 +193,7 @@ class MediaSender:
         self._since_ns: int | None = None
         self._on_close = on_close
         self._sinks: dict[str, Camera | Microphone] = {}
+        client.tell_ended(lambda _kind, _name, reason: self.end(reason))
         if wanted.camera is not None:
             self._sinks["video"] = Camera(client, wanted.camera, self.end)
         if wanted.microphone is not None:

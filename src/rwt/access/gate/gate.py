@@ -293,6 +293,20 @@ class Gate:
             self.on_leases()
         return topic
 
+    def guard_anew(self, topic: GuardedTopic) -> None:
+        """Guard a topic with the type that the robot has given it, in place of the type of clients."""
+        if self._topics.get(topic.name) is not topic:
+            return
+        must_stop = topic.is_held or topic.state is TopicState.STOPPING
+        topic.end_lease("the robot uses the topic with another type")
+        topic.close()
+        del self._topics[topic.name]
+        info = self._graph.topic(topic.name)
+        if info is not None and info.type is not None:
+            present = self.guarded(topic.name, info.type)
+            if must_stop:
+                present.halt()
+
     def join_topic(self, actor: Actor, name: str, type: MessageType) -> GuardedTopic:
         """Like :meth:`guarded`, for a client that publishes on the topic from now on."""
         topic = self.guarded(name, type)

@@ -168,6 +168,9 @@ class GuardedTopic:
         elif self._stop is not None:
             # Before it is needed: over a network, discovery by the subscribers takes a while.
             self._publisher = gate.participant.advertise(name, type)
+            if all(rule.type is None for rule in self._rules):
+                # A client may have given the topic its type: the robot must be able to give it another.
+                self._publisher.on_displaced = lambda _: gate.guard_anew(self)
 
     def _compile(self, rule: Rule) -> _CompiledRule:
         checks = FieldChecks(rule, self.type, self._motion, self._neutral)

@@ -44,7 +44,7 @@ class WebPage:
 
     Args:
         files: files of the build.
-        layouts: folder of ``NAME.json``, readable by everyone who opens the page.
+        layouts: folder of ``NAME.json``, for clients that may connect: layouts name topics.
         robot: URL of the robot to connect to unless the page's URL names one; default: this server.
         embed: origins whose pages may embed this one in a frame, besides this server's.
 
@@ -79,8 +79,8 @@ class WebPage:
             Route("/", self._document, Audience.ANYBODY),
             Route("/web/*", self._file, Audience.ANYBODY),
             Route("/lib/*", self._library, Audience.ANYBODY),
-            Route("/web/settings.json", self._settings, Audience.ANYBODY),
-            Route(f"{LAYOUTS}*", self._layout, Audience.ANYBODY),
+            Route("/web/settings.json", self._settings, Audience.IF_ADMITTED),
+            Route(f"{LAYOUTS}*", self._layout, Audience.ADMITTED),
         ]
         self.http: Final = HttpExtension(tuple(routes))
 
@@ -124,10 +124,11 @@ class WebPage:
         return file.answer(request, _FOR_EVERY_ORIGIN | {"Content-Security-Policy": "default-src 'none'"})
 
     def _settings(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        names = sorted(path.stem for path in self._layouts.glob("*.json")) if self._layouts else []
+        shown = self._layouts if reader.is_admitted else None
+        names = sorted(path.stem for path in shown.glob("*.json")) if shown else []
         body = {"robot": self._robot, "layouts": [name for name in names if _LAYOUT_NAME.fullmatch(name)]}
         return HttpResponse(
-            json.dumps(body).encode(), content_type="application/json", headers={"Cache-Control": "no-cache"}
+            json.dumps(body).encode(), content_type="application/json", headers={"Cache-Control": "no-store"}
         )
 
     def _layout(self, request: HttpRequest, reader: Reader) -> HttpResponse:
@@ -139,7 +140,7 @@ class WebPage:
         if path.stat().st_size > _MAX_LAYOUT_BYTES:
             return HttpResponse(f"the layout {stem} is larger than {_MAX_LAYOUT_BYTES} bytes\n".encode(), 500)
         return HttpResponse(
-            path.read_bytes(), content_type="application/json", headers={"Cache-Control": "no-cache"}
+            path.read_bytes(), content_type="application/json", headers={"Cache-Control": "no-store"}
         )
 
 

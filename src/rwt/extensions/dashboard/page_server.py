@@ -22,8 +22,12 @@ _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page al
 
 
 class _Nobody:
-    """Reader of static pages, which do not depend on the robot."""
+    """Reader of static pages, which do not depend on the robot.
 
+    This server has no credentials: who reaches it may open its layouts.
+    """
+
+    is_admitted = True
     work = WorkLimit(0.0, 0.0, WorkTotals(), time.monotonic)
     holder = Holder()
 

@@ -19,7 +19,9 @@ class WebSettings(Table):
         True, description="serve the dashboard if it was built; otherwise `/` is a plain list"
     )
     layouts: Path | None = Field(
-        None, description="folder of layouts, `NAME.json`, which every visitor can open with `?layout=NAME`"
+        None,
+        description="folder of layouts, `NAME.json`, which every user who may connect can open with"
+        " `?layout=NAME`",
     )
     embed: tuple[str, ...] = Field(
         (),

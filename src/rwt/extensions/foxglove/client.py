@@ -90,6 +90,7 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
         self.publications = ClientChannels(graph, replies, structure)
         self._gate_notices, self._gate_notice = NoticeFlow(sink, "commands"), ""
         graph.tell_notices(self._tell_notice)
+        graph.tell_ended(self.publications.on_ended)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
         self.parameters = ParameterRequests(graph, replies, gateway.scheduler)
         self.assets = None if pages is None else Assets(graph, replies, pages, info.address, gateway.files)

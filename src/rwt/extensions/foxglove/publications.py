@@ -102,6 +102,12 @@ class ClientChannels:
         counts.received_bytes += size
         present.publisher.publish(payload)
 
+    def on_ended(self, _kind: str, topic: str, reason: str) -> None:
+        """Close the channels of a topic that the robot uses with another type."""
+        for id in [id for id, announced in self._by_id.items() if announced.topic == topic]:
+            del self._by_id[id]
+            self._replies.say(Level.ERROR, f"channel {id} has ended: {reason}")
+
     def ask_again(self) -> None:
         """Check the right to publish on each channel after a change of role, and close those that are not
         allowed.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Final
 
 from rwt.access.client_graph import ClientGraph
@@ -91,8 +92,9 @@ class _Delivery:
         # Open, and so without a queue of its own: messages only wait for the network.
         self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
-    def begin(self) -> None:
-        stream = self._fanout.join(self._throttle, self.channel.topic, self._encoding)
+    def begin(self, on_end: Callable[[str], None]) -> None:
+        """Send samples, until :meth:`end`; `on_end` is called with a reason for that."""
+        stream = self._fanout.join(self._throttle, self.channel.topic, self._encoding, on_end)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
             stream.replay(sample, self._throttle)
@@ -133,7 +135,7 @@ class Subscriptions:
         delivery = _Delivery(self._graph, self._replies, asked.id, channel, fanout)
         self._by_id[asked.id] = delivery
         self._channels.add(channel.id)
-        delivery.begin()
+        delivery.begin(partial(self._ended, asked.id))
 
     def unsubscribe(self, id: int) -> None:
         """End a subscription. An unknown id is no error: the channel may have gone before the client learned
@@ -143,6 +145,10 @@ class Subscriptions:
         if delivery is not None:
             self._channels.discard(delivery.channel.id)
             delivery.end()
+
+    def _ended(self, id: int, reason: str) -> None:
+        self.unsubscribe(id)
+        self._replies.say(Level.ERROR, f"subscription {id} has ended: {reason}")
 
     def end(self, channels: Iterable[int]) -> None:
         """End the subscriptions of removed channels."""

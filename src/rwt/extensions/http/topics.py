@@ -141,19 +141,31 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
     fanout = graph.subscribe(name, type)
     came = anyio.Event()
     found: list[Sample] = []
+    ended: list[str] = []
 
     def take(sample: Sample) -> None:
         if not found:  # Others may follow before the waiting task runs.
             found.append(sample.detach())
             came.set()
 
-    fanout.take_samples(take)
+    def leave() -> None:
+        fanout.end_samples(take)
+        graph.unsubscribe(fanout)
+
+    def on_end(reason: str) -> None:
+        leave()
+        ended.append(reason)
+        came.set()
+
+    fanout.take_samples(take, on_end)
     try:
         with anyio.move_on_after(seconds):
             await came.wait()
     finally:
-        fanout.end_samples(take)
-        graph.unsubscribe(fanout)
+        if not ended:
+            leave()
+    if ended:
+        raise HttpProblem("conflict", ended[0])
     return found[0] if found else None
 
 
@@ -177,13 +189,14 @@ class TopicEvents(ReaderStream):
     ) -> None:
         super().__init__(client, depth, max_bytes, lambda graph: graph.may_subscribe(name))
         self._name = name
+        self._has_left = False
         graph = client.graph
         self._fanout = graph.subscribe(name, type)
         self._drops = DropNotices(name, self._fanout.counts, graph.counters, graph.clock, self._notify, log)
         room = Room(max_bytes)
         self._throttle = Throttle(graph.clock, self.queue, self._drops.withheld, self._drop, room)
         self._throttle.configure(throttle, 1 if throttle else 0)
-        self._stream = self._fanout.join(self._throttle, name, SAMPLES)
+        self._stream = self._fanout.join(self._throttle, name, SAMPLES, self._end)
 
     def replay(self, after_ns: int) -> None:
         """Send the retained samples that were published after a time."""
@@ -199,10 +212,23 @@ class TopicEvents(ReaderStream):
     def _notify(self, text: str) -> None:
         self.queue.tell(event({"topic": self._name, "dropped": self._dropped, "instead": _INSTEAD}, "drops"))
 
+    def _end(self, reason: str) -> None:
+        """End the stream with an event that says why: the robot gives the topic another type."""
+        self.queue.tell(event({"topic": self._name, "reason": reason}, "end"))
+        self._release()
+        self.queue.end()
+
     def _close(self) -> None:
+        self._release()
+        super()._close()
+
+    def _release(self) -> None:
+        """Leave the topic. Idempotent."""
+        if self._has_left:
+            return
+        self._has_left = True
         self._throttle.close()
         self._drops.close()
         self._fanout.leave(self._throttle, self._name, SAMPLES)
         self._client.graph.unsubscribe(self._fanout)
         del self._throttle, self._drops, self._stream  # They refer to this stream.
-        super()._close()

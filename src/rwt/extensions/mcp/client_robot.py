@@ -43,6 +43,7 @@ class ClientRobot(GraphVerbs):
         name: absolute name of the gateway's node.
         ask_for_approval: asks the person at the agent's program to approve what the gate holds back of this
             client, for so many seconds; returns True if an approval was given. None without a gate.
+        on_end: called with the reason if a subscription has ended: the robot gives its topic another type.
     """
 
     def __init__(
@@ -51,8 +52,10 @@ class ClientRobot(GraphVerbs):
         client: ClientGraph,
         name: str,
         ask_for_approval: Callable[[float], Awaitable[bool]] | None = None,
+        on_end: Callable[[str], None] = lambda _: None,
     ) -> None:
         super().__init__(graph, client, name, None)
+        self._on_end = on_end
         self._client = client
         self._ask_for_approval = ask_for_approval
         self.params = RosapiParameters(self._ask)
@@ -79,7 +82,7 @@ class ClientRobot(GraphVerbs):
     def _listen(
         self, topic: str, on_sample: Callable[[Sample], None], type: MessageType | None, qos: QoS
     ) -> api.Subscription:
-        return _ClientSubscription(self._client, topic, on_sample, type)
+        return _ClientSubscription(self._client, topic, on_sample, type, self._on_end)
 
     async def _answer(self, service: str, request: MessageLike | None, seconds: float | None) -> Payload:
         answer: Future[Payload] = Future()
@@ -146,15 +149,21 @@ class _ClientSubscription(api.Subscription):
     """Subscription of a client; the time of its callback is charged to the client."""
 
     def __init__(
-        self, client: ClientGraph, topic: str, on_sample: Callable[[Sample], None], type: MessageType | None
+        self,
+        client: ClientGraph,
+        topic: str,
+        on_sample: Callable[[Sample], None],
+        type: MessageType | None,
+        on_end: Callable[[str], None],
     ) -> None:
         self._client = client
         self._on_sample = on_sample
+        self._on_end = on_end
         self._fanout = client.subscribe(topic, None if type is None else type.name)
         self._is_open = True
         self.topic = self._fanout.topic
         history = self.history()
-        self._fanout.take_samples(self._take)
+        self._fanout.take_samples(self._take, self._end)
         for sample in history:
             self._take(sample)
 
@@ -175,6 +184,10 @@ class _ClientSubscription(api.Subscription):
         except InvalidMessage as error:
             logger.info("a message of %s was left out: %s", self.topic, error)
         self._client.work.add(monotonic() - began, "pages")
+
+    def _end(self, reason: str) -> None:
+        self.close()
+        self._on_end(reason)
 
     def close(self) -> None:
         if self._is_open:

@@ -387,8 +387,14 @@ class McpGateway(Gateway):
         gate, leave = self.access.gate, None
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
-        robot = ClientRobot(self.shared.graph, client, NODE, leave)
         notices: list[str] = []
+        ended: list[str] = []
+
+        def end(reason: str) -> None:
+            ended.append(reason)
+            scope.cancel()
+
+        robot = ClientRobot(self.shared.graph, client, NODE, leave, end)
         client.tell_notices(partial(note_once, notices))
         caller.clients.add(client)
         if lasts:
@@ -422,7 +428,7 @@ class McpGateway(Gateway):
                     self._callers.discard(caller)
                 robot.close()
         if scope.cancelled_caught:
-            raise ToolError("the request was abandoned: its client has gone")
+            raise ToolError(ended[0] if ended else "the request was abandoned: its client has gone")
 
     def _check_requests(self, caller: _Caller, *, lasts: bool) -> None:
         """Raise ToolError if the limit of requests, or of subscriptions if it `lasts`, is reached."""

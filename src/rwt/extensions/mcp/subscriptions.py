@@ -49,7 +49,7 @@ class ResourceSubscriptions:
         # The SDK has no public hook for the end of a session.
         connection, uri = context.session._connection, str(params.uri)
         scopes: dict[str, anyio.CancelScope] = connection.state.setdefault("subscriptions", {})
-        if uri not in scopes:
+        if uri not in scopes or scopes[uri].cancel_called:
             _check_number([*scopes, uri])
             scopes[uri] = await self._start(context, uri, context.session.send_resource_updated)
             connection.exit_stack.callback(scopes[uri].cancel)
@@ -111,6 +111,7 @@ class ResourceSubscriptions:
         except (ToolError, RobotError, AccessError) as error:
             if not is_started:
                 raise
+            scope.cancel()  # Marks it as ended: the agent may subscribe again.
             logger.info("the subscription to %s has ended: %s", uri, error)
 
 

@@ -15,6 +15,7 @@ from rwt.extensions.ros1.wire.rpc import address_of
 from rwt_graph.api import ServiceInfo
 from rwt_graph.backend import MemoryCall, NodeResources, OfferedServices
 from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.names import is_for_clients
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import LONG_FORMS_BYTES, Payload
 from rwt_interfaces.steps import Steps, finished
@@ -165,6 +166,8 @@ class Ros1Services(OfferedServices["Session"]):
         if known is None or known[0] != node:
             self._remote[name] = (node, None)
             self._services.changes.note()
+            if not is_for_clients(node):
+                self._services.robot_offers(name)
         if self._remote[name][1] is None:
             ending = name.removeprefix(node)
             if ending in _OF_EVERY_NODE:

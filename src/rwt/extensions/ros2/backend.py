@@ -97,8 +97,9 @@ class Ros2Graph(DistributedGraph):
         )
         self.set_remotes(self._ros_topics, self._ros_services, actions)
 
-    def participant(self, name: str) -> MemoryParticipant:
-        participant = super().participant(self._remapping.node(validate(name)))
+    def participant(self, name: str, *, for_clients: bool = False) -> MemoryParticipant:
+        node = self._remapping.node(validate(name))
+        participant = super().participant(node, for_clients=for_clients)
         if self._connection is not None:
             try:
                 self._connection.node_of(participant.owner)

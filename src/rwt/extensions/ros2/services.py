@@ -181,7 +181,7 @@ class Ros2Services(OfferedServices[Connection]):
         self._clock = clock
         self._clients: PerNode[Client] = PerNode(Client.close)
         self._found: frozenset[tuple[str, str, str]] = frozenset()
-        self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
+        self._remote: RemoteServiceTable[None] = RemoteServiceTable(services)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         self._unknown: set[str] = set()
 

@@ -184,6 +184,7 @@ class _ObservedPublisher(Publisher):
         self.type = inner.type
         self.qos = inner.qos
         self._inner = inner
+        inner.on_displaced = self._on_inner_displaced
         self._node = node
         self._journal = journal
         self._now_ns = now_ns
@@ -192,6 +193,10 @@ class _ObservedPublisher(Publisher):
         kept = payload.detach()
         self._journal.add(Received(Kind.MESSAGE, self.topic, kept, self._node, self._now_ns()))
         self._inner.publish(payload)
+
+    def _on_inner_displaced(self, reason: str) -> None:
+        if self.on_displaced is not None:
+            self.on_displaced(reason)
 
     @property
     def is_closed(self) -> bool:

@@ -86,8 +86,8 @@ class ZenohGraph(DistributedGraph):
         """Return a new :class:`~rwt_graph.nodes.node.Node`, in the graph's namespace by default."""
         return Node(self, name, self.namespace if namespace is None else namespace)
 
-    def participant(self, name: str) -> MemoryParticipant:
-        participant = super().participant(name)
+    def participant(self, name: str, *, for_clients: bool = False) -> MemoryParticipant:
+        participant = super().participant(name, for_clients=for_clients)
         if self.link is not None:
             self._present[participant.owner] = self.link.declare_node(participant.owner)
         return participant

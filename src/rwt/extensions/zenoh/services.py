@@ -43,7 +43,7 @@ class ZenohServices(OfferedServices["ZenohLink"]):
         super().__init__(services)
         self._registry = registry
         self._time_ns = time_ns
-        self._remote: RemoteServiceTable[tuple[Token, TokenEndpoint]] = RemoteServiceTable(services.changes)
+        self._remote: RemoteServiceTable[tuple[Token, TokenEndpoint]] = RemoteServiceTable(services)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}

@@ -179,7 +179,7 @@ def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
 class PeerActions:
     """Goals that one client sends, and actions that it provides."""
 
-    __slots__ = ("_address", "_orphans", "_provided", "_sent", "graph", "now", "replies")
+    __slots__ = ("_address", "_orphans", "_sent", "graph", "now", "provided", "replies")
 
     def __init__(
         self,
@@ -195,7 +195,7 @@ class PeerActions:
         self._address = address
         self._orphans = orphans
         self._sent: set[PeerGoal] = set()
-        self._provided = PeerOffers(graph, address, offers)
+        self.provided = PeerOffers(graph, address, offers)
 
     @property
     def goals_running(self) -> int:
@@ -242,13 +242,13 @@ class PeerActions:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
         provided = _ProvidedAction(op, self.graph, self._address, self.replies)
         self.graph.advertise_action(op.action, op.type, provided.take)
-        self._provided.add(provided)
+        self.provided.add(provided)
 
     def unadvertise(self, op: UnadvertiseAction) -> None:
         """Withdraw an action of this client; its running goals are aborted (ACT-18)."""
         if not self.graph.withdraw_action(op.action):
             raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
-        self._provided.discard(resolve(op.action))
+        self.provided.discard(resolve(op.action))
 
     def feedback(self, op: ActionFeedback) -> Steps:
         """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
@@ -292,11 +292,11 @@ class PeerActions:
         abort(type, goal, f"the provider's result is malformed: {reason}")
 
     def _goal(self, op: str, action: str, id: str | int | None) -> Accepted:
-        return self._provided.pending(op, action, id, f"no goal of {action} runs")[str(id)]
+        return self.provided.pending(op, action, id, f"no goal of {action} runs")[str(id)]
 
     def close(self) -> Steps:
         """Let the goals continue; they can still be cancelled from the same address (ACT-19)."""
-        yield from self._provided.close()
+        yield from self.provided.close()
         for goal in tuple(self._sent):
             goal.orphan()
             self._orphans.add(goal, self._address, self.graph.holder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 from rwt.access.client_graph import ClientGraph
 from rwt.delivery.drop_notices import DeadlineWatch, DropNotices, NoticeFlow
@@ -23,11 +24,23 @@ class ClientSubscription:
 
     The smallest `throttle_rate` (SUB-05), `queue_length` (X06) and `fragment_size` (SUB-07) apply, and the
     strongest requested encoding (SUB-08).
+
+    Args:
+        on_end: called with the reason if the topic's fan-out ends; it has to :meth:`close` this object.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout, room: Room) -> None:
+    def __init__(
+        self,
+        graph: ClientGraph,
+        replies: Replies,
+        name: str,
+        fanout: Fanout,
+        room: Room,
+        on_end: Callable[[str], None],
+    ) -> None:
         self._name = name
         self.fanout = fanout
+        self._on_end = on_end
         self._graph = graph
         self._requests: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
         clock = graph.clock
@@ -118,7 +131,7 @@ class ClientSubscription:
             return self._stream
         self._leave()
         self._encoding = encoding
-        self._stream = self.fanout.join(self._throttle, self._name, encoding)
+        self._stream = self.fanout.join(self._throttle, self._name, encoding, self._on_end)
         return self._stream
 
     def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:

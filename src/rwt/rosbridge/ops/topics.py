@@ -54,14 +54,14 @@ class PeerTopics:
     def advertise(self, op: Advertise) -> None:
         """Make the client a publisher (ADV-01 … ADV-07)."""
         name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
-        self._forget_publisher(name)
+        self.forget_publisher(name)
 
     def unadvertise(self, op: Unadvertise) -> None:
         """Withdraw one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
         name = resolve(op.topic)
         if not self._graph.unadvertise(name, op.id):
             raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
-        self._forget_publisher(name)
+        self.forget_publisher(name)
 
     def publish(self, op: Publish | LightPublish, checked: Payload | None = None) -> Steps | None:
         """Check the message once and publish it (PUB-01 … PUB-09); a large one in steps.
@@ -111,7 +111,7 @@ class PeerTopics:
         except UnknownTopicType as unknown:
             raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
         if op.qos is not None:
-            self._forget_publisher(publisher.topic)  # It may have replaced another publisher.
+            self.forget_publisher(publisher.topic)  # It may have replaced another publisher.
         if len(self._publishers) >= _MAX_NAMES:
             self.forget_publishers()
         self._publishers[op.topic] = publisher
@@ -126,7 +126,8 @@ class PeerTopics:
             text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
             self._replies.send(Status(level="warning", msg=text, id=op.id))
 
-    def _forget_publisher(self, topic: str) -> None:
+    def forget_publisher(self, topic: str) -> None:
+        """Request the publisher of a topic again with the next message."""
         self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
 
     def forget_publishers(self) -> None:
@@ -152,10 +153,15 @@ class PeerTopics:
         if subscription is None:
             self._check_spellings(fanout, op.topic)
             subscription = self._subscriptions[op.topic] = ClientSubscription(
-                self._graph, self._replies, op.topic, fanout, self._room
+                self._graph, self._replies, op.topic, fanout, self._room, partial(self._ended, op.topic)
             )
         subscription.put(op, encoding)
         return fanout.late.steps() if fanout.late.waiting else None
+
+    def _ended(self, name: str, reason: str) -> None:
+        """End the subscriptions under one spelling: the robot gives the topic another type."""
+        self._subscriptions.pop(name).close()
+        self._replies.refuse(Status(level="error", msg=f"subscribe: {reason}"))
 
     def _check_spellings(self, fanout: Fanout, name: str) -> None:
         """Reject excessive spellings of a topic: each is a stream of its own (PUB-09)."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import fnmatch
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Final, Literal, NotRequired
 
 from pydantic import Field
@@ -13,6 +12,7 @@ from rwt.extensions.mcp.agent import RESULT_BYTES, Agent
 from rwt.extensions.mcp.content.answer import Answer, as_text, bounded, bounded_value
 from rwt.extensions.mcp.content.plain import plain
 from rwt.extensions.mcp.tools.tool import Arguments, Name, tool
+from rwt_graph.topic_selection import glob_matcher
 from rwt_interfaces import field_types
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.api import Listed
@@ -98,7 +98,7 @@ async def list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
         else:
             find = {"topics": robot.topics, "services": robot.services, "actions": robot.actions}[kind]
             rows = [_row(each) for each in await find()]
-        found[kind] = [each for each in rows if _fits(each["name"], asked)]
+        found[kind] = _fitting(rows, asked)
     listed: dict[str, Rows] = {kind: _shown(agent, kind, rows) for kind, rows in found.items()}
     text = "\n\n".join(_lines(kind, rows) for kind, rows in listed.items())
     while len(as_text(listed)) > RESULT_BYTES and any(each["rows"] for each in listed.values()):
@@ -123,10 +123,17 @@ def _halved(rows: Rows) -> Rows:
     return {**rows, "rows": kept, "left_out": rows["left_out"] + len(rows["rows"]) - len(kept)}
 
 
-def _fits(name: str, asked: ListRobotArguments) -> bool:
-    if not fnmatch.fnmatchcase(name, asked.filter):
-        return False
-    return asked.plumbing or not any(fnmatch.fnmatchcase(name, glob) for glob in _PLUMBING)
+_IS_PLUMBING: Final = tuple(map(glob_matcher, _PLUMBING))
+
+
+def _fitting(rows: Iterable[Row], asked: ListRobotArguments) -> list[Row]:
+    matches = glob_matcher(asked.filter)
+    return [
+        row
+        for row in rows
+        if matches(row["name"])
+        and (asked.plumbing or not any(is_one(row["name"]) for is_one in _IS_PLUMBING))
+    ]
 
 
 def _row(each: Listed) -> Row:
