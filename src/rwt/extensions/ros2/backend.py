@@ -6,7 +6,7 @@ import logging
 import os
 from collections.abc import Iterable
 
-from rwt.extensions.ros2.ament import add_installed
+from rwt.extensions.ros2.ament import add_installed, installed_release
 from rwt.extensions.ros2.connection import Connection
 from rwt.extensions.ros2.discovery import Discovery
 from rwt.extensions.ros2.remapping import RemappedParticipant, Remapping
@@ -37,8 +37,8 @@ class Ros2Graph(DistributedGraph):
     process receives no answer from a service of this one that fails.
 
     Args:
-        registry: interfaces of a ROS 2 distribution; by default the standard ones, and those that are
-            installed with ROS 2.
+        registry: interfaces of a ROS 2 distribution; by default the standard ones of the installed release,
+            and those that are installed with it.
         clock: the wall clock by default.
         use_sim_time: take ROS time from the topic `/clock`; replaces `clock`.
         domain: ROS_DOMAIN_ID; that of the environment by default.
@@ -73,7 +73,7 @@ class Ros2Graph(DistributedGraph):
     ) -> None:
         self._remapping = Remapping(remap)
         if registry is None:
-            registry = Registry()
+            registry = Registry(installed_release())
             add_installed(registry)
         super().__init__(registry, RosTime(is_real=False) if use_sim_time else clock)
         if self.distro.ros_version != 2:
@@ -144,7 +144,15 @@ class Ros2Graph(DistributedGraph):
             # No node of the graph, which would be listed.
             self._time_source = self.make_participant(f"/_rwt_clock_{os.getpid()}")
             self.clock.follow(self._time_source)
-        logger.info("joined ROS 2 in domain %d", connection.domain)
+        logger.info("joined ROS 2 %s in domain %d", self.distro.name, connection.domain)
+        installed = installed_release()
+        if installed is not self.distro:
+            logger.warning(
+                "ROS 2 %s is installed, and this server has the messages of %s: leave out --distro to have"
+                " those of the installed release",
+                installed.name,
+                self.distro.name,
+            )
 
     async def leave(self) -> None:
         if self._time_source is not None:
