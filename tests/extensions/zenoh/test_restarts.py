@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 import anyio
@@ -55,6 +56,6 @@ async def test_every_kind_of_endpoint_comes_back() -> None:
             name = ("first", "second")[number % 3 % 2]  # Also the same one twice in a row.
             async with ZenohGraph(connect=[endpoint], config=QUICK) as robot:
                 _offer(robot, name)
-                await until(lambda name=name: _is_back(graph, f"/{name}"))
+                await until(partial(_is_back, graph, f"/{name}"))
                 assert (await caller.call("/fast", {})).message == name
             await until(lambda: _is_gone(graph))

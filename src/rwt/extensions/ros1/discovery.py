@@ -117,7 +117,7 @@ class Discovery:
         self._nodes: set[str] = set()
         self._raw = b""
         self._state = State()
-        self._probes = Probes(session)
+        self._probes = Probes(session.network, session.warn_once, session.withdraw_warning)
         self._missing: dict[Key, int] = {}
         self._unlisted: set[Registration] = set()
 

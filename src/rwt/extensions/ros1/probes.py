@@ -14,7 +14,7 @@ from rwt.extensions.ros1.wire.network import Unreachable
 from rwt_graph.errors import Ros1Error, WireError
 
 if TYPE_CHECKING:
-    from rwt.extensions.ros1.session import Session
+    from rwt.extensions.ros1.wire.network import Network
 
 #: Maximum types that are asked for at once, and questions that wait for that.
 _MOST_PROBES: Final = 8
@@ -85,10 +85,18 @@ class Probes:
     """Open questions, each asked until it has an answer or the master's tables no longer list its subject.
 
     A question belongs to one listing of an endpoint: what leaves the tables and comes back is a new one.
+
+    Args:
+        warn_once: logs a text.
+        withdraw_warning: lets a text be logged again, since its question has ended.
     """
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(
+        self, network: Network, warn_once: Callable[[str], None], withdraw_warning: Callable[[str], None]
+    ) -> None:
+        self._network = network
+        self._warn_once = warn_once
+        self._withdraw_warning = withdraw_warning
         self._open: dict[Question, _Open] = {}
         self._silent: dict[str, _Silent] = {}
         self._limiter = anyio.CapacityLimiter(_MOST_PROBES)
@@ -114,7 +122,7 @@ class Probes:
                 question.asking = True
                 if silent is not None:
                     silent.asking = True
-                self._session.network.spawn(partial(self._ask, key, question), f"type of {key[1]}")
+                self._network.spawn(partial(self._ask, key, question), f"type of {key[1]}")
 
     async def _ask(self, key: Question, question: _Open) -> None:
         node = key[2]
@@ -142,9 +150,9 @@ class Probes:
     def _report(self, question: _Open, error: Exception) -> None:
         if not question.warned:
             question.warned = str(error)
-            self._session.warn_once(question.warned)
+            self._warn_once(question.warned)
 
     def _end(self, key: Question, question: _Open) -> None:
         del self._open[key]
         if question.warned:
-            self._session.withdraw_warning(question.warned)
+            self._withdraw_warning(question.warned)

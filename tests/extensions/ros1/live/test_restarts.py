@@ -62,5 +62,5 @@ async def test_two_nodes_of_rospy_that_offer_one_service_in_turn(ros: Ros, graph
     for _ in range(RESTARTS // 2):
         for node in ("first", "second"):
             program = await _started(ros, node)
-            await until(lambda node=node: _is_back(graph, f"/robot/{node}"))
+            await until(partial(_is_back, graph, f"/robot/{node}"))
             await anyio.to_thread.run_sync(program.close)
