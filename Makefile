@@ -84,12 +84,14 @@ test: lint types unit
 # Everything: also browsers, clients in other languages, rwt-rclpy, releases, docs, faults and fuzzing.
 test-all: $(STAMP)-dev lint types web unit-all
 
-# Environments with the real rclpy of a release of ROS 2: its wheels for Linux on x86-64 and CPython 3.11, 280 MB.
+# Environments with the real rclpy of a release of ROS 2: its wheels for Linux on x86-64, 280 MB. ROS2_PYTHON is that of
+# the environment in `.venv`, whose packages the tests use, too.
 ROS2_DISTRO := kilted
+ROS2_PYTHON := python3.11
 ROS2 := build/rclpy-$(ROS2_DISTRO)
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp rpyutils std-srvs $(addsuffix -msgs,std geometry nav sensor test)
 build/rclpy-%/.installed:
-	python3.11 -m venv build/rclpy-$*
+	$(ROS2_PYTHON) -m venv build/rclpy-$*
 	build/rclpy-$*/bin/python -m pip install --quiet numpy pytest pytest-timeout $(addprefix ros-$*-,$(ROS2_PACKAGES))
 	touch $@
 

@@ -1,4 +1,4 @@
-"""Write the standard messages of both distributions as data files of `rwt_interfaces`.
+"""Write the standard messages of all distributions as data files of `rwt_interfaces`.
 
 The fields and constants come from the type stores of rosbags (a development dependency), the default values
 and the places of constants among the fields, which those stores do not keep, from the tables below. Run it
@@ -18,23 +18,37 @@ from typing import TYPE_CHECKING
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
+from rwt_interfaces import DISTROS
+
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc
 
 ROOT = Path(__file__).parent.parent / "src" / "rwt_interfaces" / "standard"
-STORES = {"jazzy": Stores.ROS2_JAZZY, "noetic": Stores.ROS1_NOETIC}
-
-#: Default values of ROS 2, as the packages of jazzy have them.
-DEFAULTS = {
-    ("jazzy", "geometry_msgs/msg/Quaternion", "x"): "0",
-    ("jazzy", "geometry_msgs/msg/Quaternion", "y"): "0",
-    ("jazzy", "geometry_msgs/msg/Quaternion", "z"): "0",
-    ("jazzy", "geometry_msgs/msg/Quaternion", "w"): "1",
-    ("jazzy", "sensor_msgs/msg/NavSatStatus", "status"): "-2",
-    ("jazzy", "rcl_interfaces/msg/ParameterDescriptor", "read_only"): "false",
-    ("jazzy", "rcl_interfaces/msg/ParameterDescriptor", "dynamic_typing"): "false",
-    ("jazzy", "type_description_interfaces/msg/FieldType", "type_id"): "0",
+STORES = {
+    "humble": Stores.ROS2_HUMBLE,
+    "jazzy": Stores.ROS2_JAZZY,
+    "kilted": Stores.ROS2_KILTED,
+    "lyrical": Stores.ROS2_LYRICAL,
+    "noetic": Stores.ROS1_NOETIC,
 }
+
+#: Release from which a release's files hold the differences; all others are whole.
+BASES = {"humble": "jazzy", "kilted": "jazzy", "lyrical": "kilted"}
+
+#: Default values of ROS 2.
+DEFAULTS = {
+    ("geometry_msgs/msg/Quaternion", "x"): "0",
+    ("geometry_msgs/msg/Quaternion", "y"): "0",
+    ("geometry_msgs/msg/Quaternion", "z"): "0",
+    ("geometry_msgs/msg/Quaternion", "w"): "1",
+    ("sensor_msgs/msg/NavSatStatus", "status"): "-2",
+    ("rcl_interfaces/msg/ParameterDescriptor", "read_only"): "false",
+    ("rcl_interfaces/msg/ParameterDescriptor", "dynamic_typing"): "false",
+    ("type_description_interfaces/msg/FieldType", "type_id"): "0",
+    ("rosgraph_msgs/msg/TypeHash", "version"): "1",
+}
+#: Default values that are not in a distribution.
+WITHOUT_DEFAULT = {("humble", "sensor_msgs/msg/NavSatStatus")}
 
 #: Constants that stand behind a field, and with them those that follow; all others stand before the fields.
 #: No message depends on it, but viewers compare definitions with those that they know (Lichtblick's common
@@ -49,13 +63,13 @@ BEHIND = {
     ("visualization_msgs/msg/InteractiveMarkerControl", "INHERIT"): "orientation",
     ("visualization_msgs/msg/InteractiveMarkerControl", "NONE"): "orientation_mode",
 }
-BEHIND_IN_JAZZY = {
+BEHIND_IN_ROS2 = {
     ("visualization_msgs/msg/InteractiveMarkerFeedback", "KEEP_ALIVE"): "control_name",
     ("visualization_msgs/msg/InteractiveMarkerUpdate", "KEEP_ALIVE"): "seq_num",
 }
 
 #: Services of a tool, which are written by hand for both, and what ROS 1 has as primitives.
-LEFT_OUT = {"jazzy": {"rosbag2_interfaces"}, "noetic": {"builtin_interfaces"}}
+LEFT_OUT = {1: {"builtin_interfaces"}, 2: {"rosbag2_interfaces"}}
 
 #: Messages that the registry derives from an action's definition.
 DERIVED = ("Action", "ActionGoal", "ActionResult", "ActionFeedback", "Goal", "Result", "Feedback")
@@ -89,7 +103,9 @@ def message_name(name: str, package: str, distro: str) -> str:
 def message_text(distro: str, name: str, constants: Constdefs, fields: Fielddefs) -> str:
     """One message in definition syntax."""
     package = name.split("/")[0]
-    places = BEHIND | BEHIND_IN_JAZZY if distro == "jazzy" else BEHIND
+    is_ros2 = DISTROS[distro].ros_version == 2
+    places = BEHIND | BEHIND_IN_ROS2 if is_ros2 else BEHIND
+    defaults = DEFAULTS if is_ros2 and (distro, name) not in WITHOUT_DEFAULT else {}
     standing: defaultdict[str, list[str]] = defaultdict(list)
     behind = ""
     for constant, kind, value in constants:
@@ -98,7 +114,7 @@ def message_text(distro: str, name: str, constants: Constdefs, fields: Fielddefs
     lines = standing[""]
     for field, description in fields:
         if field != "structure_needs_at_least_one_member":
-            default = DEFAULTS.get((distro, name, field))
+            default = defaults.get((name, field))
             line = f"{type_text(description, package, distro)} {field}"
             lines.append(line if default is None else f"{line} {default}")
         lines += standing[field]
@@ -114,20 +130,37 @@ def is_derived(name: str, names: Container[str]) -> bool:
     return False
 
 
-def generate(distro: str) -> dict[str, str]:
-    """The data file of each package of a distribution."""
+def sections(distro: str) -> dict[str, str]:
+    """The section of each message of a distribution."""
     definitions = get_typestore(STORES[distro]).fielddefs
+    left_out = LEFT_OUT[DISTROS[distro].ros_version]
+    return {
+        name: f"=== msg/{name.split('/')[2]}\n{message_text(distro, name, *definitions[name])}"
+        for name in sorted(definitions)
+        if name.split("/")[0] not in left_out and not is_derived(name, definitions)
+    }
+
+
+def generate(distro: str) -> dict[str, str]:
+    """The data file of each package of a distribution, or its differences from the base."""
+    if distro not in STORES:
+        return {}
+    found = sections(distro)
+    base = sections(BASES[distro]) if distro in BASES else {}
     packages: defaultdict[str, str] = defaultdict(str)
-    for name in sorted(definitions):
+    for name in sorted(found.keys() | base.keys()):
         package, _, short = name.split("/")
-        if package not in LEFT_OUT[distro] and not is_derived(name, definitions):
-            packages[package] += f"=== msg/{short}\n{message_text(distro, name, *definitions[name])}"
+        if name not in found:
+            packages[package] += f"=== msg/{short} removed\n"
+        elif found[name] != base.get(name):
+            packages[package] += found[name]
     return dict(packages)
 
 
 def main() -> int:
     """Write every file, and say what was written."""
     for distro in STORES:
+        (ROOT / distro).mkdir(exist_ok=True)
         for old in (ROOT / distro).glob("*.generated.txt"):
             old.unlink()
         packages = generate(distro)

@@ -221,12 +221,14 @@ class GraphPart(Part):
     Attributes:
         make: creates the graph, which the server enters.
         distro: distribution of every such graph; empty for any.
+        default_distro: returns the distribution of such a graph unless another is set.
         add_interfaces: adds interfaces that are installed beside the graph's middleware.
         is_shared: True if several worker processes can join it.
     """
 
     make: Callable[[GraphContext, Any], Graph]
     distro: str = ""
+    default_distro: Callable[[], str] | None = None
     add_interfaces: Callable[[Registry], None] | None = None
     is_shared: bool = False
 

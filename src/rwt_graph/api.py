@@ -67,6 +67,23 @@ class Limitation(Enum):
     PARAMETER_TREE = "The global tree of parameters stays in the process."
 
 
+@dataclass(frozen=True, slots=True)
+class Network:
+    """Connection of a graph to programs in other processes, for its operator.
+
+    Attributes:
+        name: such as ``ROS 2 kilted``.
+        details: settings that the other programs must share.
+        nodes: number of nodes in other processes.
+        advice: what to check if there are none.
+    """
+
+    name: str
+    details: str
+    nodes: int
+    advice: str
+
+
 class Sample(Struct, frozen=True, eq=False, gc=False):
     """Payload in the graph. A msgspec Struct for speed: one is made per publish.
 
@@ -522,6 +539,11 @@ class Graph(GraphListings):
     registry: Registry
     clock: Clock
     parameters: ParameterTree
+
+    @property
+    def network(self) -> Network | None:
+        """Connection to other processes; None without one."""
+        return None
 
     @cached_property
     def observers(self) -> set[OnConnection]:

@@ -36,7 +36,7 @@ from collections.abc import Callable, Sequence
 from rwt_graph.actions.names import belongs_to_action
 from rwt_graph.actions.remote_goals import Ros2Actions
 from rwt_graph.actions.server import Ros2ActionServer
-from rwt_graph.api import Limitation
+from rwt_graph.api import Limitation, Network
 from rwt_graph.memory.actions import Actions, MemoryActionServer, NotifyingGoal, RemoteActions
 from rwt_graph.memory.endpoint_types import EndpointTypes
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
@@ -66,6 +66,7 @@ from rwt_graph.parameters.tree import ParameterTree
 __all__ = [
     "DistributedGraph",
     "Limitation",
+    "Network",
     "MemoryParticipant",
     "NodeResources",
     "PerNode",
@@ -119,6 +120,11 @@ class DistributedGraph(MemoryGraph):
     def participants(self) -> Sequence[MemoryParticipant]:
         """Return the nodes of this process, in the order in which they were made."""
         return tuple(self._participants)
+
+    @property
+    def remote_nodes(self) -> int:
+        """Number of nodes in other processes."""
+        return self._nodes.total() - len(self._participants)
 
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer

@@ -1,6 +1,6 @@
 """ROS message definitions, the classes compiled from them, and their serialisations. No I/O."""
 
-from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
+from rwt_interfaces.distro import DISTROS, HUMBLE, JAZZY, KILTED, LYRICAL, NOETIC, ROLLING, Distro
 from rwt_interfaces.errors import DefinitionError, InterfaceError, InvalidMessage, InvalidName, UnknownType
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -10,7 +10,11 @@ __all__ = [
     "Payload",
     "Distro",
     "DISTROS",
+    "HUMBLE",
     "JAZZY",
+    "KILTED",
+    "LYRICAL",
+    "ROLLING",
     "NOETIC",
     "InterfaceError",
     "InvalidName",

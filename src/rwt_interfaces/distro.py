@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
 
 from rwt_interfaces.names import Kind, three_part
 from rwt_interfaces.times import NANOSECONDS
@@ -15,6 +15,8 @@ class Distro:
 
     Attributes:
         name: ``jazzy``, ``noetic``.
+        conventions: key of tables of what ROS 1 and ROS 2 do otherwise, the name of a distribution that has
+            the same: ``jazzy`` for all of ROS 2.
         ros_version: 1 or 2, only for responses and files that report it. Differences in behaviour have
             fields.
 
@@ -27,7 +29,7 @@ class Distro:
             the rest of the line.
 
         serialisation: binary form of messages.
-        type_hash: hash by which programs compare types.
+        type_hash: hash by which programs compare types; "none" if they compare names only.
         has_qos: True if endpoints have quality of service; otherwise publishers are latched or not.
 
         parameters_belong_to_nodes: True if each node has its own parameters; otherwise all are in one tree.
@@ -48,6 +50,7 @@ class Distro:
     """
 
     name: str
+    conventions: Literal["jazzy", "noetic"]
     ros_version: Literal[1, 2]
 
     has_three_part_names: bool
@@ -58,7 +61,7 @@ class Distro:
     quotes_strings: bool
 
     serialisation: Literal["cdr", "ros1"]
-    type_hash: Literal["md5", "rihs01"]
+    type_hash: Literal["md5", "rihs01", "none"]
     has_qos: bool
 
     parameters_belong_to_nodes: bool
@@ -89,9 +92,10 @@ class Distro:
         return int(getattr(time, seconds) * NANOSECONDS + getattr(time, nanoseconds))
 
 
-#: ROS 2 as of 2024.
+#: ROS 2 of 2024, supported until 2029.
 JAZZY = Distro(
     name="jazzy",
+    conventions="jazzy",
     ros_version=2,
     has_three_part_names=True,
     part_separator="_",
@@ -115,9 +119,18 @@ JAZZY = Distro(
     rosout_lifespan=10.0,
     encodes_all_cbor=True,
 )
+#: ROS 2 of 2022, supported until May 2027. It has no type hashes, so endpoints are compared by type name.
+HUMBLE = replace(JAZZY, name="humble", type_hash="none", introspects_calls=False)
+#: ROS 2 of 2025, supported until the end of 2026.
+KILTED = replace(JAZZY, name="kilted")
+#: ROS 2 of 2026, supported until 2031.
+LYRICAL = replace(JAZZY, name="lyrical")
+#: Development version of ROS 2, with the definitions of Lyrical.
+ROLLING = replace(JAZZY, name="rolling")
 #: The last ROS 1.
 NOETIC = Distro(
     name="noetic",
+    conventions="noetic",
     ros_version=1,
     has_three_part_names=False,
     part_separator="",
@@ -142,8 +155,13 @@ NOETIC = Distro(
     encodes_all_cbor=False,
 )
 
+#: What programs of Humble announce over Zenoh in place of a type hash.
+NO_TYPE_HASH: Final = "TypeHashNotSupported"
+
 #: The distributions that `rwt serve --distro` takes.
-DISTROS: dict[str, Distro] = {distro.name: distro for distro in (JAZZY, NOETIC)}
+DISTROS: dict[str, Distro] = {
+    distro.name: distro for distro in (HUMBLE, JAZZY, KILTED, LYRICAL, ROLLING, NOETIC)
+}
 
 
 def closest_distro(name: str, ros_version: int) -> Distro:

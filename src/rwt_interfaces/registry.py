@@ -256,12 +256,10 @@ class Registry:
 
     def _introspected(self, package: str, name: str) -> MessageDefinition | None:
         """Return `X_Event` of a service or `X_FeedbackMessage` of an action, which only ROS 2 has."""
-        if not self.distro.introspects_calls:
-            return None
-        if name.endswith(actionlib.FEEDBACK_MESSAGE):
+        if name.endswith(actionlib.FEEDBACK_MESSAGE) and self.distro.action_transport == "services":
             action = self._action_definition(package, name.removesuffix(actionlib.FEEDBACK_MESSAGE))
             return None if action is None else actionlib.feedback_message(action)
-        if name.endswith(actionlib.EVENT):
+        if name.endswith(actionlib.EVENT) and self.distro.introspects_calls:
             service = self._service_definition(package, name.removesuffix(actionlib.EVENT))
             return None if service is None else actionlib.service_event(service)
         return None

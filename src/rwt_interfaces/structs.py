@@ -17,6 +17,7 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.definitions.actionlib import ACTION_PARTS, SERVICE_PARTS
 from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
+from rwt_interfaces.distro import NO_TYPE_HASH
 from rwt_interfaces.field_types import Slot
 from rwt_interfaces.serialise.wire_rules import CDR, ROS1, RULES
 from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struct
@@ -106,6 +107,11 @@ class MessageType:
         from rwt_interfaces.definitions import hashes
 
         return hashes.rihs01(self.definition, self.registry)
+
+    @property
+    def announced_hash(self) -> str:
+        """Type hash that programs of the distribution announce over Zenoh."""
+        return self.rihs01 if self.registry.distro.type_hash == "rihs01" else NO_TYPE_HASH
 
     @cached_property
     def decode_leniently(self) -> LenientDecoder:
@@ -290,6 +296,11 @@ class ServiceType:
 
         registry = self.request.registry
         return hashes.service_rihs01(self._definition, registry.type_name(self), registry)
+
+    @property
+    def announced_hash(self) -> str:
+        """Type hash that programs of the distribution announce over Zenoh."""
+        return self.rihs01 if self.request.registry.distro.type_hash == "rihs01" else NO_TYPE_HASH
 
     @property
     def _definition(self) -> ServiceDefinition:

@@ -28,7 +28,13 @@ class CallTimeout(CallFailed, TimedOut):
 
 
 class ProviderGone(CallFailed):
-    """The provider was withdrawn, replaced or disconnected before it answered."""
+    """The provider was withdrawn, replaced or disconnected before it answered.
+
+    Attributes:
+        node: node that left with its provider; empty if only the provider left, or that is not known.
+    """
+
+    node: str = ""
 
 
 class NotFound(RobotError, LookupError):

@@ -89,7 +89,7 @@ def _services(distro: str) -> dict[str, Any]:
     }
 
 
-SERVICES: Final = {distro: _services(distro) for distro in DISTROS}
+SERVICES: Final = {distro: _services(distro) for distro in ("jazzy", "noetic")}
 
 _texts = st.sampled_from(NAMES) | st.sampled_from(VALUES)
 _wholes = st.sampled_from(NUMBERS)
@@ -154,7 +154,7 @@ async def _ask(distro: str, questions: list[Question]) -> None:
             assert (graph.topics(), graph.services(), graph.actions(), graph.nodes()) == before, questions
 
 
-@pytest.mark.parametrize("distro", DISTROS)
+@pytest.mark.parametrize("distro", SERVICES)
 def test_every_question_has_one_answer_and_leaves_nothing(distro: str) -> None:
     @settings(max_examples=EXAMPLES, derandomize=EXAMPLES == FEW)
     @given(questions=_questions(distro))

@@ -10,5 +10,5 @@ from __future__ import annotations
 import os
 from typing import Final
 
-#: True on Kilted, by ROS_DISTRO, which `rwt run --distro` sets; the default is Jazzy.
-FROM_KILTED: Final = os.environ.get("ROS_DISTRO") == "kilted"
+#: True on Kilted and later releases, by ROS_DISTRO, which `rwt run --distro` sets; the default is Jazzy.
+FROM_KILTED: Final = os.environ.get("ROS_DISTRO") in ("kilted", "lyrical", "rolling")

@@ -1,9 +1,10 @@
-"""State that a server of this project reports at `/healthz`."""
+"""State that a server of this project reports at `/healthz` and `/network`."""
 
 from __future__ import annotations
 
 import http.client
 import ssl
+from collections.abc import Mapping
 from functools import partial
 
 import anyio.to_thread
@@ -39,16 +40,7 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
         patience: timeout in seconds.
         tls: TLS context; None to verify against the system's authorities.
     """
-    scheme, _, rest = url.partition("://")
-    if scheme.lower() not in ("ws", "wss"):
-        return None
-    host, _, path = rest.partition("?")[0].partition("/")
-    status, body = 404, b""
-    # A server behind a proxy or hub is below a path; one that listens itself accepts clients at any path.
-    for folder in dict.fromkeys((f"/{path}".rstrip("/"), "")):
-        if status == 404:
-            get = partial(_get_health, host, f"{folder}/healthz", scheme.lower() == "wss", patience, tls)
-            status, body = await anyio.to_thread.run_sync(get)
+    status, body = await _get(url, "/healthz", patience, tls, {})
     if status == 0:
         return None
     try:
@@ -59,8 +51,54 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
     return health
 
 
-def _get_health(
-    host: str, path: str, secure: bool, patience: float, tls: ssl.SSLContext | None
+class NetworkState(msgspec.Struct, kw_only=True):
+    """Connection of a server's graph to other processes; see :class:`rwt_graph.api.Network`."""
+
+    name: str
+    details: str
+    nodes: int
+    advice: str
+
+
+async def network_of(
+    url: str, patience: float, tls: ssl.SSLContext | None, headers: Mapping[str, str]
+) -> NetworkState | None:
+    """Return the connection to other processes of the server at a WebSocket URL.
+
+    None if its graph has none, the credentials do not allow the question, or it is of another project.
+    """
+    status, body = await _get(url, "/network", patience, tls, headers)
+    try:
+        return msgspec.json.decode(body, type=NetworkState | None) if status == 200 else None
+    except (msgspec.MsgspecError, RecursionError):
+        return None
+
+
+async def _get(
+    url: str, page: str, patience: float, tls: ssl.SSLContext | None, headers: Mapping[str, str]
+) -> tuple[int, bytes]:
+    """Return status and body of a page of a server; the status is 0 if it does not answer over HTTP."""
+    scheme, _, rest = url.partition("://")
+    if scheme.lower() not in ("ws", "wss"):
+        return 0, b""
+    host, _, path = rest.partition("?")[0].partition("/")
+    status, body = 404, b""
+    # A server behind a proxy or hub is below a path; one that listens itself accepts clients at any path.
+    for folder in dict.fromkeys((f"/{path}".rstrip("/"), "")):
+        if status == 404:
+            is_secure = scheme.lower() == "wss"
+            get = partial(_request, host, f"{folder}{page}", is_secure, patience, tls, headers)
+            status, body = await anyio.to_thread.run_sync(get)
+    return status, body
+
+
+def _request(
+    host: str,
+    path: str,
+    secure: bool,
+    patience: float,
+    tls: ssl.SSLContext | None,
+    headers: Mapping[str, str],
 ) -> tuple[int, bytes]:
     try:
         address = host.rpartition("@")[2]
@@ -71,7 +109,7 @@ def _get_health(
             connection = http.client.HTTPConnection(address if has_port else f"{address}:9090")
         connection.timeout = patience
         try:
-            connection.request("GET", path)
+            connection.request("GET", path, headers=dict(headers))
             answer = connection.getresponse()
             return answer.status, answer.read(65536)
         finally:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from rwt.access.settings import SettingsError
 from rwt.composition.starting import loaded
 from rwt.declarations import GraphContext, GraphPart
-from rwt.settings.models import MEMORY, Settings, distro_of_graph, name_of_graph
+from rwt.settings.models import MEMORY, Settings, default_distro, distro_of_graph, name_of_graph
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC
 from rwt_interfaces.errors import InterfaceError
@@ -81,7 +81,9 @@ def bridged_graphs(settings: Settings, first: Graph) -> Iterator[Graph]:
     """
     for name in settings.bridge:
         required = distro_of_graph(name)
-        distro = DISTROS[required] if required else JAZZY if first.distro is NOETIC else first.distro
+        if not required and first.distro is NOETIC:
+            required = default_distro(name) or JAZZY.name
+        distro = DISTROS[required] if required else first.distro
         # Without `bridge`, which is a setting of the first graph.
         other = settings.model_copy(update={"graph": name, "distro": distro.name, "bridge": ()})
         yield make_graph(other, None, first.registry if distro is first.distro else None, None, None)
@@ -109,7 +111,8 @@ def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clo
 
 def _check_registry(registry: Registry, settings: Settings) -> None:
     spoken = registry.distro.name
-    if "distro" in settings.model_fields_set and settings.distro != spoken:
+    is_set = "distro" in settings.model_fields_set and settings.distro != default_distro(settings.graph)
+    if is_set and settings.distro != spoken:
         raise SettingsError(
             f"`distro`: {settings.distro!r}, but the given graph or registry is of {spoken!r}; leave out one"
         )

@@ -6,7 +6,7 @@ import html
 import json
 import math
 from collections.abc import Awaitable, Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -64,6 +64,7 @@ def routes(
     index = partial(_index, bridge, metrics, extensions)
     own: tuple[Route[GraphView], ...] = (
         Route("/healthz", lambda request, reader: _health(bridge, metrics, proxies), Audience.ANYBODY),
+        Route("/network", lambda request, reader: _network(bridge), Audience.EVERY_TOPIC),
         Route("/metrics", partial(_metrics, metrics, bridge.scheduler, gather), Audience.EVERY_TOPIC),
         Route("/index", index, Audience.ADMITTED),
     )
@@ -325,6 +326,13 @@ def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> H
     }
     headers = {"Cache-Control": "no-store"}
     return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
+
+
+def _network(bridge: Bridge) -> HttpResponse:
+    """Return the connection of the graph to other processes, and the number of nodes there; null if none."""
+    network = bridge.shared.graph.network
+    body = None if network is None else asdict(network)
+    return HttpResponse(json.dumps(body).encode(), content_type="application/json")
 
 
 def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpResponse:

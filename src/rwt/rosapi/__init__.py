@@ -29,7 +29,7 @@ class Rosapi(Node):
 
     def __init__(self, graph: Graph) -> None:
         super().__init__(graph, "rosapi")
-        conventions = CONVENTIONS[graph.distro.name]
+        conventions = CONVENTIONS[graph.distro.conventions]
         for service in (*_SERVICES, *((graph_services.VERSION,) if conventions.has_version else ())):
             interface = f"{conventions.package}/{service.type}"
             self.advertise_service(f"/rosapi/{service.name}", interface, service.serve(self))

@@ -110,7 +110,7 @@ def node_details(node: Node, request: Any) -> Answer:
     """Return the topics and services of a node; an unknown one is empty in ROS 1, fails in ROS 2 (API-14)."""
     name = _absolute(request.node)
     found = [each for each in node.graph.nodes() if each.name == name]
-    if not found and CONVENTIONS[node.distro.name].fails_for_unknown_nodes:
+    if not found and CONVENTIONS[node.distro.conventions].fails_for_unknown_nodes:
         raise ServiceFailed(f"node {name} does not exist")
     return {
         "subscribing": sorted({topic for each in found for topic in each.subscribing}),

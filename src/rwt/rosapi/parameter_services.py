@@ -39,7 +39,9 @@ async def get_param_names(node: Node, _: Any) -> Answer:
 
 async def get_param(node: Node, request: Any) -> Answer:
     """Return a value; if there is none, the default of the request, otherwise null (API-07)."""
-    default = request.default_value if CONVENTIONS[node.distro.name].reports_failures else request.default
+    default = (
+        request.default_value if CONVENTIONS[node.distro.conventions].reports_failures else request.default
+    )
     if len(default) > MOST_DEFAULT:
         raise ServiceFailed(
             f"get_param: the default has {len(default)} characters, and {MOST_DEFAULT} are the most:"
@@ -50,7 +52,7 @@ async def get_param(node: Node, request: Any) -> Answer:
         as_text = partial(json.dumps, default=list)
         value = await node.params.read(await _full_name(node, request.name), as_text)
     except RobotError as error:
-        if default or not CONVENTIONS[node.distro.name].reports_failures:
+        if default or not CONVENTIONS[node.distro.conventions].reports_failures:
             return {"value": _as_json(default), **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
     return {"value": value, **_done(node)}
@@ -129,7 +131,7 @@ async def delete_param(node: Node, request: Any) -> Answer:
         await node.params.delete(request.name)
     except NotFound as error:
         # ROS 1's rosapi checks whether the parameter exists, and reports nothing if it does not.
-        return {} if not CONVENTIONS[node.distro.name].reports_failures else _failed(node, str(error))
+        return {} if not CONVENTIONS[node.distro.conventions].reports_failures else _failed(node, str(error))
     except RobotError as error:
         return _failed(node, str(error))
     return _done(node)
@@ -145,11 +147,11 @@ async def search_param(node: Node, request: Any) -> Answer:
 
 
 def _done(node: Node) -> Answer:
-    return {"successful": True, "reason": ""} if CONVENTIONS[node.distro.name].reports_failures else {}
+    return {"successful": True, "reason": ""} if CONVENTIONS[node.distro.conventions].reports_failures else {}
 
 
 def _failed(node: Node, reason: str) -> Answer:
-    if CONVENTIONS[node.distro.name].reports_failures:
+    if CONVENTIONS[node.distro.conventions].reports_failures:
         return {"successful": False, "reason": reason}
     raise ServiceFailed(reason)
 

@@ -50,7 +50,7 @@ CONVENTIONS: Final[Mapping[str, Conventions]] = {
         fails_for_unknown_nodes=False,
     ),
 }
-"""Conventions by the name of the distribution."""
+"""Conventions by :attr:`~rwt_interfaces.Distro.conventions`."""
 
 Answer = dict[str, object]
 """Fields of a response."""
@@ -89,7 +89,7 @@ class Service:
             graph = node.graph
             if answer is None or graph.version != known:
                 known = graph.version
-                type = graph.registry.service(f"{CONVENTIONS[graph.distro.name].package}/{self.type}")
+                type = graph.registry.service(f"{CONVENTIONS[graph.distro.conventions].package}/{self.type}")
                 answer = Payload.from_value(type.response, self.handler(node, request))
             return answer
 

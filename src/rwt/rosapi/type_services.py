@@ -55,7 +55,7 @@ def _collect(definition: MessageDefinition, registry: Registry, found: dict[str,
 
 
 def _typedef(definition: MessageDefinition, registry: Registry) -> TypeDef:
-    idl = CONVENTIONS[registry.distro.name].has_idl_names
+    idl = CONVENTIONS[registry.distro.conventions].has_idl_names
     return {
         "type": definition.name,
         "fieldnames": [field.name for field in definition.fields],

@@ -201,8 +201,10 @@ class Settings(BridgeSettings):
         ("ws://127.0.0.1:9090",),
         description="URLs to serve on; port 0 selects a free one; may be empty if `dial.urls` is set",
     )
-    distro: Literal["jazzy", "noetic"] = Field(
-        "jazzy", description="ROS distribution that determines names, times, parameters and actions"
+    distro: Literal["humble", "jazzy", "kilted", "lyrical", "noetic", "rolling"] = Field(
+        "jazzy",
+        description="ROS distribution that determines messages, names, times, parameters and actions; with"
+        ' `graph = "ros2"` by default the installed one',
     )
     interfaces: tuple[Path, ...] = Field((), description="folders of `.msg`, `.srv` and `.action` files")
     nodes: Annotated[
@@ -306,7 +308,7 @@ class Settings(BridgeSettings):
     def _distro_of_graph(cls, given: object) -> object:
         """Use the distribution of the graph, unless another is given."""
         if isinstance(given, dict) and isinstance(given.get("graph"), str):
-            distro = distro_of_graph(given["graph"])
+            distro = default_distro(given["graph"])
             if distro:
                 return {"distro": distro, **given}
         return given
@@ -373,6 +375,15 @@ def distro_of_graph(graph: str) -> str:
     """Return the distribution that a graph requires; empty for any."""
     name = name_of_graph(graph)
     return str(getattr(parts.load("graph", name), "distro", "")) if name in parts.names("graph") else ""
+
+
+def default_distro(graph: str) -> str:
+    """Return the distribution of a graph unless another is set; empty for that of all graphs."""
+    name = name_of_graph(graph)
+    required = distro_of_graph(graph)
+    found = None if required or name not in parts.names("graph") else parts.load("graph", name)
+    ask = getattr(found, "default_distro", None)
+    return required if ask is None else str(ask())
 
 
 def is_shared_graph(graph: str) -> bool:

@@ -228,7 +228,10 @@ class RemoteGoal(NotifyingGoal):
 
     def _failed(self, failure: CallFailed) -> None:
         if isinstance(failure, ProviderGone):
-            self._end(GoalStatus.ABORTED, ProviderGone(f"Action {self.action} was unadvertised"))
+            why = f": its node {failure.node} left" if failure.node else ""
+            gone = ProviderGone(f"Action {self.action} was unadvertised{why}")
+            gone.node = failure.node
+            self._end(GoalStatus.ABORTED, gone)
         else:
             self._end(self.status, failure)
 

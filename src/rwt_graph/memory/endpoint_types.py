@@ -22,7 +22,7 @@ class EndpointTypes:
         """Return a type; None if it is unknown here, or its definition has another hash.
 
         Args:
-            type_hash: `RIHS01_…`; empty if the other process does not announce one.
+            type_hash: `RIHS01_…`; empty over DDS if the other process does not announce one.
             topic, node: those of the endpoint, for the log.
         """
         try:
@@ -30,7 +30,7 @@ class EndpointTypes:
         except InterfaceError:
             why = "its definition is not known here: give it with --interfaces"
         else:
-            if type_hash in ("", known.rihs01):
+            if type_hash in ("", known.announced_hash):
                 return known
             why = f"the other process defines it otherwise ({type_hash})"
         if (name, type_hash) not in self._logged:

@@ -38,14 +38,14 @@ class RemoteService(Generic[T]):
         self.open = set()
         self._asked.append((self.open, set(self.offers)))
 
-    def remove(self, key: Hashable, why: str) -> bool:
+    def remove(self, key: Hashable, why: str, node: str = "") -> bool:
         """Remove a provider; end the calls that no other provider has received. False if it is unknown."""
         if self.offers.pop(key, None) is None:
             return False
         for calls, providers in tuple(self._asked):
             providers.discard(key)
             if not providers:
-                _end(calls, why)
+                _end(calls, why, node)
         return True
 
     def lose(self, why: str) -> None:
@@ -53,9 +53,11 @@ class RemoteService(Generic[T]):
             _end(calls, why)
 
 
-def _end(calls: set[MemoryCall], why: str) -> None:
+def _end(calls: set[MemoryCall], why: str, node: str = "") -> None:
     while calls:
-        calls.pop().end_with(ProviderGone(why))
+        gone = ProviderGone(why)
+        gone.node = node
+        calls.pop().end_with(gone)
 
 
 class RemoteServiceTable(Generic[T]):
@@ -76,14 +78,19 @@ class RemoteServiceTable(Generic[T]):
         if not is_for_clients(info.node):
             self._local.robot_offers(info.name)
 
-    def lost(self, key: Hashable, name: str) -> None:
-        """Remove a provider, and end the calls that no other one has received."""
+    def lost(self, key: Hashable, name: str, node: str = "") -> None:
+        """Remove a provider, and end the calls that no other one has received.
+
+        Args:
+            node: node that left with it, if any.
+        """
         service = self._services.get(name)
         if service is None:
             return
         if len(service.offers) == 1 and key in service.offers:
             del self._services[name]  # First: callers whose calls end may call again.
-        if service.remove(key, f"Service {name} was unadvertised"):
+        why = f": its node {node} left" if node else ""
+        if service.remove(key, f"Service {name} was unadvertised{why}", node):
             self._changes.note()
 
     def close(self) -> None:

@@ -1,8 +1,9 @@
 """The standard interfaces as data: texts of definitions, one file for each package.
 
-`jazzy/` and `noetic/` hold what belongs to one distribution, `both/` what has the same fields in either. A
-package may be in `both/` and in a distribution's folder; the latter wins. Each file is a run of sections
-``=== msg/Name`` followed by the definition. The files ending in ``.generated.txt`` are written by
+`jazzy/` and `noetic/` hold what belongs to one distribution, `both/` what has the same fields in either. The
+folders of other releases of ROS 2 hold what differs from those before them in :data:`LAYERS`. A package may
+be in several folders; the last wins. Each file is a run of sections ``=== msg/Name`` followed by the
+definition, or ``=== msg/Name removed``. The files ending in ``.generated.txt`` are written by
 ``tools/generate_standard.py``.
 """
 
@@ -24,8 +25,18 @@ RENAMED = {
     "tf2_web_republisher_interfaces": "tf2_web_republisher",
 }
 
+#: Folders of each distribution; later ones replace and remove definitions of earlier ones.
+LAYERS = {
+    "noetic": ("both", "noetic"),
+    "humble": ("both", "jazzy", "humble"),
+    "jazzy": ("both", "jazzy"),
+    "kilted": ("both", "jazzy", "kilted"),
+    "lyrical": ("both", "jazzy", "kilted", "lyrical"),
+    "rolling": ("both", "jazzy", "kilted", "lyrical"),
+}
+
 _SUFFIXES = (".txt", ".generated.txt")
-_SECTION = re.compile(r"^=== (msg|srv|action)/(\w+)\n", re.MULTILINE)
+_SECTION = re.compile(r"^=== (msg|srv|action)/(\w+)( removed)?\n", re.MULTILINE)
 
 
 @cache
@@ -34,7 +45,7 @@ def packages(distro: str) -> tuple[str, ...]:
     root = files(__name__)
     found = {
         entry.name.partition(".")[0]
-        for folder in ("both", distro)
+        for folder in LAYERS[distro]
         for entry in (root / folder).iterdir()
         if entry.name.endswith(".txt")
     }
@@ -51,19 +62,29 @@ def package(distro: str, name: str) -> PackageTexts:
 @cache
 def _texts(distro: str, name: str) -> PackageTexts:
     texts: PackageTexts = {}
-    for folder in ("both", distro):
+    for folder in LAYERS[distro]:
         for suffix in _SUFFIXES:
             file = files(__name__) / folder / f"{RENAMED.get(name, name)}{suffix}"
             if file.is_file():
-                texts.update(split(file.read_text("utf-8")))
+                _apply(file.read_text("utf-8"), texts)
     return texts
 
 
-def split(text: str) -> PackageTexts:
-    """Return the sections of one data file."""
+def _apply(text: str, texts: PackageTexts) -> None:
+    for key, body in split(text).items():
+        if body is None:
+            texts.pop(key, None)
+        else:
+            texts[key] = body
+
+
+def split(text: str) -> dict[tuple[Kind, str], str | None]:
+    """Return the sections of one data file; None for a removed definition."""
     pieces = _SECTION.split(text)
     kinds: dict[str, Kind] = {kind: kind for kind in KINDS}
     return {
-        (kinds[kind], name): body
-        for kind, name, body in zip(pieces[1::3], pieces[2::3], pieces[3::3], strict=True)
+        (kinds[kind], name): None if removed else body
+        for kind, name, removed, body in zip(
+            pieces[1::4], pieces[2::4], pieces[3::4], pieces[4::4], strict=True
+        )
     }

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from rwt_graph.api import GoalEvents, Graph, Limitation, Participant
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed
+from rwt_participant.errors import CallFailed, ProviderGone
 from rwt_participant.goals import GoalStatus
 from rwt_participant.messages import Message
 from tests.contract.graph.paired import PairedGraph
@@ -108,9 +108,17 @@ class GoalDiary:
 
     def _result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         if isinstance(outcome, CallFailed):
-            self.heard.append((status, f"{type(outcome).__name__}: {outcome}"))
+            self.heard.append((status, failure_text(outcome)))
         else:
             self.heard.append((status, _numbers(outcome)))
+
+
+def failure_text(failure: CallFailed) -> str:
+    """Return class and text of a failure, without the node that left: not every backend knows it."""
+    text = str(failure)
+    if isinstance(failure, ProviderGone) and failure.node:
+        text = text.removesuffix(f": its node {failure.node} left")
+    return f"{type(failure).__name__}: {text}"
 
 
 def _numbers(payload: Payload) -> list[int]:

@@ -29,8 +29,9 @@ class Ros2Pair(PairedGraph):
 
     def __init__(self, clock: SimulatedClock) -> None:
         from rwt.extensions.ros2 import Ros2Graph, add_installed
+        from rwt.extensions.ros2.ament import installed_release
 
-        registry = Registry()
+        registry = Registry(installed_release())
         add_installed(registry)
 
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

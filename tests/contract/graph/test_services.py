@@ -16,7 +16,7 @@ from rwt_participant.errors import (
     ServiceFailed,
 )
 from rwt_participant.messages import Message
-from tests.contract.graph.harness import CLIENTS
+from tests.contract.graph.harness import CLIENTS, failure_text
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ServiceType
@@ -39,7 +39,7 @@ class Replies(list[str]):
     def __call__(self, answer: Payload | CallFailed) -> None:
         self.raw.append(answer)
         if isinstance(answer, CallFailed):
-            self.append(f"{type(answer).__name__}: {answer}")
+            self.append(failure_text(answer))
         else:
             message: Message = answer.value()
             self.append(message.message)

@@ -17,6 +17,8 @@ from websockets.sync.server import ServerConnection
 
 from rwt import Server
 from rwt.cli.commands.doctor import encodings, stop_finding
+from rwt_graph import MemoryGraph
+from rwt_graph.api import Network
 from tests.core.cli.conftest import Rwt, demo_server, response, served
 
 
@@ -40,6 +42,39 @@ def test_ros_1(rwt: Rwt) -> None:
         told = rwt("doctor", url, "--json").json
     assert _verdicts(told)["ROS"] == "note"
     assert _verdicts(told)["encoding cbor-raw"] == "ok"
+
+
+class _Joined(MemoryGraph):
+    """A graph that says how many nodes of other programs it sees."""
+
+    others = 0
+
+    @property
+    def network(self) -> Network:
+        return Network("ROS 2 kilted", "domain 7, rmw_x, discovery range SUBNET", self.others, "start it")
+
+
+@pytest.mark.parametrize(("others", "verdict"), [(0, "warning"), (1, "ok"), (12, "ok")])
+def test_a_graph_on_which_there_is_only_the_server(rwt: Rwt, others: int, verdict: str) -> None:
+    graph = _Joined()
+    graph.others = others
+    with Server("ws://127.0.0.1:0", graph=graph) as robot:
+        told = rwt("doctor", robot.server.urls[0], "--json").json
+    (found,) = (each for each in told["findings"] if each["name"] == "robot")
+    assert found["verdict"] == verdict
+    assert "ROS 2 kilted (domain 7, rmw_x, discovery range SUBNET)" in found["text"]
+    if others == 0:
+        assert found["text"].startswith("only the server itself is there")
+        assert found["advice"] == "start it"
+
+
+def test_the_network_is_not_revealed_to_those_who_may_not_see_all_topics(rwt: Rwt) -> None:
+    token = "0123456789abcdef0123"
+    auth = {"tokens": {"me": {"token": token, "role": "narrow"}}}
+    roles = {"narrow": {"subscribe": ["/odom"]}}
+    with Server("ws://127.0.0.1:0", graph=_Joined(), auth=auth, roles=roles) as robot:
+        url = robot.server.urls[0]
+        assert "robot" not in _verdicts(rwt("doctor", url, "--token", token, "--json").json)
 
 
 def test_without_rosapi(rwt: Rwt) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rwt_interfaces import JAZZY, NOETIC, Distro
+from rwt_interfaces import JAZZY, KILTED, NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
 
 SRC = Path(__file__).parents[3] / "src"
@@ -56,4 +56,5 @@ def test_each_field_is_asked_for(field: str) -> None:
 def test_a_name_finds_its_distribution_and_an_unknown_one_that_of_its_version() -> None:
     assert closest_distro("noetic", 2) is NOETIC
     assert closest_distro("melodic", 1) is NOETIC
-    assert closest_distro("kilted", 2) is JAZZY
+    assert closest_distro("kilted", 2) is KILTED
+    assert closest_distro("iron", 2) is JAZZY

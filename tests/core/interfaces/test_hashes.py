@@ -7,12 +7,18 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from rwt_interfaces.definitions import hashes
-from rwt_interfaces.distro import JAZZY, NOETIC, Distro
+from rwt_interfaces.distro import DISTROS, JAZZY, LYRICAL, NOETIC, Distro
 from rwt_interfaces.registry import Registry
 
-STORES = {"jazzy": get_typestore(Stores.ROS2_JAZZY), "noetic": get_typestore(Stores.ROS1_NOETIC)}
+STORES = {
+    "humble": get_typestore(Stores.ROS2_HUMBLE),
+    "jazzy": get_typestore(Stores.ROS2_JAZZY),
+    "kilted": get_typestore(Stores.ROS2_KILTED),
+    "lyrical": get_typestore(Stores.ROS2_LYRICAL),
+    "noetic": get_typestore(Stores.ROS1_NOETIC),
+}
 #: Parts of ROS 2 that no program exchanges, and the message form of what ROS 1 has as primitives.
-NOT_KNOWN = {"jazzy": ("rmw_dds_common/", "rosbag2_interfaces/"), "noetic": ("builtin_interfaces/",)}
+NOT_KNOWN = {1: ("builtin_interfaces/",), 2: ("rmw_dds_common/", "rosbag2_interfaces/")}
 #: The independent implementation hashes `char` as C's char; ROS 2 reads the `char` of a .msg file as uint8.
 #: These are the hashes that the packages of jazzy carry.
 CHAR_HASHES = {
@@ -24,26 +30,50 @@ CHAR_HASHES = {
 def cases() -> list[tuple[Distro, str]]:
     return [
         (distro, name)
-        for distro in (JAZZY, NOETIC)
+        for distro in map(DISTROS.__getitem__, STORES)
         for name in STORES[distro.name].fielddefs
-        if not name.startswith(NOT_KNOWN[distro.name])
+        if not name.startswith(NOT_KNOWN[distro.ros_version])
     ]
 
 
 @pytest.fixture(scope="module")
 def registries() -> dict[str, Registry]:
-    return {distro.name: Registry(distro) for distro in (JAZZY, NOETIC)}
+    return {name: Registry(DISTROS[name]) for name in STORES}
 
 
 def test_every_message_has_the_fingerprints_of_its_distribution(registries: dict[str, Registry]) -> None:
-    assert len(cases()) > 300
+    assert len(cases()) > 700
     for distro, name in cases():
         registry, store = registries[distro.name], STORES[distro.name]
         definition = registry.definition(name)
         assert hashes.md5(definition, registry) == store.generate_msgdef(name)[1], (distro.name, name)
-        if distro is JAZZY:
+        if distro.type_hash == "rihs01":
             expected = f"RIHS01_{CHAR_HASHES[name]}" if name in CHAR_HASHES else store.hash_rihs01(name)
             assert hashes.rihs01(definition, registry) == expected, name
+
+
+@pytest.mark.parametrize(
+    ("name", "digest"),
+    [
+        (
+            "lifecycle_msgs/msg/TransitionEvent",
+            "78b19e2be41a797fc009c96bda68944182edabec7852cccd928a40bc06f6f9d7",
+        ),
+        (
+            "rosbag2_interfaces/srv/Stop",
+            "850e221df0c7d2a552842c2712987c33efd9e469699861782ed62fb319ccb536",
+        ),
+        (
+            "rosbag2_interfaces/srv/Record",
+            "bde45b4caf7cde6203770d826f787835832b929c0fb5e53ebaa51d3649d11f0b",
+        ),
+    ],
+)
+def test_lyrical_has_the_hashes_of_its_packages(name: str, digest: str) -> None:
+    """Constants of the C sources that ROS 2 generates for these packages."""
+    registry = Registry(LYRICAL)
+    found = registry.service(name) if "/srv/" in name else registry.message(name)
+    assert found.rihs01 == f"RIHS01_{digest}"
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,14 @@ import pytest
 from mypy import api as mypy
 
 from rwt import Server
-from rwt_interfaces import DISTROS, Distro, jazzy, noetic
+from rwt_interfaces import JAZZY, NOETIC, Distro, jazzy, noetic
 from tools import generate_message_stubs
 
 ROOT = Path(__file__).parents[3]
 MODULES: dict[str, ModuleType] = {"jazzy": jazzy, "noetic": noetic}
 
 
-@pytest.mark.parametrize("distro", DISTROS.values(), ids=lambda distro: str(distro.name))
+@pytest.mark.parametrize("distro", (JAZZY, NOETIC), ids=lambda distro: str(distro.name))
 def test_the_stubs_are_current(distro: Distro) -> None:
     written = (generate_message_stubs.TARGET / f"{distro.name}.pyi").read_text(encoding="utf-8")
     assert written == generate_message_stubs.stubs(distro), "run python tools/generate_message_stubs.py"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import tracemalloc
 from pathlib import Path
@@ -53,6 +54,9 @@ ASKED_BY_CLIENTS = {
     """,
 }
 
+#: Messages of ROS 1's actions, which contain a goal id.
+WRAPPED = re.compile("Action(Goal|Result|Feedback)?$")
+
 
 def fields_of(registry: Registry, name: str) -> list[str]:
     return [field.name for field in registry.definition(name).fields]
@@ -61,7 +65,10 @@ def fields_of(registry: Registry, name: str) -> list[str]:
 @BOTH
 def test_knows_what_clients_ask_for(distro: Distro) -> None:
     registry = Registry(distro)
+    has_actionlib = registry.known_definition("actionlib_msgs/GoalID") is not None  # Until Kilted.
     for name in ASKED_BY_CLIENTS["message"].split():
+        if not has_actionlib and (name.startswith("actionlib_msgs/") or WRAPPED.search(name)):
+            continue
         assert registry.message(name).definition.fields, name
     for name in ASKED_BY_CLIENTS["service"].split():
         assert registry.service(name).response, name

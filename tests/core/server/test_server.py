@@ -105,7 +105,7 @@ JAZZY_GRAPH = MemoryGraph()
     ("arguments", "text"),
     [
         ({"distor": "noetic"}, "unknown setting `distor`; did you mean `distro`?"),
-        ({"distro": "kinetic"}, '`distro`: expected "jazzy" or "noetic", got \'kinetic\''),
+        ({"distro": "kinetic"}, '`distro`: expected "humble" or "jazzy" or "kilted" or "lyrical" or '),
         ({"listen": [URL]}, "`listen`: given twice"),
         ({"graph": "zeno"}, '`graph`: expected "memory" or "ros1" or "ros1-master" or "ros2" or "zenoh"'),
         ({"workers": 4}, "4 processes cannot share the graph of this program"),

@@ -97,7 +97,7 @@ def _call(tool: str, *arguments: str) -> tuple[str, ...]:
 async def test_the_typescript_sdk_uses_the_gateway() -> None:
     rules = {
         "slow": {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.25, "beyond": "clamp"}}},
-        "asked": {"services": ["/add"], "approval": {"roles": ["admin"], "seconds": 20}},
+        "asked": {"services": ["/add"], "approval": {"roles": ["guest"], "seconds": 20}},
     }
     roles = {**GUARDED["roles"], "pilot": {**GUARDED["roles"]["pilot"], "call": ["/add"]}}
     settings = Settings.model_validate({**GUARDED, "roles": roles, "gate": {"rules": rules}})
@@ -108,5 +108,5 @@ async def test_the_typescript_sdk_uses_the_gateway() -> None:
     assert {row["name"] for row in found["listed"]["topics"]["rows"]} >= {"/battery", "/cmd_vel"}
     assert found["battery"]["message"]["percentage"] == 0.75
     assert robot.heard == [0.25] and "0.25 in place of 0.5" in found["clamped"]["gate"][0]
-    assert "waiting for approval by admin" in found["waits"]
+    assert "waiting for approval by guest" in found["waits"]
     assert found["updated"] == "robot://topics/battery"

@@ -316,17 +316,3 @@ async def test_one_port_per_node_and_several_publishers(graph: Ros1Graph, tasks:
     await opened(graph, "/other")
     assert graph.session is not None
     assert len({each.uri for each in graph.session.nodes.values()}) == len(graph.session.nodes) > 1
-
-
-async def test_a_service_that_comes_back_is_asked_for_its_type_at_once(
-    graph: Ros1Graph, tasks: anyio.abc.TaskGroup, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(discovery, "PROBE_AGAIN_SECONDS", 3600.0)
-    header = {"callerid": "/hostile", "type": "std_srvs/Empty", "md5sum": "d41d8cd98f00b204e9800998ecf8427e"}
-    hostile = await start(graph, tasks, sends(encode_header(header)))
-    where = ("/hostile", "/reset", f"rosrpc://127.0.0.1:{hostile.port}")
-    for _ in range(2):
-        await rpc.call(graph.master, "registerService", *where, hostile.uri)
-        await until(lambda: graph.service("/reset") is not None)
-        await rpc.call(graph.master, "unregisterService", *where)
-        await until(lambda: graph.service("/reset") is None)

@@ -26,7 +26,7 @@ from rwt.cli.verbs import (
 )
 from rwt_interfaces.definitions.model import Field, MessageDefinition
 from rwt_interfaces.definitions.parser import format_type
-from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.distro import DISTROS, JAZZY
 from rwt_interfaces.names import three_part
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, ServiceType
@@ -34,7 +34,6 @@ from rwt_interfaces.structs import ActionType, ServiceType
 if TYPE_CHECKING:
     from rwt_interfaces.codegen.type_selection import InterfaceType, TypeSelection
 
-_DISTROS: Final = ("jazzy", "noetic")
 _HEADINGS: Final = {"msg": "Messages", "srv": "Services", "action": "Actions"}
 
 
@@ -60,8 +59,8 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
     )
     source.add_argument(
         "--distro",
-        choices=_DISTROS,
-        default=_DISTROS[0],
+        choices=sorted(DISTROS),
+        default=JAZZY.name,
         help="distribution of the standard types (default jazzy)",
     )
     source.add_argument("--live", action="store_true", help="ask the robot (implied by --url)")

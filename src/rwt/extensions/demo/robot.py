@@ -186,7 +186,9 @@ class DemoRobot:
         return planned if by_hand.is_zero else by_hand
 
     def _serve(self) -> None:
-        self._node.advertise_service("add_two_ints", _ADD_TWO_INTS[self._node.distro.name], _add_two_ints)
+        self._node.advertise_service(
+            "add_two_ints", _ADD_TWO_INTS[self._node.distro.conventions], _add_two_ints
+        )
         self._node.advertise_service("reset", "std_srvs/Empty", self._reset)
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
@@ -315,7 +317,7 @@ class Fibonacci:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        name, self._surplus = _FIBONACCI[node.distro.name]
+        name, self._surplus = _FIBONACCI[node.distro.conventions]
         node.advertise_action("fibonacci", name, self._execute, accept=self._accept)
 
     def _accept(self, request: Message) -> bool | str:

@@ -315,7 +315,7 @@ class MarkerTopics:
         )
         hold(closing(node.subscribe(f"{base}/feedback", on_feedback, f"{_TYPE}Feedback", qos=_DEPTH)))
         self._full = None
-        if PUBLISHES_STATE[node.distro.name]:
+        if PUBLISHES_STATE[node.distro.conventions]:
             self._full = hold(node.advertise(f"{base}/update_full", f"{_TYPE}Init", latch=True))
             self._full.publish(self._init())
             self._parts.callback(node.create_timer(_KEEP_ALIVE_PERIOD, self._keep_alive).cancel)

@@ -117,6 +117,8 @@ class ActionClient:
         self._goals: dict[str, Ros1Goal] = {}
         self._unsent: list[Callable[[], None]] = []
         self._is_watching = False
+        # Publishers of results when the open goals were sent.
+        self._servers: set[str] = set()
         graph, name, type = actions.graph, info.name, info.type.name
         self._clock = graph.clock
         self._distro = graph.distro
@@ -158,6 +160,11 @@ class ActionClient:
             each is not None and each.connected for each in received
         )
 
+    def _results(self) -> set[str]:
+        """Return the connected publishers of results."""
+        found = self._actions.ros_topics.subscriptions.get(f"{self.info.name}/result")
+        return set() if found is None else set(found.connected)
+
     def _watch(self) -> None:
         if not self._is_watching:
             self._is_watching = True
@@ -171,7 +178,11 @@ class ActionClient:
                     await anyio.sleep(_CONNECT_LOOKS)
             if not self._is_connected():
                 self._lose_goals(f"Action {self.info.name} did not connect within {_CONNECT_SECONDS:g} s")
+            self._servers = self._results()
             while self._unsent or self._goals:
+                if self._servers - self._results():  # One that comes back does not know the goals.
+                    self._lose_goals(f"Action {self.info.name} is no longer connected")
+                    self._servers = self._results()
                 unsent, self._unsent = self._unsent, []
                 for send in unsent:
                     send()

@@ -19,7 +19,7 @@ from rwt.extensions.ros1.topics import Ros1Topics
 from rwt.extensions.ros1.wire import rpc
 from rwt.extensions.ros1.wire.addresses import master_uri, own_address
 from rwt.extensions.ros1.wire.rpc import address_of
-from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, Network
 from rwt_graph.errors import Ros1Error
 from rwt_graph.ros_time import RosTime
 from rwt_interfaces.distro import NOETIC
@@ -38,6 +38,8 @@ logger = logging.getLogger(__name__)
 #: Parameter that makes ROS time follow `/clock`, and seconds between two looks at it.
 _USE_SIM_TIME: Final = "/use_sim_time"
 _TIME_CHECK_SECONDS: Final = 1.0
+
+_ROSOUT: Final = "/rosout"
 
 #: How to add a type, at the end of errors about unknown ones.
 _ADVICE: Final = (
@@ -91,6 +93,22 @@ class Ros1Graph(DistributedGraph):
         self._time_source: MemoryParticipant | None = None
         self._ros_actions = Ros1Actions(self, self._ros_topics)
         self.set_remotes(self._ros_topics, self._ros_services, self._ros_actions)
+
+    @property
+    def network(self) -> Network | None:
+        session = self.session
+        if session is None:
+            return None
+        answer = "" if session.has_master else ", which does not answer"
+        # A core's own node is there without a robot.
+        others = self.remote_nodes - (_ROSOUT in {each.name for each in self.nodes()} and not self._is_master)
+        return Network(
+            "ROS 1",
+            f"master at {self.master}{answer}, this process at {session.address.host}",
+            others,
+            "start the robot's nodes with ROS_MASTER_URI set to that master, and run"
+            f" `rwt doctor {self.master.replace('http', 'ros1', 1)}`",
+        )
 
     def make_participant(self, name: str) -> MemoryParticipant:
         return Ros1Participant(self, name)
@@ -156,10 +174,10 @@ class Ros1Graph(DistributedGraph):
 
     def _collect_logs(self) -> None:
         """Repeat the messages of `/rosout` on `/rosout_agg`, as ROS 1's node of that name does."""
-        node = self.participant("/rosout")
+        node = self.participant(_ROSOUT)
         type = self.registry.message(self.distro.rosout_type)
         collected = node.advertise("/rosout_agg", type)
-        node.subscribe("/rosout", lambda sample: collected.publish(sample.payload), type)
+        node.subscribe(_ROSOUT, lambda sample: collected.publish(sample.payload), type)
 
     async def leave(self) -> None:
         session = self.session

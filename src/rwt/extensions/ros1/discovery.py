@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import anyio
 import anyio.lowlevel
 
+from rwt.extensions.ros1.probes import Ask, Probes, Question, UnusableType
 from rwt.extensions.ros1.wire import rpc
 from rwt.extensions.ros1.wire.links import connected, exchange_headers, request_topic
 from rwt_graph.backend import RemoteEndpoint, TransientLocalCache
@@ -30,19 +31,14 @@ if TYPE_CHECKING:
 #: Seconds between two readings of the master's tables.
 POLL_SECONDS: Final = 1.0
 
-#: Maximum types that are asked for at once, and seconds before a node that gave no answer is asked again.
-_MOST_PROBES: Final = 8
-PROBE_AGAIN_SECONDS: Final = 10.0
-
 #: Readings after which a subscriber without a connection, or a publisher without an update, is reported.
 _PATIENT_READINGS: Final = 4
 
-#: Maximum endpoints and services of other nodes, those that are handled at once, types that wait to be asked
-#: for, and nodes of one topic that are checked for their connections.
+#: Maximum endpoints and services of other nodes, those that are handled at once, and nodes of one topic that
+#: are checked for their connections.
 _MOST_ENDPOINTS: Final = 30_000
 _MOST_SERVICES: Final = 10_000
 _AT_ONCE: Final = 100
-_MOST_WAITING: Final = 200
 _MOST_CHECKED: Final = 100
 
 #: Maximum nodes of one topic or service.
@@ -126,8 +122,7 @@ class Discovery:
         self._nodes: set[str] = set()
         self._raw = b""
         self._state = State()
-        self._probes = anyio.CapacityLimiter(_MOST_PROBES)
-        self._probed: dict[object, float] = {}
+        self._probes = Probes(session.network, session.warn_once, session.withdraw_warning)
         self._missing: dict[Key, int] = {}
         self._unlisted: set[Registration] = set()
 
@@ -146,14 +141,19 @@ class Discovery:
         raw = await rpc.fetch(session.master, "getSystemState", "/rwt")
         if raw != self._raw:
             self._state = await State.of(await rpc.value_of(session.master, "getSystemState", raw))
-            types = await self._types()
+            types = await self._topic_types()
             self._raw = raw
-            await self._apply(types, began)
+            try:
+                await self._apply(types, began)
+            except BaseException:
+                self._raw = b""  # Applied again when the tables are read next.
+                raise
+        self._probes.ask()
         session.on_master_answer()
         self._check_own()
         await self._check_connections()
 
-    async def _types(self) -> dict[str, str]:
+    async def _topic_types(self) -> dict[str, str]:
         """Return the types of topics, as far as the master knows them; raises Ros1Error."""
         answer = await self._session.call_master("getTopicTypes", "/rwt")
         if not isinstance(answer, list):
@@ -169,11 +169,12 @@ class Discovery:
         own, state = self._session.own_names(), self._state
         found: set[Key] = set()
         nodes: set[str] = set()
+        questions: dict[Question, Ask] = {}
         async for key in _in_steps(islice(state.endpoints(), _MOST_ENDPOINTS)):
             if key[1] not in own:
                 found.add(key)
                 nodes.add(key[1])
-                self._add(key, types.get(key[0], "*"))
+                self._add(key, types.get(key[0], "*"), questions)
         async for key in _in_steps(self._endpoints.keys() - found):
             # A publisher that connected meanwhile may not be in the tables that were read.
             if key in self._endpoints and self._endpoints[key][1] < began:
@@ -183,17 +184,16 @@ class Discovery:
             if providers and providers[-1] not in own:
                 services[name] = providers[-1]
                 nodes.add(providers[-1])
-                self._services.found(name, providers[-1], self._probe)
+                ask = self._services.found(name, providers[-1])
+                if ask is not None:
+                    questions["service", name, providers[-1]] = ask
         async for name in _in_steps(self._services.names() - services.keys()):
-            # What comes back is asked for its type at once: it may be another program.
-            self._probed.pop(self._services.lost(name), None)
-        now = time.monotonic()
-        self._probed = {key: until for key, until in self._probed.items() if until > now}
+            self._services.lost(name)
+        self._probes.replace(questions)
         await self._apply_nodes(nodes)
 
     def _leave(self, key: Key) -> None:
         known = self._endpoints.pop(key, None)
-        self._probed.pop(key, None)
         if known is not None:
             self._graph.topic_table.remote_left(key[0], known[0])
 
@@ -205,20 +205,24 @@ class Discovery:
             self._graph.node_left(node)
             self._nodes.discard(node)
 
-    def _add(self, key: Key, type_name: str) -> None:
+    def _add(self, key: Key, type_name: str, questions: dict[Question, Ask]) -> None:
         type_name = "" if type_name == "*" else type_name
-        known = self._endpoints.get(key)
-        type = self._session.types.known(type_name) if known is None and type_name else None
+        known, _ = self._endpoints.get(key, (None, 0.0))
+        is_new = known is None or (not key[2] and not known.type_name)
+        type = self._session.types.known(type_name) if is_new and type_name else None
         # The topic of an unknown type is listed after the probe: clients that see it can use it.
-        if known is None and (type is not None or not key[2]):
-            self._join(key, RemoteEndpoint(key[1], type_name, type, DEFAULT_QOS))
-            known = self._endpoints[key]
-        if key[2] and (known is None or known[0].type is None):
-            self._probe(key, partial(self._probe_topic, key, type_name))
+        if type is not None or (known is None and not key[2]):
+            known = RemoteEndpoint(key[1], type_name, type, DEFAULT_QOS)
+            self._join(key, known)
+        # The master has one type of a topic: that of the last publisher, which may be another one.
+        if key[2] and (known is None or known.type is None or type_name not in ("", known.type_name)):
+            questions["topic", *key[:2]] = partial(self._probe_topic, key, type_name)
 
     def _join(self, key: Key, endpoint: RemoteEndpoint) -> None:
         earlier = self._endpoints.get(key)
         self._endpoints[key] = (endpoint, time.monotonic())
+        if not self._is_listed(key):
+            self._raw = b""  # If the tables still do not list it when they are read next, it has left.
         self._graph.topic_table.remote_joined(key[0], endpoint, publishes=key[2])
         if earlier is not None:
             self._graph.topic_table.remote_left(key[0], earlier[0])
@@ -249,23 +253,6 @@ class Discovery:
 
     # Types that no registration tells
 
-    def _probe(self, key: object, ask: Callable[[], Awaitable[None]]) -> None:
-        """Ask another node for a type, unless it was asked lately."""
-        now = time.monotonic()
-        if self._probes.statistics().tasks_waiting > _MOST_WAITING:
-            self._raw = b""  # Asked when the tables are read next.
-        elif self._probed.get(key, 0.0) <= now:
-            self._probed[key] = now + PROBE_AGAIN_SECONDS
-            self._session.network.spawn(partial(self._ask, ask), f"type of {key}")
-
-    async def _ask(self, ask: Callable[[], Awaitable[None]]) -> None:
-        async with self._probes:
-            try:
-                await ask()
-            except (Ros1Error, WireError) as error:
-                self._raw = b""  # Asked again when the tables are read next.
-                self.warn_once(str(error))
-
     async def _probe_topic(self, key: Key, type_name: str) -> None:
         if not self._is_listed(key):
             return
@@ -279,7 +266,8 @@ class Discovery:
             self.found_publisher(key[0], key[1], type, is_latched=is_latched).cache = None
 
     def _is_listed(self, key: Key) -> bool:
-        return key[1] in self._state.publishers.get(key[0], ())
+        table = self._state.publishers if key[2] else self._state.subscribers
+        return key[1] in table.get(key[0], ())
 
     async def _topic_type(self, topic: str, node: str) -> tuple[MessageType, bool]:
         """Ask a publisher for its type, and if it is latched."""
@@ -289,9 +277,11 @@ class Discovery:
         async with connected(session.network, host, port) as link:
             fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
             header = await exchange_headers(link, fields)
-        type = session.types.find(
-            header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", "")
-        )
+        name, md5 = header.get("type", ""), header.get("md5sum", "")
+        try:
+            type = session.types.find(name, md5, header.get("message_definition", ""))
+        except WireError as error:
+            raise UnusableType(f"{topic} of node {node} is not received: {error}") from error
         return type, header.get("latching") == "1"
 
     # What should be, and is not
@@ -304,6 +294,7 @@ class Discovery:
             "Service": self._state.services,
         }
         confirmed = self._session.registrar.confirmed
+        self._session.registrar.reconsider(self._state.services)
         lost = {each for each in confirmed if each.node.name not in tables[each.kind].get(each.name, ())}
         if lost & self._unlisted:  # For two readings: a registration may be newer than the tables.
             self.warn_once("the ROS 1 master has no registrations of this process: all are repeated")

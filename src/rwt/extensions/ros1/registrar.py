@@ -7,6 +7,8 @@ none of them, so they are all made again.
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -28,6 +30,9 @@ _RETRY_SECONDS: Final = 1.0
 
 #: Timeout of the calls that find out whether a node or service of the same name is alive.
 _ALIVE_SECONDS: Final = 2.0
+
+#: Seconds between two looks whether another node still offers a service of this process.
+_LOOK_AGAIN_SECONDS: Final = 10.0
 
 #: Timeout of all calls together when the process leaves.
 _LEAVE_SECONDS: Final = 3.0
@@ -54,7 +59,10 @@ class Registrar:
         self._session = session
         self._wanted: dict[Registration, None] = {}
         self.confirmed: dict[Registration, None] = {}
-        self._refused: set[Registration] = set()
+        # Services that are not registered since another node offers them, with the time of the last look.
+        self._refused: dict[Registration, float] = {}
+        # Those of them that were logged.
+        self._logged: set[Registration] = set()
         self._wake = anyio.Event()
 
     def add(self, registration: Registration) -> None:
@@ -65,7 +73,8 @@ class Registrar:
     def remove(self, registration: Registration) -> None:
         """Unregister soon."""
         self._wanted.pop(registration, None)
-        self._refused.discard(registration)
+        self._refused.pop(registration, None)
+        self._logged.discard(registration)
         self._wake.set()
 
     def repeat(self) -> None:
@@ -78,6 +87,15 @@ class Registrar:
         """Register a node again, whose name has changed: the master has removed its registrations."""
         self.confirmed = {each: None for each in self.confirmed if each.node is not node}
         self._wake.set()
+
+    def reconsider(self, services: Container[str]) -> None:
+        """Try again to offer the services that another node offered: those that the master no longer lists,
+        and from time to time the others, since a killed node stays listed."""
+        before = time.monotonic() - _LOOK_AGAIN_SECONDS
+        for each, looked_at in tuple(self._refused.items()):
+            if each.name not in services or looked_at < before:
+                del self._refused[each]
+                self._wake.set()
 
     async def run(self) -> None:
         """Register and unregister, in the order of the requests, until the task is cancelled."""
@@ -110,8 +128,11 @@ class Registrar:
         if each.kind == "Service":
             what = (each.name, node.service_uri, node.uri)
             if await self._is_served(each):
-                self._refused.add(each)
+                self._refused[each] = time.monotonic()
                 return
+            if each in self._logged:
+                self._logged.discard(each)
+                logger.info("service %s of this process is offered on ROS 1 now", each.name)
         publishers = await session.call_master(f"register{each.kind}", node.name, *what)
         self.confirmed[each] = None
         # An update that has overtaken the response is newer.
@@ -151,9 +172,11 @@ class Registrar:
         except (OSError, ValueError):
             return False
         await stream.aclose()
-        logger.warning(
-            "service %s of this process is not offered on ROS 1: another node offers it", each.name
-        )
+        if each not in self._logged:
+            self._logged.add(each)
+            logger.warning(
+                "service %s of this process is not offered on ROS 1: another node offers it", each.name
+            )
         return True
 
     async def leave(self) -> None:

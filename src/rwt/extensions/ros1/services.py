@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import anyio
 
+from rwt.extensions.ros1.probes import UnusableType
 from rwt.extensions.ros1.registrar import Registration
 from rwt.extensions.ros1.wire.links import connected, exchange_headers
+from rwt.extensions.ros1.wire.network import Unreachable
 from rwt.extensions.ros1.wire.rpc import address_of
 from rwt_graph.api import ServiceInfo
 from rwt_graph.backend import MemoryCall, NodeResources, OfferedServices
@@ -24,6 +26,7 @@ from rwt_transports.scheduler import REQUESTS, Scheduler
 
 if TYPE_CHECKING:
     from rwt.extensions.ros1.node import Ros1Node
+    from rwt.extensions.ros1.probes import Ask
     from rwt.extensions.ros1.session import Session
     from rwt.extensions.ros1.wire.links import Link
     from rwt_graph.api import OnReply, PendingCall
@@ -37,8 +40,6 @@ _OF_EVERY_NODE: Final = {
     "/get_loggers": "roscpp/GetLoggers",
     "/set_logger_level": "roscpp/SetLoggerLevel",
 }
-
-Probe = Callable[[object, Callable[[], Awaitable[None]]], None]
 
 
 class ServiceOffer:
@@ -154,26 +155,26 @@ class Ros1Services(OfferedServices["Session"]):
 
     # Services of other nodes
 
-    def lost(self, name: str) -> object:
-        """Remove a service that the master does not list; returns the key of its probe."""
-        node, _ = self._remote.pop(name)
+    def lost(self, name: str) -> None:
+        """Remove a service that the master does not list."""
+        del self._remote[name]
         self._services.changes.note()
-        return _probe_key(name, node)
 
-    def found(self, name: str, node: str, probe: Probe) -> None:
-        """Add or keep a service that the master lists, and have its type asked for if it is unknown."""
+    def found(self, name: str, node: str) -> Ask | None:
+        """Add or keep a service that the master lists; returns what asks for its type if it is unknown."""
         known = self._remote.get(name)
         if known is None or known[0] != node:
             self._remote[name] = (node, None)
             self._services.changes.note()
             if not is_for_clients(node):
                 self._services.robot_offers(name)
-        if self._remote[name][1] is None:
-            ending = name.removeprefix(node)
-            if ending in _OF_EVERY_NODE:
-                self._learn(name, node, _OF_EVERY_NODE[ending], None)
-            else:
-                probe(_probe_key(name, node), partial(self._ask_type, name, node))
+        if self._remote[name][1] is not None:
+            return None
+        ending = name.removeprefix(node)
+        if ending not in _OF_EVERY_NODE:
+            return partial(self._ask_type, name, node)
+        self._learn(name, node, _OF_EVERY_NODE[ending], None)
+        return None
 
     def _learn(self, name: str, node: str, type_name: str, md5: str | None) -> None:
         if self._connection is None or self._remote.get(name, ("",))[0] != node:
@@ -181,16 +182,22 @@ class Ros1Services(OfferedServices["Session"]):
         try:
             type = self._connection.graph.registry.service(type_name)
         except InterfaceError as error:
-            raise Ros1Error(
+            self._forget_type(name, node)
+            raise UnusableType(
                 f"service {name} cannot be called: {error}. Give its definition with --interfaces, since"
                 " ROS 1 nodes do not send those of services"
             ) from error
         if md5 not in (None, "*", type.md5):
-            raise Ros1Error(
+            self._forget_type(name, node)
+            raise UnusableType(
                 f"service {name} cannot be called: node {node} has {type_name} with the MD5 sum {md5},"
                 f" and the definition of this process has {type.md5}; give the right one with --interfaces"
             )
         self._remote[name] = (node, ServiceInfo(name, type, node))
+        self._services.changes.note()
+
+    def _forget_type(self, name: str, node: str) -> None:
+        self._remote[name] = (node, None)
         self._services.changes.note()
 
     async def _ask_type(self, name: str, node: str) -> None:
@@ -269,10 +276,15 @@ class Ros1Services(OfferedServices["Session"]):
                     reply(await Scheduler.of_loop(REQUESTS).finish(_decoded(info.type.response, long[0])))
         except Ros1Error as error:
             call.end_with(ProviderGone(f"Service {info.name} cannot be called: {error}"))
+            if not isinstance(error, Unreachable):
+                await self._ask_again(session, info)
 
-
-def _probe_key(name: str, node: str) -> object:
-    return "service", name, node
+    async def _ask_again(self, session: Session, info: ServiceInfo) -> None:
+        """Ask for the type of a service that refuses calls: its node may be another program by now."""
+        try:
+            await self._ask_type(info.name, info.node)
+        except (Ros1Error, WireError) as error:
+            session.warn_once(str(error))
 
 
 def _decoded(type: MessageType, body: bytes | memoryview) -> Steps[Payload | InvalidMessage]:

@@ -127,6 +127,10 @@ class Session:
         self._next_warning = now + _WARNING_SECONDS
         logger.warning("%s", text)
 
+    def withdraw_warning(self, text: str) -> None:
+        """Let a text be logged again: its cause has ended."""
+        self._warnings.pop(text, None)
+
     # Master
 
     async def call_master(self, method: str, caller: str, *params: Value) -> Value:

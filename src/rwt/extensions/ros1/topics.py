@@ -243,6 +243,8 @@ class Subscription:
         type = self._session.types.find(name, header.get("md5sum", ""), header.get("message_definition", ""))
         topic = self._topic
         if topic.type is not None and topic.type.name != type.name:
+            # Listed with its type: it may have had another before it was started again.
+            self._discovery.found_publisher(self.name, link.caller, type, is_latched=False).cache = None
             raise WireError(
                 f"node {link.caller} publishes {type.name}, and the topic has type {topic.type.name}"
             )

@@ -6,14 +6,15 @@ import logging
 import os
 from collections.abc import Iterable
 
-from rwt.extensions.ros2.ament import add_installed
+from rwt.extensions.ros2.ament import add_installed, installed_release
 from rwt.extensions.ros2.connection import Connection
 from rwt.extensions.ros2.discovery import Discovery
+from rwt.extensions.ros2.rcl import middleware
 from rwt.extensions.ros2.remapping import RemappedParticipant, Remapping
 from rwt.extensions.ros2.services import Ros2Services
 from rwt.extensions.ros2.topics import Ros2Topics
 from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
-from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, Ros2Actions
+from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, Network, Ros2Actions
 from rwt_graph.clock import Clock
 from rwt_graph.errors import InvalidGraphName, Ros2Error
 from rwt_graph.names import validate
@@ -24,6 +25,24 @@ logger = logging.getLogger(__name__)
 
 #: Seconds for which feedback of an action is received after a goal has ended.
 _FEEDBACK_LINGERS_SECONDS = 10.0
+
+_NETWORK_ADVICE = (
+    "start the robot; give this server the ROS_DOMAIN_ID, RMW_IMPLEMENTATION and discovery range of its"
+    " programs, and compare with `ros2 node list` on the robot; where UDP multicast does not pass, set"
+    " ROS_STATIC_PEERS to the robot's address"
+)
+
+
+def _details(domain: int) -> str:
+    """Return the settings by which programs of ROS 2 find each other."""
+    peers = os.environ.get("ROS_STATIC_PEERS", "")
+    if os.environ.get("ROS_LOCALHOST_ONLY") == "1":
+        reach = "LOCALHOST"
+    else:
+        reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
+    only = ", programs of this host only" if reach == "LOCALHOST" and not peers else ""
+    listed = f", static peers {peers}" if peers else ""
+    return f"domain {domain}, {middleware()}, discovery range {reach}{only}{listed}"
 
 
 class Ros2Graph(DistributedGraph):
@@ -37,8 +56,8 @@ class Ros2Graph(DistributedGraph):
     process receives no answer from a service of this one that fails.
 
     Args:
-        registry: interfaces of a ROS 2 distribution; by default the standard ones, and those that are
-            installed with ROS 2.
+        registry: interfaces of a ROS 2 distribution; by default the standard ones of the installed release,
+            and those that are installed with it.
         clock: the wall clock by default.
         use_sim_time: take ROS time from the topic `/clock`; replaces `clock`.
         domain: ROS_DOMAIN_ID; that of the environment by default.
@@ -73,7 +92,7 @@ class Ros2Graph(DistributedGraph):
     ) -> None:
         self._remapping = Remapping(remap)
         if registry is None:
-            registry = Registry()
+            registry = Registry(installed_release())
             add_installed(registry)
         super().__init__(registry, RosTime(is_real=False) if use_sim_time else clock)
         if self.distro.ros_version != 2:
@@ -96,6 +115,15 @@ class Ros2Graph(DistributedGraph):
             linger=_FEEDBACK_LINGERS_SECONDS,
         )
         self.set_remotes(self._ros_topics, self._ros_services, actions)
+
+    @property
+    def network(self) -> Network | None:
+        connection = self._connection
+        if connection is None:
+            return None
+        return Network(
+            f"ROS 2 {self.distro.name}", _details(connection.domain), self.remote_nodes, _NETWORK_ADVICE
+        )
 
     def participant(self, name: str, *, for_clients: bool = False) -> MemoryParticipant:
         node = self._remapping.node(validate(name))
@@ -145,7 +173,15 @@ class Ros2Graph(DistributedGraph):
             # No node of the graph, which would be listed.
             self._time_source = self.make_participant(f"/_rwt_clock_{os.getpid()}")
             self.clock.follow(self._time_source)
-        logger.info("joined ROS 2 in domain %d", connection.domain)
+        logger.info("joined ROS 2 %s in domain %d", self.distro.name, connection.domain)
+        installed = installed_release()
+        if installed is not self.distro:
+            logger.warning(
+                "ROS 2 %s is installed, and this server has the messages of %s: leave out --distro to have"
+                " those of the installed release",
+                installed.name,
+                self.distro.name,
+            )
 
     async def leave(self) -> None:
         if self._time_source is not None:

@@ -98,6 +98,7 @@ class Discovery:
         connection.forget_closed(snapshot.time)
         found = {each.gid: each for each in _of_others(connection, snapshot.endpoints.values())}
         self._apply_endpoints(found)
+        self._services.follow_nodes(self._nodes)
         own = connection.own_services
         self._services.apply(each for each in snapshot.services if each[:2] not in own)
 

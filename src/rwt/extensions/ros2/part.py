@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-
 from pydantic import Field
 
 from rwt.access.settings import SettingsError, Table
 from rwt.declarations import GraphContext, GraphPart
+from rwt.extensions.ros2.ament import add_installed, installed_release
 from rwt_graph.api import Graph
-from rwt_interfaces.registry import Registry
 
 
 class Ros2Settings(Table):
@@ -23,28 +21,23 @@ class Ros2Settings(Table):
     )
 
 
-def _ros2() -> ModuleType:
+def _make(context: GraphContext, settings: Ros2Settings) -> Graph:
     try:
-        import rwt.extensions.ros2  # Needs ROS 2, imported only if configured.
+        from rwt.extensions.ros2.backend import Ros2Graph  # Needs ROS 2, imported only if configured.
     except ImportError as error:
         raise SettingsError(
             f"`graph`: ROS 2 is not available ({error}): source its setup.bash, for example that in"
             " /opt/ros/jazzy, and use its Python"
         ) from error
-    return rwt.extensions.ros2
-
-
-def _make(context: GraphContext, settings: Ros2Settings) -> Graph:
-    graph: Graph = _ros2().Ros2Graph(
+    return Ros2Graph(
         context.registry, context.clock, use_sim_time=settings.use_sim_time, remap=settings.remap
     )
-    return graph
-
-
-def _add_interfaces(registry: Registry) -> None:
-    _ros2().add_installed(registry)
 
 
 PART = GraphPart(
-    summary="graph of the installed ROS 2", settings=Ros2Settings, make=_make, add_interfaces=_add_interfaces
+    summary="graph of the installed ROS 2",
+    settings=Ros2Settings,
+    make=_make,
+    default_distro=lambda: installed_release().name,
+    add_interfaces=add_installed,
 )

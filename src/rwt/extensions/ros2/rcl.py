@@ -101,10 +101,15 @@ def rcl() -> ctypes.CDLL:
     return loaded
 
 
+def middleware() -> str:
+    """Return the name of the middleware, such as `rmw_fastrtps_cpp`."""
+    return str(_rclpy.rclpy_get_rmw_implementation_identifier())
+
+
 @cache
 def rmw() -> ctypes.CDLL:
     """Return the library of the middleware."""
-    loaded = ctypes.CDLL(library(f"lib{_rclpy.rclpy_get_rmw_implementation_identifier()}.so"))
+    loaded = ctypes.CDLL(library(f"lib{middleware()}.so"))
     pointer = ctypes.c_void_p
     loaded.rmw_get_gid_for_publisher.argtypes = (pointer,) * 2
     loaded.rmw_serialize.argtypes = (pointer,) * 3

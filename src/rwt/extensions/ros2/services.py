@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Iterable
 from functools import partial
+from itertools import count
 from typing import TYPE_CHECKING
 
 from rwt.extensions.ros2.connection import Connection, now
@@ -181,12 +182,18 @@ class Ros2Services(OfferedServices[Connection]):
         self._clock = clock
         self._clients: PerNode[Client] = PerNode(Client.close)
         self._found: frozenset[tuple[str, str, str]] = frozenset()
+        # Number of nodes by name, and the providers of services whose node was started again, oldest first.
+        self._nodes: Counter[str] = Counter()
+        self._providers: dict[tuple[str, str, str], deque[Hashable]] = {}
+        self._numbers = count()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         self._unknown: set[str] = set()
 
     def close(self) -> None:
         """Close every endpoint; open calls end."""
+        self._nodes.clear()
+        self._providers.clear()
         self._remote.close()
         for identity in tuple(self._clients.made):
             self._clients.close(*identity)
@@ -217,13 +224,45 @@ class Ros2Services(OfferedServices[Connection]):
             else:
                 self._remote.found(key, ServiceInfo(name, type, node), None)
         for key in self._found - found:
-            self._remote.lost(key, key[1])
+            for provider in self._providers.pop(key, (key,)):
+                self._remote.lost(provider, key[1])
         self._found = found
         for identity, client in tuple(self._clients.made.items()):
             if self._remote.get(identity[1]) is None:
                 self._clients.close(*identity)
             else:
                 client.send_waiting()
+
+    def follow_nodes(self, nodes: Counter[str]) -> None:
+        """Adapt the providers to the number of nodes by name; called before :meth:`apply`.
+
+        A node that was killed is listed until its lease ends, beside the one that was started again. They are
+        two providers of the same services, and the calls that only the first one has received end with it.
+        """
+        for node in self._nodes.keys() | nodes.keys():
+            keys = [key for key in self._found if key[0] == node]
+            for _ in range(nodes[node] - max(self._nodes[node], 1)):
+                self._restarted(keys)
+            for _ in range(self._nodes[node] - max(nodes[node], 0)):
+                self._left(keys, node)
+        self._nodes = Counter(nodes)
+
+    def _restarted(self, keys: Iterable[tuple[str, str, str]]) -> None:
+        """Add another provider of each of these services."""
+        for key in keys:
+            service = self._remote.get(key[1])
+            if service is not None:
+                providers = self._providers.setdefault(key, deque((key,)))
+                providers.append((key, next(self._numbers)))
+                self._remote.found(providers[-1], service.first[0], None)
+
+    def _left(self, keys: Iterable[tuple[str, str, str]], node: str) -> None:
+        """Remove the oldest provider of each of these services."""
+        for key in keys:
+            providers = self._providers.get(key, deque((key,)))
+            self._remote.lost(providers.popleft(), key[1], node)
+            if not providers:
+                self._providers.pop(key, None)
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources

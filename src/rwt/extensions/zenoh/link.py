@@ -89,7 +89,7 @@ class ZenohLink:
 
     def endpoint(self, name: str, type: MessageType | ServiceType, qos: QoS = DEFAULT_QOS) -> TokenEndpoint:
         """Return a topic or service of this process, as tokens and keys name it."""
-        return TokenEndpoint(name, dds_type(self._registry.type_name(type)), type.rihs01, qos)
+        return TokenEndpoint(name, dds_type(self._registry.type_name(type)), type.announced_hash, qos)
 
     def declare(self, kind: EntityKind, owner: NodeResources, endpoint: TokenEndpoint) -> Presence:
         node, entity = self._node(owner), next(self._next)

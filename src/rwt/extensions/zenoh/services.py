@@ -144,7 +144,7 @@ class ZenohServices(OfferedServices["ZenohLink"]):
         if service is None or link is None:
             return None
         info, (_, end) = service.first
-        if end.type_hash != info.type.rihs01:
+        if end.type_hash != info.type.announced_hash:
             text = f"Service {name} defines {type_name(end.dds_type)} otherwise than this process"
             refused = RemoteCall(name, request, on_reply, info.type.response)
             refused.end_with(CallFailed(text))

@@ -1,8 +1,13 @@
 from __future__ import annotations
 
 import logging
+import os
+import re
+import sys
 import time
+from contextlib import closing
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,12 +16,14 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallTimeout, ProviderGone
 from tests.extensions.ros2.live.program import NODE
 from tests.extensions.ros2.live.values import comparable
+from tests.statements import Program
 from tests.waiting import until
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rwt.extensions.ros2 import Ros2Graph
     from rwt_graph.api import Participant, ServiceCall
-    from tests.statements import Program
 
 pytestmark = pytest.mark.anyio
 
@@ -32,6 +39,20 @@ def serve(request, response):
     return response
 service = node.create_service(Trigger, '/slow', serve, callback_group=ReentrantCallbackGroup())
 """
+
+
+_PROGRAM = "tests.extensions.ros2.live.program"
+
+
+@pytest.fixture
+def lease(domain: int, tmp_path: Path) -> Mapping[str, str]:
+    """Environment of a program with the profile of docs/how-to/ros2.md."""
+    page = (Path(__file__).parents[4] / "docs" / "how-to" / "ros2.md").read_text("utf-8")
+    found = re.search(r"```xml\n(.*?)```", page, re.DOTALL)
+    assert found is not None
+    (tmp_path / "profile.xml").write_text(found[1], "utf-8")
+    profile = str(tmp_path / "profile.xml")
+    return {**os.environ, "ROS_DOMAIN_ID": str(domain), "FASTDDS_DEFAULT_PROFILES_FILE": profile}
 
 
 class Answers(list[Any]):
@@ -175,7 +196,53 @@ async def test_a_call_of_a_killed_program_ends_in_time(graph: Ros2Graph, program
     assert isinstance(limited[0], CallTimeout)
     # DDS notices within its lease of 20 seconds.
     await until(lambda: unlimited)
-    assert isinstance(unlimited[0], ProviderGone)
+    assert str(unlimited[0]) == "Service /slow was unadvertised: its node /robot/program left"
+
+
+async def test_the_robot_decides_when_the_calls_of_a_killed_program_end(
+    graph: Ros2Graph, program: Program, lease: Mapping[str, str]
+) -> None:
+    """The lease of the how-to page's profile is shorter than the usual one, which the other program has."""
+    program.run(_SLOW.format(seconds=100))
+    with closing(Program(sys.executable, _PROGRAM, environment=lease)) as short:
+        short.run("executor.remove_node(node); node.destroy_node()")
+        short.run("node = rclpy.create_node('short'); executor.add_node(node)")
+        short.run(_SLOW.format(seconds=100).replace("/slow", "/short"))
+        await until(lambda: graph.service("/slow") and graph.service("/short"))
+        ours = graph.participant("/ours")
+        usual, soon = call(graph, ours, "/slow", {}), call(graph, ours, "/short", {})
+        await until(lambda: program.run("result = asked.acquire(blocking=False)"))
+        await until(lambda: short.run("result = asked.acquire(blocking=False)"))
+        program.kill()
+        short.kill()
+        await until(lambda: soon)
+        assert isinstance(soon[0], ProviderGone)
+        assert usual == []
+
+
+async def test_calls_end_if_their_program_is_killed_and_started_again(
+    graph: Ros2Graph, lease: Mapping[str, str]
+) -> None:
+    """The new program has the same names, and does not know the calls of the one before."""
+    ours = graph.participant("/ours")
+    opened: list[Answers] = []
+
+    def was_lost_or_is_beside() -> bool:
+        return not opened or bool(opened[-1]) or graph.remote_nodes == 2
+
+    for _ in range(3):
+        with closing(Program(sys.executable, _PROGRAM, environment=lease)) as robot:
+            robot.run(_SLOW.format(seconds=100))
+            await until(was_lost_or_is_beside)
+            await until(lambda: graph.service("/slow"))
+            newest = call(graph, ours, "/slow", {})
+            await until(partial(robot.run, "result = asked.acquire(blocking=False)"))
+            if opened:
+                await until(partial(bool, opened[-1]))
+                assert isinstance(opened[-1][0], ProviderGone)
+            assert newest == []
+            opened.append(newest)
+            robot.kill()
 
 
 async def test_a_service_that_lost_requests_is_called_again(graph: Ros2Graph, program: Program) -> None:

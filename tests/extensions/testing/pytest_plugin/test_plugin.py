@@ -273,7 +273,7 @@ def test_both_distributions_and_interfaces_beside_the_test(suite: Suite) -> None
 WRONG_OPTIONS = {
     "@pytest.mark.rwt(dsitro='noetic')": "has no argument dsitro; did you mean distro?",
     "@pytest.mark.rwt('noetic')": "takes distro, demo, interfaces, settings by name",
-    "@pytest.mark.rwt(distro='humble')": "no distro 'humble'; known are jazzy, noetic, both",
+    "@pytest.mark.rwt(distro='melodic')": "no distro 'melodic'; known are humble, jazzy, kilted",
     "@pytest.mark.rwt(settings={'limits.conections': 2})": "did you mean `limits.connections`?",
     "@pytest.mark.rwt(settings=3)": "is expected, not 3",
     "@pytest.mark.rwt(interfaces='nowhere')": "nowhere",

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from rwt import parts
 from rwt.cli.console.output import Output, Style
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
-from rwt.cli.health import Health, health_of
+from rwt.cli.health import Health, health_of, network_of
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import (
     USUAL_TIMEOUT,
@@ -36,6 +36,7 @@ from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
+    from rwt.cli.health import NetworkState
     from rwt_transports.errors import ConnectCause
 
 _PATIENCE: Final = 3.0
@@ -177,11 +178,22 @@ async def _examine(arguments: Arguments, check: CheckPart | None, report: Callab
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
                 report(finding)
+            network = await network_of(url, min(limit, _PATIENCE), tls, headers or {})
+            if network is not None:
+                report(_robot_finding(network))
     except BadUrl as error:
         raise CommandError(str(error), CALLED_WRONGLY) from error
     except TransportError as error:
         cause = error.cause if isinstance(error, ConnectError) else "other"
         report(Finding("connection", "problem", str(error), _how_to_connect(cause, token)))
+
+
+def _robot_finding(network: NetworkState) -> Finding:
+    where = f"{network.name} ({network.details})"
+    if network.nodes == 0:
+        return Finding("robot", "warning", f"only the server itself is there, on {where}", network.advice)
+    nodes = "1 node" if network.nodes == 1 else f"{network.nodes} nodes"
+    return Finding("robot", "ok", f"{nodes} of other programs, on {where}")
 
 
 async def _measure_stops(report: Callable[[Finding], None]) -> None:

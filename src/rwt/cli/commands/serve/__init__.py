@@ -69,7 +69,11 @@ _OPTIONS: Final = arguments(
         metavar="FILE",
         help="add a robot scripted in a .toml or .py file, for tests of apps",
     ),
-    argument("--distro", choices=sorted(DISTROS), help="ROS distribution (default jazzy)"),
+    argument(
+        "--distro",
+        choices=sorted(DISTROS),
+        help="ROS distribution (default jazzy, with --graph ros2 the installed one)",
+    ),
     argument(
         "--interfaces",
         action="append",

@@ -81,7 +81,7 @@ class Navigation:
         self._task: _NavigationTask | None = None
         self._plans = node.advertise("plan", "nav_msgs/Path")
         self._offer("navigate_to_pose", ACTION, _NAV2)
-        move_base = _MOVE_BASE_TYPES.get(node.distro.name)
+        move_base = _MOVE_BASE_TYPES.get(node.distro.conventions)
         if move_base is not None:
             self._offer("move_base", move_base, _MOVE_BASE)
 

@@ -51,7 +51,7 @@ class Lens:
             "width": self.width,
             "height": self.height,
             "distortion_model": "plumb_bob",
-            **dict(zip(MATRICES[distro.name], matrices, strict=True)),
+            **dict(zip(MATRICES[distro.conventions], matrices, strict=True)),
         }
 
 

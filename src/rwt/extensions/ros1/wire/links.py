@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 import anyio
 
 from rwt.extensions.ros1.wire import rpc
-from rwt.extensions.ros1.wire.network import listening
+from rwt.extensions.ros1.wire.network import Unreachable, listening
 from rwt.extensions.ros1.wire.tcpros import MESSAGE_BYTES, TcprosWire, decode_header, encode_header, frame_of
 from rwt_graph.errors import Ros1Error
 from rwt_graph.names import is_printable
@@ -226,7 +226,8 @@ async def connected(
             ) from error
         except OSError as error:
             why = os.strerror(error.errno) if error.errno and error.errno > 0 else error
-            raise Ros1Error(f"{host}:{port} cannot be reached: {why}") from error
+            kind = Unreachable if isinstance(error, ConnectionRefusedError) else Ros1Error
+            raise kind(f"{host}:{port} cannot be reached: {why}") from error
         try:
             yield links[0]
         finally:

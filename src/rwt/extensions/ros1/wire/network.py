@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import anyio
 
+from rwt_graph.errors import Ros1Error
 from rwt_transports.api import Attach, BindAddress
 from rwt_transports.connection import ListenerState
 from rwt_transports.scheduler import READING, Scheduler
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from rwt_graph.backend import DistributedGraph
 
 T = TypeVar("T")
+
+
+class Unreachable(Ros1Error):
+    """Nothing accepts connections at the address of another program: it has ended."""
+
 
 #: Maximum bytes of incomplete frames, and of incomplete calls, of all connections.
 _FRAMES_BYTES: Final = 192 * 1024 * 1024

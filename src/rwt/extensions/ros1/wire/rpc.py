@@ -13,7 +13,7 @@ import anyio
 import h11
 
 from rwt.extensions.ros1.wire import xmlrpc
-from rwt.extensions.ros1.wire.network import listening
+from rwt.extensions.ros1.wire.network import Unreachable, listening
 from rwt_graph.errors import Ros1Error, WireError
 from rwt_transports.connection import ListenerState
 from rwt_transports.errors import Refused
@@ -111,6 +111,8 @@ async def fetch(uri: str, method: str, *params: xmlrpc.Value) -> bytes:
                 return await _exchange(stream, f"{host}:{port}", content)
     except TimeoutError as error:
         raise Ros1Error(f"{uri} does not answer {method} within {CALL_SECONDS:g} s") from error
+    except ConnectionRefusedError as error:
+        raise Unreachable(f"{uri} cannot be reached: {error}") from error
     except (OSError, anyio.BrokenResourceError, h11.RemoteProtocolError, WireError) as error:
         raise Ros1Error(f"{uri} cannot be reached: {error}") from error
 

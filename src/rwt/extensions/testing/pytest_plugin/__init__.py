@@ -25,8 +25,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("rwt", "robots for tests (robot-web-tools)")
     group.addoption(
         "--rwt-distro",
-        choices=("jazzy", "noetic", "both"),
-        help="ROS distribution of robots in tests, or both, one after the other (default jazzy)",
+        metavar="DISTRO",
+        help="ROS distribution of robots in tests, such as kilted; `both`: jazzy, then noetic (default"
+        " jazzy)",
     )
     parser.addini("rwt_distro", "the same as --rwt-distro", default="")
     parser.addini("rwt_interfaces", "folders of .msg, .srv and .action files", type="paths", default=[])
@@ -83,7 +84,7 @@ def pytest_runtest_makereport(
 
 @pytest.fixture
 def rwt_distro(request: pytest.FixtureRequest) -> str:
-    """Return the ROS distribution of this test's robot: "jazzy" or "noetic"."""
+    """Return the ROS distribution of this test's robot, such as "jazzy" or "noetic"."""
     chosen = getattr(request, "param", None)
     if chosen is not None:
         return str(chosen)

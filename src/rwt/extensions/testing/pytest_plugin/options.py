@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from rwt_interfaces.distro import DISTROS
 from rwt_participant.spelling import nearest
 
-DISTROS = ("jazzy", "noetic")
+#: Distributions that `both` stands for, and the default, which is the first.
+FAMILIES = ("jazzy", "noetic")
 BOTH = "both"
 
 _KEYS = ("distro", "demo", "interfaces", "settings")
@@ -25,7 +27,7 @@ class Options:
         virtual: True to simulate time.
     """
 
-    distro: str = DISTROS[0]
+    distro: str = FAMILIES[0]
     demo: bool = False
     interfaces: tuple[Path, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
@@ -39,8 +41,8 @@ def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ..
         UsageError: an unknown distribution is named.
     """
     marked = _marked(marks).get("distro")
-    asked = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or DISTROS[0]
-    chosen: object = DISTROS if asked == BOTH else asked
+    asked = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or FAMILIES[0]
+    chosen: object = FAMILIES if asked == BOTH else asked
     several = tuple(map(str, chosen)) if isinstance(chosen, list | tuple) else (str(chosen),)
     for each in several:
         if each not in DISTROS:

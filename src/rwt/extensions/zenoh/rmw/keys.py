@@ -19,7 +19,7 @@ def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
     Args:
         name: absolute name, `/chatter`.
         dds_type: type in the form of :func:`dds_type`.
-        type_hash: `RIHS01_` and 64 hexadecimal digits.
+        type_hash: `RIHS01_` and 64 hexadecimal digits, or what Humble has in its place.
     """
     return f"{domain}/{name[1:]}/{dds_type}/{type_hash}"
 

@@ -40,7 +40,7 @@ class TokenEndpoint:
     Attributes:
         name: absolute name of the topic or service.
         dds_type: `std_msgs::msg::dds_::String_`.
-        type_hash: `RIHS01_…`.
+        type_hash: `RIHS01_…`, or what Humble has in its place.
     """
 
     name: str
