@@ -217,15 +217,18 @@ class ReplySender:
         return f"a message of {size} bytes, and {self.max_bytes} is the limit (limits.outgoing_message_bytes)"
 
     def log(self, level: int, text: str, id_: object = None) -> None:
-        """Log a line with the client's number and the id of the op, within the client's rate of lines."""
+        """Log a line with the client's number and the id of the op, within the rates of lines."""
         if not is_written(level):
             return
+        now, others = self.monotonic(), self._audit.rejections
+        # Before anything is formatted: most lines of a flood are dropped.
+        if not (self.log_rate.admit(now) and others.admit(now)):
+            return
         note = "" if id_ is None else f"[id: {one_line(str(id_))}] "
-        line = self.log_rate.admit(note + one_line(text), self.monotonic())
-        if line is not None:
-            self._audit.write(
-                level, f"[{self._prefix}client %d] %s", self._number, line, client=self._name, op_id=id_
-            )
+        line = f"{note}{one_line(text)}{self.log_rate.note()}{others.note()}"
+        self._audit.write(
+            level, f"[{self._prefix}client %d] %s", self._number, line, client=self._name, op_id=id_
+        )
 
     def log_internal_error(self, op: str, error: Exception, id_: object = None) -> None:
         """Log a fault of the server with its traceback. The client only receives "internal error"."""
