@@ -60,7 +60,8 @@ WRITING: Final = Budget(turn=0.010, share=0.002)
 REQUESTS: Final = Budget(turn=0.005, share=0.003)
 """Reading HTTP requests, over all connections of an event loop; reading one body."""
 MESSAGES: Final = Budget(turn=0.015, share=0.003, steps=0.002)
-"""Messages of all clients of a gateway, not counting small messages handled at once; those of one client."""
+"""Messages of all clients of a gateway; those of one client. In a full turn, each client still has one small
+message handled at once."""
 SAMPLES: Final = Budget(turn=0.005, share=0.0015)
 """Encoding deferred samples, over all topics of a gateway; those of one topic."""
 
@@ -99,13 +100,14 @@ class Scheduler:
 
     Attributes:
         budget: seconds per turn, and of one share.
+        uncounted: seconds of work in this turn that :meth:`count` has not counted yet; callers add to it.
         is_full: True if the budget of this turn is used up.
         monotonic: clock of the budget, in seconds.
     """
 
     __slots__ = (
         "__weakref__", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back", "_line",
-        "_one_at_a_time", "_ready", "_used", "budget", "is_full", "monotonic",
+        "_one_at_a_time", "_ready", "_used", "budget", "is_full", "monotonic", "uncounted",
     )  # fmt: skip
 
     def __init__(
@@ -130,6 +132,7 @@ class Scheduler:
         self._is_begun = False
         self._holder: object = None
         self._used = 0.0  # seconds of this turn
+        self.uncounted = 0.0
         self.is_full = False
 
     @staticmethod
@@ -172,6 +175,11 @@ class Scheduler:
         self._used += seconds
         self.is_full = self._used > self.budget.turn
         self._begin()
+
+    def count(self) -> None:
+        """Count the work that callers have added to ``uncounted``: pieces too small for a call each."""
+        seconds, self.uncounted = self.uncounted, 0.0
+        self.note(seconds)
 
     def do(self, work: Callable[[], object]) -> None:
         """Run work now, and count it."""

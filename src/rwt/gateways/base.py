@@ -45,6 +45,12 @@ LARGE_BYTES: Final = 64 * 1024
 _SMALL_BYTES: Final = 4096
 """Maximum size of a message that is read in a turn that is full."""
 
+_MAX_AHEAD: Final = 64
+"""Maximum number of frames of one read that are queued to look for a press of the stop behind others."""
+
+_COUNTED_SECONDS: Final = 0.001
+"""Work of small messages of all clients that is counted in a turn together: to count each costs too much."""
+
 T = TypeVar("T")
 W = TypeVar("W")
 C = TypeVar(
@@ -294,9 +300,9 @@ class ConnectedClient(ABC, Generic[T, W]):
     * View of the graph: ``graph``, and ``is_role_by_auth`` (True once an `auth` op gave the role).
     * Reading: ``_decode``.
     * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one), ``_work``.
-    * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_turn_began``
-      (``_worked`` at the beginning of this turn), ``_began`` (monotonic time at which the current frame
-      began).
+    * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_noted`` (of
+      these, counted in a turn of all clients), ``_turn_began`` (``_worked`` at the beginning of this turn),
+      ``_began`` (monotonic time at which the current frame began).
     * This turn: ``_received`` (bytes that had arrived at the last read: another number is another turn),
       ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
       its own).
@@ -334,7 +340,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         self._flow_control: FlowControl | None = None
         self._state = _READING
         self._received = 0
-        self._worked = self._counted = self._turn_began = 0.0
+        self._worked = self._counted = self._noted = self._turn_began = 0.0
         self._is_beyond = self._needs_turn = graph.work.excess > 0.0
         self._began = 0.0
         self._waiting: deque[T | W | UnreadFrame | Arriving] = deque()
@@ -381,7 +387,13 @@ class ConnectedClient(ABC, Generic[T, W]):
                 self._read(data, binary, now)
             else:  # Without that call.
                 self._run(self._decode(data, binary, now), now)
-        self._worked += self._monotonic() - now
+        took = self._monotonic() - now
+        self._worked += took
+        self._noted += took
+        turns = self._turns
+        turns.uncounted += took
+        if turns.uncounted > _COUNTED_SECONDS:
+            turns.count()
         if self._worked - self._counted > MESSAGES.share:
             self._count_work()
 
@@ -456,6 +468,11 @@ class ConnectedClient(ABC, Generic[T, W]):
             self.sink.close(POLICY, reason)
         return False
 
+    @property
+    def holds_wire(self) -> bool:
+        """True if frames behind one that waits stay on the wire: none of them may press the stop ahead."""
+        return len(self._waiting) >= _MAX_AHEAD or not self.graph.is_stop_due
+
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Pause this client through `flow_control` while its messages wait."""
         self._flow_control = flow_control
@@ -480,10 +497,10 @@ class ConnectedClient(ABC, Generic[T, W]):
 
     def _count_work(self) -> None:
         """Charge the work since the last call; too slow for every message."""
-        seconds = self._worked - self._counted
-        self._counted = self._worked
+        seconds, unnoted = self._worked - self._counted, self._worked - self._noted
+        self._counted = self._noted = self._worked
         self._work.add(seconds, "messages")
-        self._turns.note(seconds)
+        self._turns.note(unnoted)
         self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
     def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
@@ -500,6 +517,8 @@ class ConnectedClient(ABC, Generic[T, W]):
             if self._flow_control is not None:
                 self._flow_control.pause()
             self._ask_for_turn()
+        elif len(self._waiting) == _MAX_AHEAD and self._flow_control is not None:
+            self._flow_control.pause()  # Again, since now it also holds the wire.
 
     def _ask_for_turn(self) -> None:
         if self._is_beyond:
