@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from itertools import islice, pairwise
 from typing import Final
 
-MAX_WORDS: Final = 1000
+MAX_WORDS: Final = 500
 """Maximum number of words that are compared."""
 MAX_LENGTH: Final = 120
 """Maximum number of characters of a word that is compared."""
-_COMPARED: Final = 12
+_COMPARED: Final = 4
 """Number of words that are compared letter by letter."""
 
 
