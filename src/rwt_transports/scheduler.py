@@ -60,8 +60,8 @@ WRITING: Final = Budget(turn=0.010, share=0.002)
 REQUESTS: Final = Budget(turn=0.005, share=0.003)
 """Reading HTTP requests, over all connections of an event loop; reading one body."""
 MESSAGES: Final = Budget(turn=0.015, share=0.003, steps=0.002)
-"""Messages of all clients of a gateway; those of one client. In a full turn, each client still has one small
-message handled at once."""
+"""Messages of all clients of a gateway; those of one client. Until a turn is twice full, each client still
+has one small message handled at once."""
 SAMPLES: Final = Budget(turn=0.005, share=0.0015)
 """Encoding deferred samples, over all topics of a gateway; those of one topic."""
 
@@ -102,12 +102,14 @@ class Scheduler:
         budget: seconds per turn, and of one share.
         uncounted: seconds of work in this turn that :meth:`count` has not counted yet; callers add to it.
         is_full: True if the budget of this turn is used up.
+        is_overfull: True if twice that is used up.
         monotonic: clock of the budget, in seconds.
     """
 
     __slots__ = (
         "__weakref__", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back", "_line",
-        "_one_at_a_time", "_ready", "_used", "budget", "is_full", "monotonic", "uncounted",
+        "_one_at_a_time", "_ready", "_used", "budget", "is_full", "is_overfull", "monotonic",
+        "uncounted",
     )  # fmt: skip
 
     def __init__(
@@ -133,7 +135,7 @@ class Scheduler:
         self._holder: object = None
         self._used = 0.0  # seconds of this turn
         self.uncounted = 0.0
-        self.is_full = False
+        self.is_full = self.is_overfull = False
 
     @staticmethod
     def of_loop(budget: Budget, is_held_back: Callable[[], bool] | None = None) -> Scheduler:
@@ -174,6 +176,7 @@ class Scheduler:
         """Count work that was done in this turn."""
         self._used += seconds
         self.is_full = self._used > self.budget.turn
+        self.is_overfull = self._used > 2 * self.budget.turn
         self._begin()
 
     def count(self) -> None:
@@ -267,7 +270,7 @@ class Scheduler:
             self._call_soon(self._next)
 
     def _next(self) -> None:
-        self._is_begun = self.is_full = False
+        self._is_begun = self.is_full = self.is_overfull = False
         self._used = 0.0
         self._holder = None
         line, held_back = self._line, self._is_held_back

@@ -43,7 +43,7 @@ LARGE_BYTES: Final = 64 * 1024
 """Maximum size of a message that waits for nothing but a turn, in bytes."""
 
 _SMALL_BYTES: Final = 4096
-"""Maximum size of a message that is read in a turn that is full."""
+"""Maximum size of a message that is read in a turn that is full, but not twice full."""
 
 _MAX_AHEAD: Final = 64
 """Maximum number of frames of one read that are queued to look for a press of the stop behind others."""
@@ -482,7 +482,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         if (
             self._waiting
             or worked > MESSAGES.share
-            or (self._turns.is_full and (worked or size > _SMALL_BYTES))
+            or (self._turns.is_full and (worked or size > _SMALL_BYTES or self._turns.is_overfull))
         ):
             return True
         if self._needs_turn:
