@@ -2,8 +2,8 @@
 
 `python -m bench.gate.floods GATEWAY HOST PORT FIRST COUNT` sends them over that many connections, of which
 the first has that number, until standard input ends; `GATEWAY` is one of :data:`GATEWAYS`. Half of the
-clients have a role that may press the stop, and give a reason that is no string; the others have a role that
-may not press. Each has a loopback address of its own. Prints what all have sent.
+clients have a role that may press the stop, and send values of wrong types; the others have a role that may
+not press. Each has a loopback address of its own. Prints what all have sent.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ _LISTED_BYTES: Final = 1 << 20
 """Maximum size of what a Foxglove client reads before it attacks."""
 
 _PRESS: Final = {"reason": 5}
+_ROLES: Final[tuple[tuple[str, object], ...]] = ((ATTACKER_TOKEN, {}), (PRESSER_TOKEN, {"data": 5}))
 _MCP_HEADERS: Final = (
     "Content-Type: application/json\r\nAccept: application/json, text/event-stream\r\n"
     "Mcp-Protocol-Version: 2026-07-28\r\n"  # which needs no sessions
@@ -41,13 +42,10 @@ def _json(op: object) -> bytes:
     return json.dumps(op, separators=(",", ":")).encode()
 
 
-def _publish(topic: str) -> bytes:
-    return masked(_json({"op": "publish", "topic": topic, "type": "std_msgs/Empty", "msg": {}}))
-
-
 def _rosbridge(flood: Flood) -> Iterator[bytes]:
     flood.open_websocket("")
-    yield _publish("/gate/stop")
+    publish = {"op": "publish", "topic": "/gate/stop", "type": "std_msgs/Empty", "msg": flood.message}
+    yield masked(_json(publish))
     yield masked(_json({"op": "call_service", "service": "/gate/stop", "args": _PRESS}))
     yield masked(b'{"op":"call_service","service":"/gate\\/stop","args":{"reason":[]}}')
 
@@ -56,7 +54,7 @@ def _foxglove(flood: Flood) -> Iterator[bytes]:
     listed = flood.open_websocket("Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n", until=b"advertiseServices")
     channel = {"id": 1, "topic": "/gate/stop", "encoding": "json", "schemaName": "std_msgs/msg/Empty"}
     flood.wire.sendall(masked(_json({"op": "advertise", "channels": [channel]})))
-    yield masked(struct.pack("<BI", 1, 1) + b"{}", BINARY)
+    yield masked(struct.pack("<BI", 1, 1) + _json(flood.message), BINARY)
     head = struct.pack("<BIII", 2, _service_id(listed, b'"/gate/stop"'), 1, 4)
     yield masked(head + b"json" + _json(_PRESS), BINARY)
 
@@ -80,7 +78,7 @@ def _request(
 def _http(flood: Flood) -> Iterator[bytes]:
     flood.open()
     yield _request(flood, "/api/services/gate/stop", _PRESS)
-    yield _request(flood, "/api/topics/gate/stop", {"data": 5})
+    yield _request(flood, "/api/topics/gate/stop", flood.message)
 
 
 def _mcp(flood: Flood) -> Iterator[bytes]:
@@ -107,6 +105,7 @@ class Flood(threading.Thread):
     Attributes:
         host: host and port of the server.
         token: its token.
+        message: message of the stop's topic that its role cannot press with.
         wire: its present connection.
         sent_bytes: bytes that the kernel took so far.
         connections: number of connections so far.
@@ -119,7 +118,7 @@ class Flood(threading.Thread):
         # Apart from the other attackers; 127.0.0.1 is the operator's.
         self._source = f"127.0.{1 + number // 250}.{2 + number % 250}"
         self.host = f"{host}:{port}"
-        self.token = PRESSER_TOKEN if number % 2 else ATTACKER_TOKEN
+        self.token, self.message = _ROLES[number % 2]
         self.wire = socket.socket()
         self.sent_bytes = 0
         self.connections = 0
