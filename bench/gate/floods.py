@@ -30,6 +30,9 @@ _PATIENCE_SECONDS: Final = 10.0
 _LISTED_BYTES: Final = 1 << 20
 """Maximum size of what a Foxglove client reads before it attacks."""
 
+_LISTED_SECONDS: Final = 0.5
+"""Silence after which it has read the list."""
+
 _PRESS: Final = {"reason": 5}
 _ROLES: Final[tuple[tuple[str, object], ...]] = ((ATTACKER_TOKEN, {}), (PRESSER_TOKEN, {"data": 5}))
 _MCP_HEADERS: Final = (
@@ -156,10 +159,15 @@ class Flood(threading.Thread):
         data = self.wire.recv(4096)
         if not data.startswith(b"HTTP/1.1 101"):
             raise ConnectionRefusedError("the server refused the handshake")
-        while until not in data and len(data) < _LISTED_BYTES:
-            data += self.wire.recv(1 << 16)
-        # The list of services is long; its end may be in later reads.
-        return data + self.wire.recv(1 << 16) if until else data
+        while until and len(data) < _LISTED_BYTES:
+            # What is listed is long; its end may be in later reads.
+            self.wire.settimeout(_LISTED_SECONDS if until in data else _PATIENCE_SECONDS)
+            try:
+                data += self.wire.recv(1 << 16)
+            except TimeoutError:
+                break
+        self.wire.settimeout(None)
+        return data
 
     @staticmethod
     def _drain(wire: socket.socket) -> None:
