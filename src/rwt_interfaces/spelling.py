@@ -48,6 +48,6 @@ class Words:
         for pair in set(pairwise(word)):
             shared.update(self._with_pair.get(pair, ()))
         nearest = heapq.nlargest(
-            _COMPARED, shared.items(), key=lambda each: each[1] / (len(word) + len(each[0]))
+            _COMPARED, shared.items(), key=lambda each: (each[1] / (len(word) + len(each[0])), each[0])
         )
         return difflib.get_close_matches(word, [each for each, _ in nearest], count, cutoff)

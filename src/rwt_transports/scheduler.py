@@ -87,7 +87,7 @@ class Scheduler:
     loop. Exceptions are logged.
 
     With `one_at_a_time`, each piece of work has a turn of its own, and no other client can :meth:`take` that
-    turn.
+    turn. Only small pieces that are given to :meth:`wait_briefly` share it, and are done first.
 
     States: **idle** until something is counted, taken or waits; **begun** (``_is_begun``) while :meth:`_next`
     is scheduled, which begins the next turn; **full** (`is_full`) from the moment the budget is used up until
@@ -107,8 +107,8 @@ class Scheduler:
     """
 
     __slots__ = (
-        "__weakref__", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back", "_line",
-        "_one_at_a_time", "_ready", "_used", "budget", "is_full", "is_overfull", "monotonic",
+        "__weakref__", "_brief", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back",
+        "_line", "_one_at_a_time", "_ready", "_used", "budget", "is_full", "is_overfull", "monotonic",
         "uncounted",
     )  # fmt: skip
 
@@ -130,6 +130,7 @@ class Scheduler:
         self._one_at_a_time = one_at_a_time
         self._is_held_back = is_held_back
         self._ready = ready
+        self._brief: deque[Callable[[], object]] = deque()
         self._line: deque[Callable[[], object]] = deque()
         self._is_begun = False
         self._holder: object = None
@@ -206,6 +207,11 @@ class Scheduler:
             self._is_begun = True
             self._call_soon(self._next)
 
+    def wait_briefly(self, work: Callable[[], object]) -> None:
+        """Run a small piece of work in the next turn, ahead of the work of :meth:`wait`, if it fits there."""
+        self._brief.append(work)
+        self._begin()
+
     def retry(self, ask: Callable[[], None]) -> None:
         """Call `ask` after a delay, for work that waits for something other than a turn."""
         self._call_later(RETRY_SECONDS, ask)
@@ -273,6 +279,8 @@ class Scheduler:
         self._is_begun = self.is_full = self.is_overfull = False
         self._used = 0.0
         self._holder = None
+        if self._brief:
+            self._take_brief()
         line, held_back = self._line, self._is_held_back
         # Counted before the work begins, so that work which defers itself waits for the next turn.
         pieces = min(len(line), 1) if self._one_at_a_time else len(line)
@@ -292,8 +300,18 @@ class Scheduler:
                 work()
             except Exception:
                 log_exception("work that waited for its turn failed")
-        if line:
+        if line or self._brief:
             self._begin()
+
+    def _take_brief(self) -> None:
+        over = self.monotonic() + self.budget.turn
+        for _ in range(len(self._brief)):  # What is added meanwhile waits for the next turn.
+            try:
+                self._brief.popleft()()
+            except Exception:
+                log_exception("work that waited for its turn failed")
+            if self.monotonic() > over:
+                return
 
 
 _schedulers: Final[WeakValueDictionary[tuple[object, ...], Scheduler]] = WeakValueDictionary()

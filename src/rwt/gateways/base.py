@@ -305,7 +305,7 @@ class ConnectedClient(ABC, Generic[T, W]):
       ``_began`` (monotonic time at which the current frame began).
     * This turn: ``_received`` (bytes that had arrived at the last read: another number is another turn),
       ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
-      its own).
+      its own), ``_is_put_off`` (True if its only message waits since others have overfilled the turn).
     * Queue: ``_state``, ``_waiting``.
 
     Args:
@@ -342,6 +342,7 @@ class ConnectedClient(ABC, Generic[T, W]):
         self._received = 0
         self._worked = self._counted = self._noted = self._turn_began = 0.0
         self._is_beyond = self._needs_turn = graph.work.excess > 0.0
+        self._is_put_off = False
         self._began = 0.0
         self._waiting: deque[T | W | UnreadFrame | Arriving] = deque()
 
@@ -482,8 +483,11 @@ class ConnectedClient(ABC, Generic[T, W]):
         if (
             self._waiting
             or worked > MESSAGES.share
-            or (self._turns.is_full and (worked or size > _SMALL_BYTES or self._turns.is_overfull))
+            or (self._turns.is_full and (worked or size > _SMALL_BYTES))
         ):
+            return True
+        if self._turns.is_overfull:
+            self._is_put_off = not self._is_beyond
             return True
         if self._needs_turn:
             self._is_beyond = self._work.excess > 0.0
@@ -523,14 +527,18 @@ class ConnectedClient(ABC, Generic[T, W]):
     def _ask_for_turn(self) -> None:
         if self._is_beyond:
             self._work.note_wait()
-        self._turns.wait(self._go_on)
+        if self._is_put_off:
+            self._is_put_off = False
+            self._turns.wait_briefly(partial(self._go_on, is_brief=True))
+        else:
+            self._turns.wait(self._go_on)
 
     def _is_held_up(self, what: T | W | UnreadFrame) -> bool:
         """Return True if `what` has to wait for something other than a turn."""
         return False
 
-    def _go_on(self) -> None:
-        """Process queued work within the time of this turn."""
+    def _go_on(self, *, is_brief: bool = False) -> None:
+        """Process queued work within the time of this turn; only one message if `is_brief`."""
         if self._waiting:
             first = self._waiting[0]
             if not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first):
@@ -555,6 +563,8 @@ class ConnectedClient(ABC, Generic[T, W]):
                 else:
                     self._resume(what, now)
                 self._worked += self._monotonic() - now
+                if is_brief:
+                    self._turn_began = self._worked - 2 * MESSAGES.share  # The share is used up.
         finally:
             # `closed()` has released everything: the remaining steps have no client.
             if not self._is_over:

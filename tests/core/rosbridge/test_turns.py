@@ -184,6 +184,24 @@ def test_many_who_have_little_each_fill_a_turn(
     assert (heard.count("a"), heard.count("b")) == (40, 40)
 
 
+def test_a_small_message_that_found_the_turn_overfull_is_the_first_of_the_next(
+    clock: BusyClock, connect: Callable[[], Client], heard: list[str]
+) -> None:
+    flooding = [connect() for _ in range(40)]
+    for client in flooding:
+        _read(client, *(_publish(letter) for letter in "aab"))
+    other = connect()
+    _read(other, _publish("other"))
+    assert "other" not in heard
+    at = len(heard)
+    clock.advance(0.0)
+    before = heard[at : heard.index("other")]
+    assert before.count("b") * MESSAGES.share <= MESSAGES.turn, (
+        "it waits for the first messages of others only"
+    )
+    assert heard.count("a") == 80 and heard.count("b") == 40
+
+
 def test_a_message_that_is_rejected_counts_like_any_other(clock: BusyClock, client: Client) -> None:
     reading = Reading()
     client.peer.set_flow_control(reading)
