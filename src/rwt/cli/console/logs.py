@@ -21,6 +21,17 @@ _PLAIN: Final = re.compile(r"[^\s\"=\\\x00-\x1f\x7f]+")
 _FIELDS: Final = ("client", "op_id")
 
 
+class TextFormatter(logging.Formatter):
+    """Formatter of text lines: a record is one line, besides its traceback, without commands for a terminal.
+
+    Second line of defence: callers already escape the text of clients.
+    """
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """Return a record with unprintable characters escaped."""
+        return _escaped(super().formatMessage(record))
+
+
 class JsonFormatter(logging.Formatter):
     """Formatter of JSON lines: `time` (UTC, RFC 3339), `level`, `logger`, `message`, and if present `worker`
     (with `--workers`), `client` (its name, `rosbridge:3`), `op_id` and `error` (the traceback).
@@ -50,7 +61,7 @@ class JsonFormatter(logging.Formatter):
         return self._written(line)
 
     def _written(self, line: Mapping[str, object]) -> str:
-        return json.dumps(line, default=str, ensure_ascii=False)
+        return _escaped(json.dumps(line, default=str, ensure_ascii=False))
 
 
 class LogfmtFormatter(JsonFormatter):
@@ -60,9 +71,18 @@ class LogfmtFormatter(JsonFormatter):
         return " ".join(f"{key}={_word(str(value))}" for key, value in line.items())
 
 
+def _escaped(text: str) -> str:
+    """Return a text with unprintable characters, among them those of text direction, as JSON escapes them."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else json.dumps(each)[1:-1] for each in text)
+
+
 def _word(text: str) -> str:
     """Return a value of logfmt, quoted as in JSON unless it is one plain word."""
-    return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=False)
+    if _PLAIN.fullmatch(text) and text.isprintable():
+        return text
+    return _escaped(json.dumps(text, ensure_ascii=False))
 
 
 class SteadyHandler(logging.StreamHandler[TextIO]):
@@ -110,7 +130,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 def log_to_stderr(style: Format, *, verbose: bool) -> None:
     """Log to stderr in this format, from level info, or debug if `verbose`."""
     handler = SteadyHandler(sys.stderr)
-    made = {"json": JsonFormatter(), "logfmt": LogfmtFormatter(), "text": logging.Formatter(_TEXT)}
+    made = {"json": JsonFormatter(), "logfmt": LogfmtFormatter(), "text": TextFormatter(_TEXT)}
     handler.setFormatter(made[style])
     root = logging.getLogger()
     root.addHandler(handler)
@@ -135,4 +155,4 @@ def name_worker(number: int) -> None:
         if isinstance(handler.formatter, JsonFormatter):
             handler.formatter.worker = number
         elif isinstance(handler, SteadyHandler):
-            handler.setFormatter(logging.Formatter(f"[{number}] {_TEXT}"))
+            handler.setFormatter(TextFormatter(f"[{number}] {_TEXT}"))
