@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import ExitStack
 from typing import Final
 from urllib.parse import quote
 
 from rwt.access.client_graph import ClientGraph
+from rwt.access.errors import QuotaExceeded
 from rwt.access.graph_view import GraphView
 from rwt.extensions.foxglove.errors import NotPossible
 from rwt.extensions.foxglove.replies import FoxgloveReplies
@@ -35,7 +37,11 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 
 
 class Assets:
-    """Files that one client has requested, sent one at a time."""
+    """Files that one client has requested, sent one at a time.
+
+    A file is charged to `limits.kept_bytes` from the read of its first bytes until the client has received
+    most of it: a client that does not read keeps it in memory.
+    """
 
     def __init__(self, graph: ClientGraph, replies: FoxgloveReplies, pages: Pages, address: str) -> None:
         self._graph = graph
@@ -63,20 +69,23 @@ class Assets:
     async def _run(self) -> None:
         try:
             while self._asked and not self._closed:
-                asked = self._asked.popleft()
-                try:
-                    chunks = await self._read(asked.uri.removeprefix(SCHEME))
-                except (NotPossible, OSError) as error:
-                    self._fail(asked.request_id, str(error))
-                    continue
-                if not self._closed:
-                    self._replies.send(asset(asked.request_id, chunks))
-                while self._replies.sink.backlog > _UNREAD and not self._closed:
-                    await self._graph.clock.sleep(_LOOK_SECONDS)
+                with ExitStack() as charges:
+                    await self._send(self._asked.popleft(), charges)
         finally:
             self._runs = False
 
-    async def _read(self, path: str) -> list[bytes]:
+    async def _send(self, asked: FetchAsset, charges: ExitStack) -> None:
+        try:
+            chunks = await self._read(asked.uri.removeprefix(SCHEME), charges)
+        except (NotPossible, QuotaExceeded, OSError) as error:
+            self._fail(asked.request_id, str(error))
+            return
+        if not self._closed:
+            self._replies.send(asset(asked.request_id, chunks))
+        while self._replies.sink.backlog > _UNREAD and not self._closed:
+            await self._graph.clock.sleep(_LOOK_SECONDS)
+
+    async def _read(self, path: str, charges: ExitStack) -> list[bytes]:
         request = HttpRequest("GET", PATH + quote(path, safe="/%"), address=self._address)
         clock = self._graph.clock
         began = clock.monotonic()
@@ -88,6 +97,7 @@ class Assets:
             raise NotPossible((body if isinstance(body, bytes) else b"").decode("utf-8", "replace").strip())
         if isinstance(body, bytes):
             self._check(len(body))
+            charges.callback(self._graph.keep(len(body)).end)
             return [body]
         chunks: list[bytes] = []
         size = 0
@@ -98,6 +108,7 @@ class Assets:
                 self._check(size)
                 if self._closed:
                     break
+                charges.callback(self._graph.keep(len(chunk)).end)
                 chunks.append(chunk)
         finally:
             # An abandoned page is closed at once; garbage collection would release its file later.
