@@ -393,8 +393,9 @@ class ClientLimits(Table):
     calls: Count = Field(10_000, description="pending calls and goals per client")
     kept_bytes: Bytes = Field(
         64 * MIB,
-        description="bytes kept for one client: pending requests, and samples of its latched topics, even"
-        " after it disconnects; four times as many for all clients of one address",
+        description="bytes kept for one client: pending requests, files that a Foxglove client fetches, and"
+        " samples of its latched topics, even after it disconnects; four times as many for all clients of one"
+        " address",
     )
     parameter_bytes: Bytes = Field(
         2 * MIB,
