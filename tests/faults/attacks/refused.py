@@ -89,7 +89,7 @@ def refused_publishes(attacker: Attacker) -> None:
 def stop_shaped(attacker: Attacker) -> None:
     """Messages that look like presses of the emergency stop, and press nothing."""
     ops = _frames(
-        {"op": "publish", "topic": "/gate/stop", "type": "std_msgs/Empty", "msg": {}},
+        {"op": "publish", "topic": "/gate/stop", "type": "std_msgs/Empty", "msg": {"data": 5}},
         {"op": "call_service", "service": "/gate/stop", "args": {"reason": 5}},
         {"op": "publish", "topic": "/gate/stoq", "type": "std_msgs/Empty", "msg": {}},
     )
