@@ -294,6 +294,7 @@ fuzz: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
 	$(BIN)/python -m tests.fuzz $(ARGS)
 	$(BIN)/python -m tests.fuzz gate-costs --seconds 60
+	$(BIN)/python -m tests.fuzz refusal-costs --seconds 60
 	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py tests/faults/test_extreme_recordings.py
 	GATE_MODEL_EXAMPLES=$(GATE_MODEL_EXAMPLES) $(BIN)/pytest -q -o timeout=0 tests/core/access/test_gate_interleavings.py tests/core/access/test_gate_transports.py tests/core/access/test_early_looks.py
 

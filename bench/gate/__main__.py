@@ -5,6 +5,10 @@ robot's callback has the stop message; a dead-man's stop from the end of the lea
 is sent until the robot's callback has the call. Attackers have a role that may publish, advertise, call and
 provide everything, but not stop. The longest turn is CPU time of the event loop's thread between two polls:
 other programs do not add to it. Prints a table in Markdown, with p50, p99 and maximum of each.
+
+A second table is about floods of frames that look like presses of the stop (:mod:`bench.gate.floods`), over
+the gateway that the operator uses: how long the operator's stop takes, and how long an ordinary client waits
+for the answer of a service meanwhile.
 """
 
 from __future__ import annotations
@@ -16,24 +20,32 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import anyio
 
+from bench.gate.floods import GATEWAYS
 from bench.gate.operators import OVER, PATIENCE_SECONDS, TOKENLESS, Operator
 from bench.gate.robot import ASKER_TOKEN, LEASE_SECONDS, LIST, TOKEN, URLS
 from bench.traffic.processes import Server, ServerFailed
 from rwt_client import Robot, connect
 
 STOP, LEASE, APPROVAL = "emergency stop", "dead-man's stop", "approval"
+ORDINARY = "call of an ordinary client"
 TURN = "longest turn (CPU time) between commands"
 STOPS = 200
 LEASES = 100
 APPROVALS = 50
 ATTACKERS = 10
+FLOODS = 1, 8, 40, 200
+FLOODS_OF_PROCESS = 50
+"""Connections of one process that floods."""
+ORDINARY_SECONDS = 0.02
+"""Pause between two calls of an ordinary client."""
 SETTLE_SECONDS = 2.0
 """Time for the attackers to fill every queue and quota."""
 RETRY_SECONDS = 1.0
@@ -65,6 +77,16 @@ class Heard:
                 # Rejected for a moment if the end of a lease was noticed late.
                 with anyio.move_on_after(RETRY_SECONDS):
                     return await self.wait(SPEED)
+
+    async def stop(self, operator: Operator, topic: str) -> float:
+        """Drive, press the emergency stop and release it; return the latency of the stop."""
+        await self.driven(operator, topic)
+        began = time.monotonic()
+        await operator.call("stop", {})
+        latency = await self.wait(0.0) - began
+        await operator.call("release_stop", {})
+        await operator.publish(topic, 0.0)  # Else the gate waits for a second of silence.
+        return latency
 
     async def wait(self, speed: float) -> float:
         """Return when the robot heard a speed; others before it are dropped."""
@@ -119,13 +141,7 @@ async def measure(urls: Mapping[str, str], over: str, options: argparse.Namespac
     ):
         stopped, leased, asked = Heard(client, "/stopped"), Heard(client, "/leased"), Asked(client, asker)
         await operator.call("release_stop", {})  # The subscriptions are there.
-        for _ in range(options.stops):
-            await stopped.driven(operator, "/stopped")
-            began = time.monotonic()
-            await operator.call("stop", {})
-            found[STOP].append(await stopped.wait(0.0) - began)
-            await operator.call("release_stop", {})
-            await operator.publish("/stopped", 0.0)  # Else the gate waits for a second of silence.
+        found[STOP] += [await stopped.stop(operator, "/stopped") for _ in range(options.stops)]
         for _ in range(options.leases if operator.drives else 0):
             ends = await leased.driven(operator, "/leased") + LEASE_SECONDS
             found[LEASE].append(max(0.0, await leased.wait(0.0) - ends))
@@ -135,27 +151,82 @@ async def measure(urls: Mapping[str, str], over: str, options: argparse.Namespac
     return {name: sorted(values) for name, values in found.items() if values}
 
 
+async def measure_flooded(
+    urls: Mapping[str, str], over: str, options: argparse.Namespace
+) -> dict[str, list[float]]:
+    """Return the sorted latencies in seconds of an operator's stops, and of an ordinary client's calls."""
+    found: dict[str, list[float]] = {STOP: [], ORDINARY: []}
+    url = f"{urls['ws']}?token={TOKEN}"
+    async with (
+        connect(url, timeout=PATIENCE_SECONDS, status_level="error") as client,
+        connect(url, timeout=PATIENCE_SECONDS, status_level="error") as ordinary,
+        OVER[over](urls, client) as operator,
+        anyio.create_task_group() as tasks,
+    ):
+
+        async def call() -> None:
+            while True:
+                began = time.monotonic()
+                await ordinary.call("/rosapi/get_time")
+                found[ORDINARY].append(time.monotonic() - began)
+                await anyio.sleep(ORDINARY_SECONDS)
+
+        stopped = Heard(client, "/stopped")
+        await operator.call("release_stop", {})  # The subscriptions are there.
+        tasks.start_soon(call)
+        found[STOP] += [await stopped.stop(operator, "/stopped") for _ in range(options.stops)]
+        tasks.cancel_scope.cancel()
+    found[TURN] = stopped.turns[1:]
+    return {name: sorted(values) for name, values in found.items() if values}
+
+
 @contextmanager
 def attackers(server: Server, number: int) -> Iterator[None]:
     """Attack the server meanwhile; prints at the end what each attacker sent."""
-    if not number:
+    commands = [["bench.gate.attackers", server.host, str(server.port), str(number)]] if number else []
+    with running(commands):
         yield
-        return
-    command = [sys.executable, "-m", "bench.gate.attackers", server.host, str(server.port), str(number)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdin is not None
+
+
+@contextmanager
+def flood_of(over: str, server: Server, number: int) -> Iterator[None]:
+    """Flood the gateway that an operator uses over a number of connections meanwhile."""
+    gateway = over if over in GATEWAYS else "rosbridge"
+    firsts = range(0, number, FLOODS_OF_PROCESS)
+    counts = (min(FLOODS_OF_PROCESS, number - first) for first in firsts)
+    address = ["bench.gate.floods", gateway, server.host, str(server.port)]
+    with running([[*address, str(first), str(count)] for first, count in zip(firsts, counts, strict=True)]):
+        yield
+
+
+@contextmanager
+def running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
+    """Run modules that attack until their input ends, and print their reports at the end."""
+    pipe = subprocess.PIPE
+    processes = [
+        subprocess.Popen([sys.executable, "-m", *command], stdin=pipe, stdout=pipe, text=True)
+        for command in commands
+    ]
+    for process in processes:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(SETTLE_SECONDS)
-        try:
-            yield
-        finally:
-            process.stdin.close()
-            sys.stderr.write(process.stdout.read())
+    time.sleep(SETTLE_SECONDS if processes else 0.0)
+    try:
+        yield
+    finally:
+        for process in processes:
+            report, _ = process.communicate()
+            sys.stderr.write(report)
 
 
-def run(options: argparse.Namespace, over: str, number: int) -> dict[str, list[float]]:
-    """Measure one server with that many attackers."""
+Attack = Callable[[Server, int], AbstractContextManager[None]]
+Measure = Callable[[Mapping[str, str], str, argparse.Namespace], Awaitable[dict[str, list[float]]]]
+
+
+def run(
+    options: argparse.Namespace, over: str, number: int, attack: Attack, measure: Measure
+) -> dict[str, list[float]]:
+    """Measure one server with that many attackers, or connections of a flood."""
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         hub = []
@@ -169,17 +240,23 @@ def run(options: argparse.Namespace, over: str, number: int) -> dict[str, list[f
         stack.callback(os.setpriority, os.PRIO_PROCESS, 0, 0)
         os.setpriority(os.PRIO_PROCESS, server.pid, options.nice)
         urls = {**json.loads((Path(folder) / URLS).read_text(encoding="utf-8")), "hub": "".join(hub)}
-        stack.enter_context(attackers(server, number))
+        stack.enter_context(attack(server, number))
         os.setpriority(os.PRIO_PROCESS, 0, options.nice)  # Not of the attackers.
         return anyio.run(measure, urls, over, options)
 
 
+Results = Iterable[tuple[str, Mapping[int, Mapping[str, Sequence[float]]]]]
+
+
 def table(
-    results: Iterable[tuple[str, Mapping[int, Mapping[str, Sequence[float]]]]], *numbers: int
+    results: Results,
+    *numbers: int,
+    names: Sequence[str] = (STOP, LEASE, APPROVAL, TURN),
+    of: str = "attackers",
 ) -> Iterator[str]:
     """Yield the lines of a table in Markdown of the results, by operator and number of attackers."""
-    columns = [(name, number) for name in (STOP, LEASE, APPROVAL, TURN) for number in numbers]
-    yield f"| ms: p50 / p99 / max | {' | '.join(f'{name}, {number} attackers' for name, number in columns)} |"
+    columns = [(name, number) for name in names for number in numbers]
+    yield f"| ms: p50 / p99 / max | {' | '.join(f'{name}, {number} {of}' for name, number in columns)} |"
     yield f"|---|{'---:|' * len(columns)}"
     for over, found in results:
         cells = (_summary(found[number].get(name, ())) for name, number in columns)
@@ -207,7 +284,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="NAME",
         help=f"what the operator uses: {', '.join(OVER)}, or all (default websocket)",
     )
-    parser.add_argument("--attackers", type=int, default=ATTACKERS, help=f"default {ATTACKERS}")
+    parser.add_argument(
+        "--attackers", type=int, default=ATTACKERS, help=f"default {ATTACKERS}; 0: only the second table"
+    )
+    parser.add_argument(
+        "--floods",
+        nargs="*",
+        type=int,
+        default=FLOODS,
+        metavar="N",
+        help=f"connections of each flood (default {' '.join(map(str, FLOODS))}); none: only the first table",
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="write every latency to FILE")
     parser.add_argument(
         "--nice",
@@ -217,17 +304,35 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(argv)
     numbers = 0, options.attackers
+    operators = list(OVER) if "all" in options.over else options.over
     results: dict[str, dict[int, dict[str, list[float]]]] = {}
+    flooded: dict[str, dict[int, dict[str, list[float]]]] = {}
 
-    def measured() -> Iterator[tuple[str, dict[int, dict[str, list[float]]]]]:
-        for over in OVER if "all" in options.over else options.over:
-            results[over] = {number: run(options, over, number) for number in numbers}
+    def measured() -> Results:
+        for over in operators:
+            results[over] = {number: run(options, over, number, attackers, measure) for number in numbers}
             yield over, results[over]
 
-    for line in table(measured(), *numbers):
-        print(line, flush=True)
+    def measured_floods() -> Results:
+        for over in operators:
+            attack = partial(flood_of, over)
+            flooded[over] = {
+                number: run(options, over, number, attack, measure_flooded) for number in options.floods
+            }
+            yield over, flooded[over]
+
+    if options.attackers:
+        for line in table(measured(), *numbers):
+            print(line, flush=True)
+    if options.floods:
+        print()
+        columns = STOP, ORDINARY, TURN
+        for line in table(measured_floods(), *options.floods, names=columns, of="flooding connections"):
+            print(line, flush=True)
     if options.json:
-        options.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+        options.json.write_text(
+            json.dumps({"attacks": results, "floods": flooded}, indent=2) + "\n", encoding="utf-8"
+        )
     return 0
 
 

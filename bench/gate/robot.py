@@ -29,6 +29,7 @@ from rwt_transports.listener import listen
 TOKEN: Final = "operator-of-the-benchmark"
 ASKER_TOKEN: Final = "asker-of-the-benchmark"
 ATTACKER_TOKEN: Final = "attacker-of-the-benchmark"
+PRESSER_TOKEN: Final = "presser-of-the-benchmark"
 URLS: Final = "urls.json"
 LEASE_SECONDS: Final = 0.2
 TWIST: Final = "geometry_msgs/Twist"
@@ -59,7 +60,7 @@ def _gate(folder: Path) -> dict[str, object]:
             "approval": {"roles": ["operator"]},
         },
     }
-    emergency = {"stop_roles": ["operator"], "release_roles": ["operator"]}
+    emergency = {"stop_roles": ["operator", "presser"], "release_roles": ["operator"]}
     return {"rules": rules, "emergency": emergency, "audit": {"file": str(folder / "audit.jsonl")}}
 
 
@@ -83,7 +84,7 @@ class _Base:
 async def main(folder: Path, turns: TimedSelector, hubs: Sequence[str]) -> None:
     """Serve until a signal."""
     rights = {act: ["*"] for act in ("publish", "subscribe", "call", "goals", "provide", "set_param")}
-    tokens = {"operator": TOKEN, "asker": ASKER_TOKEN, "agent": ATTACKER_TOKEN}
+    tokens = {"operator": TOKEN, "asker": ASKER_TOKEN, "agent": ATTACKER_TOKEN, "presser": PRESSER_TOKEN}
     server = Server(
         "ws://127.0.0.1:0",
         "tcp://127.0.0.1:0",
@@ -92,7 +93,7 @@ async def main(folder: Path, turns: TimedSelector, hubs: Sequence[str]) -> None:
         nodes=("rosapi",),
         gateways=("foxglove", "http", "mcp"),
         gate=_gate(folder),
-        roles=dict.fromkeys(tokens, rights),
+        roles=dict.fromkeys(tokens, rights) | {"presser": {"read_only": True}},
         # Operators over TCP, Unix sockets and UDP have no token.
         auth={
             "default_role": "operator",

@@ -6,9 +6,8 @@ definition and its nested ones.
 
 from __future__ import annotations
 
-import difflib
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Final, TypeVar
@@ -26,6 +25,7 @@ from rwt_interfaces.definitions.parser import MOST_ELEMENTS
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
 from rwt_interfaces.names import KINDS, Kind, parse_type_name, three_part
+from rwt_interfaces.spelling import Words
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _SEPARATOR = "=" * 80
@@ -33,9 +33,6 @@ _NOUNS: dict[Kind, str] = {"msg": "a message", "srv": "a service", "action": "an
 
 #: Maximum depth of nested messages.
 MOST_LEVELS: Final = 50
-
-#: Maximum characters of a name for suggestions.
-_LONGEST_GUESSED = 120
 
 #: Names of primitives in other languages.
 _OTHER_LANGUAGES: Final = {
@@ -88,6 +85,7 @@ class Registry:
         self._actions: dict[str, ActionType] = {}
         # Keyed by type: lists of a whole robot request every name.
         self._type_names: dict[MessageType | ServiceType | ActionType, str] = {}
+        self._known: dict[Kind, _Known] = {}
 
     # Types
 
@@ -206,7 +204,7 @@ class Registry:
             )
             self._user.update(added)
             self._definitions.update(added)
-            self._type_names = {}
+            self._type_names, self._known = {}, {}
             if changed:
                 # Compiled types may contain the replaced one. Definitions are added at start-up, so
                 # recompiling all types is acceptable.
@@ -440,7 +438,7 @@ class Registry:
     def _unknown_field(self, definition: MessageDefinition, field: Field, text: str) -> str:
         where = field.where or f"{definition.name}, field {field.name}"
         package, word = field.type.name.split("/")
-        if package != definition.name.split("/")[0] or len(word) > _LONGEST_GUESSED:
+        if package != definition.name.split("/")[0]:
             return f"{where}: {text}"
         # A name without a package may stand for a primitive or for a message of any package.
         messages: dict[str, str] = {}
@@ -450,21 +448,36 @@ class Registry:
         ):
             messages.setdefault(name.split("/")[1], name)
         primitives = PRIMITIVES if self.distro.has_time_primitives else PRIMITIVES - {"time", "duration"}
-        near = difflib.get_close_matches(word, [*sorted(primitives), *messages], n=1, cutoff=0.75)
+        near = Words([*sorted(primitives), *messages]).similar(word, cutoff=0.75)
         meant = _OTHER_LANGUAGES.get(word.lower()) or " or ".join(messages.get(each, each) for each in near)
         known = f'no primitive is called "{word}", and no message of {package}'
         return f"{where}: {known}{f'; did you mean {meant}?' if meant else ''}"
 
     def _meant(self, kind: Kind, name: str) -> str:
         """Return suggestions: the same word in other packages, or else similar names."""
-        if len(name) > _LONGEST_GUESSED:
-            return ""
-        known = self.names(kind)
-        word = name.rpartition("/")[2].lower()
-        near = [candidate for candidate in known if candidate.partition("/")[2].lower() == word]
-        near.sort(key=_commonness)
-        near = near[:3] or difflib.get_close_matches(name, known, cutoff=0.75)
+        known = self._known.get(kind)
+        if known is None:
+            known = self._known[kind] = _Known(self.names(kind))
+        near = known.elsewhere.get(name.rpartition("/")[2].lower(), [])[:3]
+        near = near or known.words.similar(name, count=3, cutoff=0.75)
         return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+class _Known:
+    """Names of one kind of interface, for suggestions.
+
+    Attributes:
+        elsewhere: names by their word without the package, the most common first.
+        words: index for similar names.
+    """
+
+    __slots__ = ("elsewhere", "words")
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.elsewhere: dict[str, list[str]] = {}
+        for name in sorted(names, key=_commonness):
+            self.elsewhere.setdefault(name.partition("/")[2].lower(), []).append(name)
+        self.words = Words(names)
 
 
 def _commonness(name: str) -> tuple[bool, str]:

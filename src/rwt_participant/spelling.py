@@ -1,4 +1,4 @@
-"""Suggestions for misspelt names. Imports nothing, because the command line needs it early."""
+"""Suggestions for misspelt names. Imports little, because the command line needs it early."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the known word that is most similar to `word`; None if none is similar."""
-    import difflib  # Rarely needed, and slow to import.
+    from rwt_interfaces.spelling import Words  # Rarely needed, and slow to import.
 
-    found = difflib.get_close_matches(word, list(known), n=1)
+    found = Words(known).similar(word)
     return found[0] if found else None
 
 

@@ -26,6 +26,9 @@ from rwt_protocol.readers import readers
 
 _MOST_INSIDE: Final = 4
 
+_MOST_NAME: Final = 40
+"""Maximum number of characters of an unknown op that is compared with the known ones."""
+
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
 
 
@@ -243,7 +246,8 @@ class Session:
 
     def _why_no_op(self, members: Members) -> str:
         """Return the reason why the `op` of a message is not accepted (ENV-03, ENV-04, ENV-05)."""
-        allowed = f"expected one of {', '.join(sorted(map(str, self._readers)))}"
+        known = [str(op) for op in self._readers]
+        allowed = f"expected one of {', '.join(sorted(known))}"
         if "op" not in members:
             if "receiver" in members:
                 return 'a message of rosbridge v1 ("receiver"): in v2 every message has an "op"'
@@ -255,7 +259,9 @@ class Session:
             return f'operation "{name}" only goes {OPS[name].direction.value}'
         import difflib  # slow import, rarely needed
 
-        meant = difflib.get_close_matches(name, [str(op) for op in self._readers], n=1)
+        # Few words: to compare them takes long, and clients choose this one.
+        similar = [op for op in known if op[:2] == name[:2].lower()] if len(name) <= _MOST_NAME else []
+        meant = difflib.get_close_matches(name, similar, n=1)
         instead = f' (did you mean "{meant[0]}"?)' if meant else ""
         return f"unknown operation {describe(name)}{instead}: {allowed}"
 

@@ -13,7 +13,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from enum import Enum
 from ssl import SSLContext
-from typing import Final, Literal, Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 from anyio.abc import TaskGroup
 
@@ -116,6 +116,12 @@ class WireEvents(Protocol):
     def pong(self, data: bytes) -> None:
         """Send the reply to a ping; optional while the peer does not read (RFC 6455 section 5.5.3)."""
 
+    def read_on_later(self) -> None:
+        """Called by a wire that holds itself: it has read as much as it may in this turn of the event loop.
+
+        :meth:`HoldableWire.go_on` follows in a later turn.
+        """
+
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """Called when no message follows; `agreed` is False if the peer broke the protocol."""
 
@@ -135,11 +141,11 @@ class StepTaking(Protocol):
 
 @runtime_checkable
 class HoldingWire(Protocol):
-    """Endpoint that gets no more messages once it pauses its connection, even of the same read."""
+    """Endpoint that decides whether it gets more messages of the same read once it pauses its connection."""
 
     @property
-    def holds_wire(self) -> Literal[True]:
-        """True."""
+    def holds_wire(self) -> bool:
+        """True if it gets no more; asked at each pause."""
 
 
 @runtime_checkable

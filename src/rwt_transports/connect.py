@@ -21,6 +21,7 @@ from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
 from rwt_transports.errors import ConnectCause, ConnectError, TransportError
 from rwt_transports.limits import Limits
+from rwt_transports.scheduler import REQUESTS, Scheduler
 from rwt_transports.schemes import ConnectUrl, parse_connect_url
 from rwt_transports.websocket.client_handshake import ClientHandshake
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -171,7 +172,16 @@ async def connect(
     context = (tls or ssl.create_default_context()) if target.scheme.tls else None
     chosen = limits or Limits()
     pool = buffers or chosen.receive_pool()
-    state = ListenerState(accept, target.client_wire, chosen, None, target.name, single=True, buffers=pool)
+    state = ListenerState(
+        accept,
+        target.client_wire,
+        chosen,
+        None,
+        target.name,
+        single=True,
+        requests=Scheduler.of_loop(REQUESTS),
+        buffers=pool,
+    )
     outgoing = OutgoingConnection(target, state, headers or {})
     async with background_tasks() as tasks:
         try:

@@ -368,21 +368,22 @@ class Connection:
 
     * Wiring: ``_state``, ``_listener``, ``_link``, ``_hang_up_aware`` (the link again, if it can tell),
       ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_holdable`` (the wire again, if
-      a pause holds it), ``_endpoint``, ``outbox``, and what the driver calls on the wire and the outbox
-      directly: ``get_buffer``, ``take``, ``put_back``.
+      it can be held), ``_endpoint``, ``_holding`` (the endpoint again, if it holds the wire), ``outbox``, and
+      what the driver calls on the wire and the outbox directly: ``get_buffer``, ``take``, ``put_back``.
     * Peer: ``address``, ``holder``, ``_port``, ``_largest_bytes`` (maximum size of its messages).
     * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
       link).
     * Signs of life: ``_is_alive`` (True if something arrived since the last :meth:`tick`), ``_heard``
       (monotonic time of the last such tick), ``_is_pinged`` (True if silence was answered with a ping).
-    * Flow control: ``_is_paused``, ``_is_probed`` (True if a peer that sends no more was pinged, to learn
-      whether it still reads).
+    * Flow control: ``_is_paused`` (by the endpoint), ``_is_late`` (True while the wire waits for another
+      turn), ``_is_probed`` (True if a peer that sends no more was pinged, to learn whether it still reads).
     """
 
     __slots__ = (
-        "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_inflating",
-        "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_largest_bytes", "_link", "_listener",
-        "_port", "_state", "_wire", "address", "get_buffer", "holder", "outbox", "put_back", "take",
+        "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_holding",
+        "_inflating", "_is_alive", "_is_late", "_is_paused", "_is_pinged", "_is_probed", "_largest_bytes",
+        "_link", "_listener", "_port", "_state", "_wire", "address", "get_buffer", "holder", "outbox",
+        "put_back", "take",
     )  # fmt: skip
 
     def __init__(
@@ -394,9 +395,10 @@ class Connection:
         self._link = link
         self._hang_up_aware = link if isinstance(link, HangUpAware) else None
         self._inflating = None if terms is None else _deflated(terms, self, limits, state.buffers)
-        self._holdable: HoldableWire | None = self._inflating
         self._wire: Wire = self._inflating or state.make_wire(self, limits, state.buffers)
+        self._holdable = self._wire if isinstance(self._wire, HoldableWire) else None
         self._endpoint: Endpoint | None = None
+        self._holding: HoldingWire | None = None
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         # The driver calls the wire and the outbox directly here, since it does so for every message.
         self.get_buffer: Callable[[], memoryview | None] = self._wire.get_buffer
@@ -411,7 +413,7 @@ class Connection:
         self._is_alive = True
         self._heard: float | None = None
         self._is_pinged = False
-        self._is_paused = False
+        self._is_paused = self._is_late = False
         self._is_probed = False
 
     @property
@@ -507,12 +509,19 @@ class Connection:
         self._is_paused = True
         self._listener.buffers.keep_unread(self._wire)
         self._link.pause()
-        if self._holdable is not None:
+        holding = self._holding
+        if self._holdable is not None and (
+            self._inflating is not None or (holding is not None and holding.holds_wire)
+        ):
             self._holdable.hold()
 
     def resume(self) -> None:
         self._is_paused = False
         self._listener.buffers.is_read(self._wire)
+        if not self._is_late:
+            self._read_on()
+
+    def _read_on(self) -> None:
         self._link.resume()
         if self._holdable is not None and self._endpoint is not None:
             try:
@@ -551,6 +560,17 @@ class Connection:
     def pong(self, data: bytes) -> None:
         self.outbox.push_if_read(data)
 
+    def read_on_later(self) -> None:
+        if not self._is_late:
+            self._is_late = True
+            self._link.pause()
+            self._listener.requests.wait(self._end_lateness)
+
+    def _end_lateness(self) -> None:
+        self._is_late = False
+        if not self._is_paused and self._state is not _ConnectionState.LOST:
+            self._read_on()
+
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """Close; half-close if the peer broke the protocol, so that it can still read why."""
         self._state = self._state.become(_ConnectionState.CLOSING)
@@ -570,8 +590,7 @@ class Connection:
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
-        if isinstance(endpoint, HoldingWire) and isinstance(self._wire, HoldableWire):
-            self._holdable = self._wire
+        self._holding = endpoint if isinstance(endpoint, HoldingWire) else None
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
         if self._inflating is not None:
@@ -597,7 +616,7 @@ class Connection:
             self._set_endpoint(endpoint)
 
     def _end_endpoint(self, code: int, reason: str) -> None:
-        endpoint, self._endpoint = self._endpoint, None
+        endpoint, self._endpoint, self._holding = self._endpoint, None, None
         if endpoint is not None:
             self.outbox.stop_sending()
             self._wire.message = drop_message

@@ -60,7 +60,8 @@ WRITING: Final = Budget(turn=0.010, share=0.002)
 REQUESTS: Final = Budget(turn=0.005, share=0.003)
 """Reading HTTP requests, over all connections of an event loop; reading one body."""
 MESSAGES: Final = Budget(turn=0.015, share=0.003, steps=0.002)
-"""Messages of all clients of a gateway, not counting small messages handled at once; those of one client."""
+"""Messages of all clients of a gateway; those of one client. Until a turn is twice full, each client still
+has one small message handled at once."""
 SAMPLES: Final = Budget(turn=0.005, share=0.0015)
 """Encoding deferred samples, over all topics of a gateway; those of one topic."""
 
@@ -86,7 +87,7 @@ class Scheduler:
     loop. Exceptions are logged.
 
     With `one_at_a_time`, each piece of work has a turn of its own, and no other client can :meth:`take` that
-    turn.
+    turn. Only small pieces that are given to :meth:`wait_briefly` share it, and are done first.
 
     States: **idle** until something is counted, taken or waits; **begun** (``_is_begun``) while :meth:`_next`
     is scheduled, which begins the next turn; **full** (`is_full`) from the moment the budget is used up until
@@ -99,13 +100,16 @@ class Scheduler:
 
     Attributes:
         budget: seconds per turn, and of one share.
+        uncounted: seconds of work in this turn that :meth:`count` has not counted yet; callers add to it.
         is_full: True if the budget of this turn is used up.
+        is_overfull: True if twice that is used up.
         monotonic: clock of the budget, in seconds.
     """
 
     __slots__ = (
-        "__weakref__", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back", "_line",
-        "_one_at_a_time", "_ready", "_turn", "_used", "budget", "is_full", "monotonic",
+        "__weakref__", "_brief", "_call_later", "_call_soon", "_holder", "_is_begun", "_is_held_back",
+        "_line", "_one_at_a_time", "_ready", "_turn", "_used", "budget", "is_full", "is_overfull",
+        "monotonic", "uncounted",
     )  # fmt: skip
 
     def __init__(
@@ -126,12 +130,14 @@ class Scheduler:
         self._one_at_a_time = one_at_a_time
         self._is_held_back = is_held_back
         self._ready = ready
+        self._brief: deque[Callable[[], object]] = deque()
         self._line: deque[Callable[[], object]] = deque()
         self._is_begun = False
         self._holder: object = None
         self._turn = 0
         self._used = 0.0  # seconds of this turn
-        self.is_full = False
+        self.uncounted = 0.0
+        self.is_full = self.is_overfull = False
 
     @staticmethod
     def of_loop(budget: Budget, is_held_back: Callable[[], bool] | None = None) -> Scheduler:
@@ -178,7 +184,13 @@ class Scheduler:
         """Count work that was done in this turn."""
         self._used += seconds
         self.is_full = self._used > self.budget.turn
+        self.is_overfull = self._used > 2 * self.budget.turn
         self._begin()
+
+    def count(self) -> None:
+        """Count the work that callers have added to ``uncounted``: pieces too small for a call each."""
+        seconds, self.uncounted = self.uncounted, 0.0
+        self.note(seconds)
 
     def do(self, work: Callable[[], object]) -> None:
         """Run work now, and count it."""
@@ -201,6 +213,11 @@ class Scheduler:
         if not self._is_begun:  # As in _begin(), written out: this runs for each message that is sent.
             self._is_begun = True
             self._call_soon(self._next)
+
+    def wait_briefly(self, work: Callable[[], object]) -> None:
+        """Run a small piece of work in the next turn, ahead of the work of :meth:`wait`, if it fits there."""
+        self._brief.append(work)
+        self._begin()
 
     def retry(self, ask: Callable[[], None]) -> None:
         """Call `ask` after a delay, for work that waits for something other than a turn."""
@@ -266,10 +283,12 @@ class Scheduler:
             self._call_soon(self._next)
 
     def _next(self) -> None:
-        self._is_begun = self.is_full = False
+        self._is_begun = self.is_full = self.is_overfull = False
         self._turn += 1
         self._used = 0.0
         self._holder = None
+        if self._brief:
+            self._take_brief()
         line, held_back = self._line, self._is_held_back
         # Counted before the work begins, so that work which defers itself waits for the next turn.
         pieces = min(len(line), 1) if self._one_at_a_time else len(line)
@@ -289,8 +308,18 @@ class Scheduler:
                 work()
             except Exception:
                 log_exception("work that waited for its turn failed")
-        if line:
+        if line or self._brief:
             self._begin()
+
+    def _take_brief(self) -> None:
+        over = self.monotonic() + self.budget.turn
+        for _ in range(len(self._brief)):  # What is added meanwhile waits for the next turn.
+            try:
+                self._brief.popleft()()
+            except Exception:
+                log_exception("work that waited for its turn failed")
+            if self.monotonic() > over:
+                return
 
 
 _schedulers: Final[WeakValueDictionary[tuple[object, ...], Scheduler]] = WeakValueDictionary()

@@ -18,7 +18,7 @@ import pytest
 from rwt import Settings
 from rwt.rosbridge import Bridge
 from rwt.settings.models import LimitSettings
-from rwt_graph import MemoryGraph
+from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Direction
 from rwt_protocol.session import Refusal, Session
@@ -57,7 +57,9 @@ def test_ten_thousand_fragments_that_are_never_completed(
     same_id: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.ERROR, "rwt.bridge")  # the records are not what is measured
-    bridge = Bridge(MemoryGraph(), Settings(limits=LimitSettings(fragment_characters=5_000_000)))
+    bridge = Bridge(
+        MemoryGraph(clock=SimulatedClock()), Settings(limits=LimitSettings(fragment_characters=5_000_000))
+    )
     client, other = Client(bridge), Client(bridge)
     other.say("subscribe", topic="/t", type="std_msgs/String")
     with memory_below(6 * MIB):

@@ -1,6 +1,7 @@
 """Fuzz, guided by coverage: `python -m tests.fuzz [--seconds N] [TARGET …]`; needs the group `fuzz`.
-`python -m tests.fuzz costs` looks for messages that cost much for their size, and `gate-costs` for inputs
-that cost other clients of a gate much; both need nothing.
+`python -m tests.fuzz costs` looks for messages that cost much for their size, `gate-costs` for inputs that
+cost other clients of a gate much, and `refusal-costs` for the dearest refusals of each gateway; all need
+nothing.
 
 Each target runs in a process of its own for its share of the time, starts from its kept inputs and is stopped
 by the first exception, by more than 10 s for one input, or by more memory than its bound. What it finds worth
@@ -18,7 +19,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.fuzz import gate_costs
+from tests.fuzz import gate_costs, refusal_costs
 from tests.fuzz.costs import MOST_MEMORY, worst
 from tests.fuzz.keeping import keep
 from tests.fuzz.targets import CORPUS, TARGETS
@@ -74,12 +75,17 @@ def main() -> int:
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"some of {', '.join(TARGETS)}")
     parser.add_argument("--seconds", type=int, default=120, help="time for all targets together")
     parser.add_argument("--keep", action="store_true", help="add what was found to the kept inputs")
-    parser.add_argument("--random", type=int, default=1, metavar="N", help="seed of the values of `costs`")
+    parser.add_argument(
+        "--random", type=int, default=1, metavar="N", help="seed of `costs`, `gate-costs` and `refusal-costs`"
+    )
     arguments = parser.parse_args()
     if arguments.targets == ["costs"]:
         return _costs(arguments.random, arguments.seconds)
     if arguments.targets == ["gate-costs"]:
         return _gate_costs(arguments.random, arguments.seconds)
+    if arguments.targets[:1] == ["refusal-costs"]:
+        gateways = arguments.targets[1:] or list(refusal_costs.TARGETS)
+        return _refusal_costs(gateways, arguments.random, arguments.seconds / len(gateways))
     chosen = arguments.targets or list(TARGETS)
     unknown = set(chosen) - TARGETS.keys()
     if unknown:
@@ -107,6 +113,18 @@ def _gate_costs(seed: int, seconds: int) -> int:
     return int(
         max(new for new, _ in found.values()) > gate_costs.MOST_SECONDS or stop > gate_costs.STOP_SECONDS
     )
+
+
+def _refusal_costs(gateways: list[str], seed: int, seconds: float) -> int:
+    """Look for the dearest refusals of gateways; 1 if one takes too long."""
+    failures = 0
+    for name in gateways:
+        found, count = refusal_costs.dearest(name, seed, seconds)
+        _say(f"{name}: {count:,} messages, of which the dearest that are refused are")
+        for each in found[:5]:
+            _say(f"  {each}")
+        failures += any(each.seconds > refusal_costs.TARGETS[name].most for each in found)
+    return int(failures > 0)
 
 
 def _run_all(chosen: list[str], share: int, *, keeping: bool) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from rwt_transports import Limits, Routes
-from rwt_transports.api import Wire, WireEvents
+from rwt_transports.api import HoldableWire, Wire, WireEvents
 from rwt_transports.connection import ListenerState
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
@@ -42,6 +42,7 @@ class Heard:
         self.answers = bytearray()
         self.ends: list[tuple[int, str, bool]] = []
         self.oversizes = 0
+        self.is_late = False
         self.heads: list[bytes] = []
 
     def oversized_head(self, size: int, head: bytes) -> None:
@@ -56,6 +57,9 @@ class Heard:
 
     def answer(self, data: bytes) -> None:
         self.answers += data
+
+    def read_on_later(self) -> None:
+        self.is_late = True
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         self.ends.append((code, reason, agreed))
@@ -75,13 +79,23 @@ def feed(make: MakeWire, skip: bool, chunks: Iterator[bytes]) -> Heard:
             space = wire.get_buffer()
             if space is None:
                 wire.feed(bytes(view))
+                read_on(wire, heard)
                 break
             count = min(len(space), len(view))
             space[:count] = view[:count]
             space.release()
             wire.buffer_updated(count)
+            read_on(wire, heard)
             view = view[count:]
     return heard
+
+
+def read_on(wire: Wire, heard: Heard) -> None:
+    """Read on in as many turns as the wire needs."""
+    while heard.is_late:
+        heard.is_late = False
+        assert isinstance(wire, HoldableWire)
+        wire.go_on()
 
 
 def pieces(data: bytes, size: int) -> Iterator[bytes]:

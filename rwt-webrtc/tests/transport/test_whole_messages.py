@@ -39,6 +39,9 @@ class Events:
 
     pong = answer
 
+    def read_on_later(self) -> None:
+        raise AssertionError("this wire is never held")
+
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         self.end = (code, reason)
 

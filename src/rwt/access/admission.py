@@ -185,10 +185,9 @@ class Admission:
 
     def log_refusal(self, info: PeerInfo, reason: str) -> None:
         """Log a refused connection; the rate limit is for all connections together."""
-        text = f"turned {info.address or info.transport} away: {reason}"
-        line = self._log_rate.admit(text, self._monotonic())
-        if line is not None:
-            self._audit.write(logging.WARNING, "%s", line)
+        if self._log_rate.admit(self._monotonic()):
+            text = f"turned {info.address or info.transport} away: {reason}{self._log_rate.note()}"
+            self._audit.write(logging.WARNING, "%s", text)
 
     def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
         self.log_refusal(info, reason)

@@ -23,10 +23,13 @@ class Audit:
 
     Attributes:
         dropped_lines: number of lines that could not be written, for example to a full disk.
+        rejections: rate of lines about rejected messages, over all clients. Ask it before a line is
+            formatted: clients may cause as many as they send messages.
     """
 
     def __init__(self) -> None:
         self.dropped_lines = 0
+        self.rejections = LineRate(per_second=5, burst=100)
 
     def write(
         self,
@@ -79,7 +82,7 @@ def visible_json(text: str) -> str:
 class LineRate:
     """Rate limit of log lines: a burst, then a number of lines per second.
 
-    Dropped lines are counted; the next line states their number.
+    Dropped lines are counted; the next line states their number, see :meth:`note`.
 
     Attributes:
         left_out: number of lines dropped since the last one that was written.
@@ -95,17 +98,21 @@ class LineRate:
         self._rate = RateLimit(per_second, burst)
         self.left_out = 0
 
-    def admit(self, text: str, now: float) -> str | None:
-        """Return the line to write in place of `text`; None to drop it.
+    def admit(self, now: float) -> bool:
+        """Return True if a line may be written, which is formatted only then; False to drop it.
 
         Args:
             now: seconds of a steady clock.
         """
-        if not self._rate.take(now):
-            self.left_out += 1
-            return None
+        if self._rate.take(now):
+            return True
+        self.left_out += 1
+        return False
+
+    def note(self) -> str:
+        """Return the end of the next line, which states the number of dropped lines; empty without."""
         left_out, self.left_out = self.left_out, 0
-        return f"{text} ({left_out} lines like it were left out)" if left_out else text
+        return f" ({left_out} lines like it were left out)" if left_out else ""
 
 
 class LogRate(logging.Filter):
@@ -132,10 +139,12 @@ class LogRate(logging.Filter):
         rate = self._places.get(place)
         if rate is None:
             rate = self._places[place] = LineRate(self._per_second, self._burst)
-        left_out = rate.admit("", self._monotonic())
+        if not rate.admit(self._monotonic()):
+            return False
+        left_out = rate.note()
         if left_out:
             record.msg, record.args = f"{record.getMessage()}{left_out}", ()
-        return left_out is not None
+        return True
 
 
 class PlainText(logging.Filter):

@@ -24,7 +24,7 @@ from rwt.access.decisions import declare
 from rwt.access.graph_view import GraphView
 from rwt.access.roles import Role
 from rwt.delivery.shared_graph import SharedGraph, scheduler_of
-from rwt.gateways.early_look import MAX_STOP_BYTES, EarlyLook, Seen
+from rwt.gateways.early_look import MAX_STOP_BYTES, EarlyLook, LookState, Seen
 from rwt_graph.api import Graph
 from rwt_graph.clock import Clock
 from rwt_protocol.states import StateEnum
@@ -44,7 +44,13 @@ LARGE_BYTES: Final = 64 * 1024
 """Maximum size of a message that waits for nothing but a turn, in bytes."""
 
 _SMALL_BYTES: Final = 4096
-"""Maximum size of a message that is read in a turn that is full."""
+"""Maximum size of a message that is read in a turn that is full, but not twice full."""
+
+_MAX_AHEAD: Final = 64
+"""Maximum number of frames of one read that are queued to look for a press of the stop behind others."""
+
+_COUNTED_SECONDS: Final = 0.001
+"""Work of small messages of all clients that is counted in a turn together: to count each costs too much."""
 
 T = TypeVar("T")
 W = TypeVar("W")
@@ -219,15 +225,18 @@ class ReplySender:
         return f"a message of {size} bytes, and {self.max_bytes} is the limit (limits.outgoing_message_bytes)"
 
     def log(self, level: int, text: str, id_: object = None) -> None:
-        """Log a line with the client's number and the id of the op, within the client's rate of lines."""
+        """Log a line with the client's number and the id of the op, within the rates of lines."""
         if not is_written(level):
             return
+        now, others = self.monotonic(), self._audit.rejections
+        # Before anything is formatted: most lines of a flood are dropped.
+        if not (self.log_rate.admit(now) and others.admit(now)):
+            return
         note = "" if id_ is None else f"[id: {one_line(str(id_))}] "
-        line = self.log_rate.admit(note + one_line(text), self.monotonic())
-        if line is not None:
-            self._audit.write(
-                level, f"[{self._prefix}client %d] %s", self._number, line, client=self._name, op_id=id_
-            )
+        line = f"{note}{one_line(text)}{self.log_rate.note()}{others.note()}"
+        self._audit.write(
+            level, f"[{self._prefix}client %d] %s", self._number, line, client=self._name, op_id=id_
+        )
 
     def log_internal_error(self, op: str, error: Exception, id_: object = None) -> None:
         """Log a fault of the server with its traceback. The client only receives "internal error"."""
@@ -291,12 +300,12 @@ class ConnectedClient(ABC, Generic[T, W]):
     * Reading: ``_decode``.
     * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one), ``_work``.
     * Emergency stop: ``_look`` (early look of the connection).
-    * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_turn_began``
-      (``_worked`` at the beginning of this turn), ``_began`` (monotonic time at which the current frame
-      began).
+    * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_noted`` (of
+      these, counted in a turn of all clients), ``_turn_began`` (``_worked`` at the beginning of this turn),
+      ``_began`` (monotonic time at which the current frame began).
     * This turn: ``_received`` (bytes that had arrived at the last read: another number is another turn),
       ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
-      its own).
+      its own), ``_is_put_off`` (True if its only message waits since others have overfilled the turn).
     * Queue: ``_state``, ``_waiting``.
 
     Args:
@@ -332,8 +341,9 @@ class ConnectedClient(ABC, Generic[T, W]):
         self._flow_control: FlowControl | None = None
         self._state = _READING
         self._received = 0
-        self._worked = self._counted = self._turn_began = 0.0
+        self._worked = self._counted = self._noted = self._turn_began = 0.0
         self._is_beyond = self._needs_turn = graph.work.excess > 0.0
+        self._is_put_off = False
         self._began = 0.0
         self._waiting: deque[T | W | UnreadFrame | Arriving] = deque()
 
@@ -378,7 +388,13 @@ class ConnectedClient(ABC, Generic[T, W]):
                 self._read(data, binary, now)
             else:  # Without that call.
                 self._run(self._decode(data, binary, now), now)
-        self._worked += self._monotonic() - now
+        took = self._monotonic() - now
+        self._worked += took
+        self._noted += took
+        turns = self._turns
+        turns.uncounted += took
+        if turns.uncounted > _COUNTED_SECONDS:
+            turns.count()
         if self._worked - self._counted > MESSAGES.share:
             self._count_work()
 
@@ -475,6 +491,15 @@ class ConnectedClient(ABC, Generic[T, W]):
             self.sink.close(POLICY, reason)
         return False
 
+    @property
+    def holds_wire(self) -> bool:
+        """True if frames behind one that waits stay on the wire: none of them may press the stop ahead."""
+        return (
+            len(self._waiting) >= _MAX_AHEAD
+            or not self.graph.is_stop_due
+            or self._look.state is LookState.SUSPENDED
+        )
+
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Pause this client through `flow_control` while its messages wait."""
         self._flow_control = flow_control
@@ -486,6 +511,9 @@ class ConnectedClient(ABC, Generic[T, W]):
             or worked > MESSAGES.share
             or (self._turns.is_full and (worked or size > _SMALL_BYTES))
         ):
+            return True
+        if self._turns.is_overfull:
+            self._is_put_off = not self._is_beyond
             return True
         if self._needs_turn:
             self._is_beyond = self._work.excess > 0.0
@@ -499,10 +527,10 @@ class ConnectedClient(ABC, Generic[T, W]):
 
     def _count_work(self) -> None:
         """Charge the work since the last call; too slow for every message."""
-        seconds = self._worked - self._counted
-        self._counted = self._worked
+        seconds, unnoted = self._worked - self._counted, self._worked - self._noted
+        self._counted = self._noted = self._worked
         self._work.add(seconds, "messages")
-        self._turns.note(seconds)
+        self._turns.note(unnoted)
         self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
     def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
@@ -519,18 +547,24 @@ class ConnectedClient(ABC, Generic[T, W]):
             if self._flow_control is not None:
                 self._flow_control.pause()
             self._ask_for_turn()
+        elif len(self._waiting) == _MAX_AHEAD and self._flow_control is not None:
+            self._flow_control.pause()  # Again, since now it also holds the wire.
 
     def _ask_for_turn(self) -> None:
         if self._is_beyond:
             self._work.note_wait()
-        self._turns.wait(self._go_on)
+        if self._is_put_off:
+            self._is_put_off = False
+            self._turns.wait_briefly(partial(self._go_on, is_brief=True))
+        else:
+            self._turns.wait(self._go_on)
 
     def _is_held_up(self, what: T | W | UnreadFrame) -> bool:
         """Return True if `what` has to wait for something other than a turn."""
         return False
 
-    def _go_on(self) -> None:
-        """Process queued work within the time of this turn."""
+    def _go_on(self, *, is_brief: bool = False) -> None:
+        """Process queued work within the time of this turn; only one message if `is_brief`."""
         if self._waiting:
             first = self._waiting[0]
             if not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first):
@@ -555,6 +589,8 @@ class ConnectedClient(ABC, Generic[T, W]):
                 else:
                     self._resume(what, now)
                 self._worked += self._monotonic() - now
+                if is_brief:
+                    self._turn_began = self._worked - 2 * MESSAGES.share  # The share is used up.
         finally:
             # `closed()` has released everything: the remaining steps have no client.
             if not self._is_over:
@@ -610,7 +646,8 @@ class ConnectedClient(ABC, Generic[T, W]):
         if left_out := self.replies.log_rate.left_out:
             reason += f" ({left_out} lines about it were left out)"
         self._gateway.access.audit.write(
-            logging.INFO, f"{self._gateway.log_prefix}client %d left: %d %s", self.number, code, reason,
+            logging.INFO, f"{self._gateway.log_prefix}client %d left: %d %s",
+            self.number, code, one_line(reason),  # The client may have chosen it.
             client=f"{self._gateway.name}:{self.number}",
         )  # fmt: skip
 

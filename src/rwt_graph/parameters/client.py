@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import TypeAlias, TypeVar
 
 from rwt_graph.api import Graph
@@ -50,10 +51,12 @@ class ParameterClient(Parameters):
         return split
 
     async def _ask(self, node: str, service: str, request: MessageLike) -> Message:
-        try:
-            return await self._call(f"{node}/{service}", request, timeout=ANSWER_TIMEOUT)
-        except ProviderNotFound:
-            raise NotFound(f"node {node} is not there, or has no parameters") from None
+        name = f"{node}/{service}"
+        # Looked up first: the call would search for similar names, and clients choose these.
+        if self._graph.service(name) is not None:
+            with suppress(ProviderNotFound):
+                return await self._call(name, request, timeout=ANSWER_TIMEOUT)
+        raise NotFound(f"node {node} is not there, or has no parameters")
 
     async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
         try:

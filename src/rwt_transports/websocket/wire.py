@@ -48,6 +48,10 @@ driver has to see when they are complete."""
 SMALL_PART_BYTES = 16 * 1024
 """Smaller parts are joined with the header rather than written separately."""
 
+_OTHER_FRAMES_PER_TURN = 64
+"""Maximum number of frames other than whole small messages in one turn of the event loop: pings, fragments
+and compressed messages cost more, and those that are no message reach no endpoint, which could pause."""
+
 _LONGEST_SMALL_HEADER = 8
 """Size of the header of a masked frame of less than 64 KiB, including its key."""
 
@@ -317,6 +321,7 @@ class WebSocketWire:
     def feed(self, data: bytes) -> None:
         position = 0
         mask_bit, header_bytes, most = self._small_frames
+        others = 0
         try:
             if self._staged is not None:
                 position = self._stage(self._staged, data, 0)
@@ -365,6 +370,10 @@ class WebSocketWire:
                     self._tail = data[position:]
                     return
                 position = following
+                others += 1
+                if others == _OTHER_FRAMES_PER_TURN:
+                    self._is_held = True
+                    self._events.read_on_later()
         except ProtocolViolation as violation:
             self._fail(violation.code, str(violation))
 

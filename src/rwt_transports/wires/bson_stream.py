@@ -15,7 +15,7 @@ from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import PROTOCOL_ERROR
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.stream import StreamWire, framing_of
+from rwt_transports.wires.stream import ByteStreamWire, framing_of
 
 logger = logging.getLogger("rwt_transports.bson_stream")
 
@@ -35,7 +35,7 @@ def _pieces(frame: Frame) -> tuple[Buffer, ...]:
 DOCUMENTS = framing_of(_pieces)
 
 
-class BsonStreamWire(StreamWire):
+class BsonStreamWire(ByteStreamWire):
     """Documents of one connection."""
 
     __slots__ = ("_to_skip",)

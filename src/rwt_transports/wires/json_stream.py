@@ -21,7 +21,7 @@ from rwt_transports.api import HEAD_BYTES, WireEvents
 from rwt_transports.limits import DATAGRAM_BYTES, Limits
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from rwt_transports.wires.stream import StreamWire, framing_of
+from rwt_transports.wires.stream import ByteStreamWire, framing_of
 
 logger = logging.getLogger("rwt_transports.json_stream")
 
@@ -34,6 +34,7 @@ STRAY_BYTES = 1024
 #: Beginning of a browser's request. Any web page can send HTTP requests with any body to any port: their
 #: content must not be executed, because the origin of the page is not checked.
 _HTTP_REQUEST = re.compile(rb"\s*[A-Z]+ [/*h]")
+_BLANK = re.compile(rb"\s+")
 _STRUCTURE = re.compile(rb'[{}"]')
 _IN_STRING = re.compile(rb'["\\]')
 _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
@@ -65,7 +66,7 @@ DATAGRAMS = _framing(END, "in a JSON datagram", DATAGRAM_BYTES)
 """One frame, and where it ends."""
 
 
-class JsonStreamWire(StreamWire):
+class JsonStreamWire(ByteStreamWire):
     """Objects of one connection over TCP."""
 
     __slots__ = ("_depth", "_fresh", "_in_string", "_scanned", "_skipping")
@@ -82,8 +83,7 @@ class JsonStreamWire(StreamWire):
 
     def feed(self, data: bytes) -> None:
         self._buffer += data
-        while not self._over and self._step():
-            pass
+        self._take_steps()
         # What follows the end is dropped, and its memory freed before the link is gone.
         if self._over:
             self._buffer.clear()
@@ -119,6 +119,9 @@ class JsonStreamWire(StreamWire):
     def _between(self) -> bool:
         """Deliver non-blank bytes outside of objects, up to the next opening brace or line."""
         buffer = self._buffer
+        blank = _BLANK.match(buffer)
+        if blank is not None:
+            del buffer[: blank.end()]
         start = buffer.find(b"{")
         line = buffer.find(b"\n") + 1
         if start == 0:
@@ -181,8 +184,14 @@ class JsonDatagramWire(JsonStreamWire):
 
     def feed(self, data: bytes) -> None:
         """Read one datagram; an object that is not whole is delivered, so that the endpoint can reject it."""
-        # State ends with the datagram: datagrams may be lost, so the rest of an object may never come.
+        if self._is_held:
+            return  # Lost, as others are in the network: datagrams cannot be held back.
         super().feed(data)
+        if not self._is_held:
+            self._end_datagram()
+
+    def _end_datagram(self) -> None:
+        # State ends with the datagram: datagrams may be lost, so the rest of an object may never come.
         if self._buffer and not self._over:
             self._hand_over(len(self._buffer))
         self._buffer.clear()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from rwt_protocol.frames import Buffer, Frame, Framing
 from rwt_transports.api import WireEvents, drop_message
@@ -14,6 +14,9 @@ from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
 PART_BYTES = 64 * 1024
 """Maximum size of one read of a large message."""
+
+_STEPS_PER_TURN: Final = 512
+"""Maximum number of steps in one turn of the event loop, each of less than a microsecond or a message."""
 
 
 def framing_of(pieces: Callable[[Frame], tuple[Buffer, ...]]) -> Framing:
@@ -86,11 +89,14 @@ class StreamWire(ABC):
 
     def feed(self, data: bytes) -> None:
         self._buffer += data
-        while not self._over and self._step():
-            pass
+        self._take_steps()
         if self._over:
             self._buffer.clear()
         self._count_held()
+
+    def _take_steps(self) -> None:
+        while not self._over and self._step():
+            pass
 
     @abstractmethod
     def _step(self) -> bool:
@@ -101,3 +107,32 @@ class StreamWire(ABC):
             self.message(message, binary)
         else:
             self._buffers.hand_on(self.message, message, binary)
+
+
+class ByteStreamWire(StreamWire):
+    """Wire of a stream that keeps no boundaries: one read may have thousands of messages, or of steps.
+
+    Implements :class:`rwt_transports.api.HoldableWire`.
+    """
+
+    __slots__ = ("_is_held",)
+
+    def __init__(self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> None:
+        super().__init__(events, limits, buffers)
+        self._is_held = False
+
+    def hold(self) -> None:
+        """Deliver no more messages until :meth:`go_on`, even of the same read."""
+        self._is_held = True
+
+    def go_on(self) -> None:
+        self._is_held = False
+        self.feed(b"")
+
+    def _take_steps(self) -> None:
+        """Take the steps that one turn of the event loop admits."""
+        for _ in range(_STEPS_PER_TURN):
+            if self._over or self._is_held or not self._step():
+                return
+        self._is_held = True
+        self._events.read_on_later()

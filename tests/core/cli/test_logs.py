@@ -13,7 +13,7 @@ import pytest
 from websockets.sync.client import connect
 
 from rwt.cli import main
-from rwt.cli.console.logs import JsonFormatter, LogfmtFormatter, SteadyHandler
+from rwt.cli.console.logs import JsonFormatter, LogfmtFormatter, SteadyHandler, TextFormatter
 from tests.processes import running
 
 logger = logging.getLogger("tests.log")
@@ -58,6 +58,18 @@ def test_a_json_line_has_the_fields_of_its_record(disk: Disk) -> None:
         "level": "warning", "logger": "tests.log", "message": 'said "härter"\n', "client": 7, "op_id": "x",
     }  # fmt: skip
     assert "client" not in second and "op_id" not in second
+
+
+@pytest.mark.parametrize("formatter", [TextFormatter("%(message)s"), JsonFormatter(), LogfmtFormatter()])
+def test_no_character_of_a_line_is_unprintable(
+    disk: Disk, handler: SteadyHandler, formatter: logging.Formatter
+) -> None:
+    handler.setFormatter(formatter)
+    logger.warning("a\nFORGED \x1b[2J\x9b \u202eb\u2066 \u2028 \U000e0001", extra={"op_id": "\u202e"})
+    (line,) = disk.getvalue().split("\n")[:-1]
+    assert line.isprintable()
+    if isinstance(formatter, JsonFormatter) and not isinstance(formatter, LogfmtFormatter):
+        assert json.loads(line)["message"] == "a\nFORGED \x1b[2J\x9b \u202eb\u2066 \u2028 \U000e0001"
 
 
 def test_a_logfmt_line_quotes_what_is_no_word(disk: Disk, handler: SteadyHandler) -> None:

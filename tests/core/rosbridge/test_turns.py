@@ -31,9 +31,10 @@ class BusyClock(SimulatedClock):
 
     def __init__(self) -> None:
         super().__init__(1_700_000_000_000_000_000)
-        self.worked = 0.0
+        self.worked = self.tick = 0.0
 
     def monotonic(self) -> float:
+        self.worked += self.tick
         return super().monotonic() + self.worked
 
 
@@ -64,12 +65,16 @@ def heard(graph: MemoryGraph, clock: BusyClock) -> list[str]:
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
-        clock.worked += 0.4 * MESSAGES.share
+        clock.worked += EACH
         string: Any = sample.payload.value()
         heard.append(string.data)
 
     graph.participant("/listener").subscribe("/t", work)
     return heard
+
+
+EACH = 0.4 * MESSAGES.share
+"""Seconds that each message takes."""
 
 
 def _publish(text: str) -> dict[str, object]:
@@ -151,17 +156,62 @@ def test_a_turn_that_many_have_filled_takes_small_messages_and_no_more(
     clients = [connect() for _ in range(many + 3)]
     for number, client in enumerate(clients):
         _read(client, *(_publish(f"{number}{letter}") for letter in "abcd"))
+    full = len(heard) - 3
+    assert clock.worked - 3 * EACH >= MESSAGES.turn > clock.worked - 4 * EACH
     begun = [f"{number}{letter}" for number in range(many) for letter in "abc"]
-    assert heard[: len(begun)] == begun
-    assert heard[len(begun) :] == [f"{number}a" for number in range(many, many + 3)], "a small one of each"
+    assert heard[:full] == begun[:full]
+    assert heard[full:] == [f"{number}a" for number in range(many, many + 3)], "a small one of each"
     large = connect()
     _read(large, _publish("large" * 1000))
     assert "large" * 1000 not in heard
     heard.clear()
     clock.advance(0.0)
-    rest = [f"{number}d" for number in range(many)]
-    rest += [f"{number}{letter}" for number in range(many, many + 3) for letter in "bcd"]
+    late = [f"{number}{letter}" for number in range(many + 3) for letter in "abcd"]
+    rest = [each for each in late if each not in begun[:full] and each[1] != "a"]
     assert heard == [*rest, "large" * 1000], "first come, first served"
+
+
+def test_many_who_have_little_each_fill_a_turn(
+    clock: BusyClock, connect: Callable[[], Client], heard: list[str]
+) -> None:
+    clients = [connect() for _ in range(40)]
+    for client in clients:  # Each less than its share.
+        _read(client, *(_publish(letter) for letter in "ab"))
+    assert heard.count("b") * 2 * EACH <= MESSAGES.turn
+    assert heard.count("a") > heard.count("b"), "a small one of others, too"
+    assert clock.worked <= 2 * MESSAGES.turn + EACH, "until the turn is twice full"
+    clock.advance(0.0)
+    assert (heard.count("a"), heard.count("b")) == (40, 40)
+
+
+def test_a_small_message_that_found_the_turn_overfull_is_the_first_of_the_next(
+    clock: BusyClock, connect: Callable[[], Client], heard: list[str]
+) -> None:
+    flooding = [connect() for _ in range(40)]
+    for client in flooding:
+        _read(client, *(_publish(letter) for letter in "aab"))
+    other = connect()
+    _read(other, _publish("other"))
+    assert "other" not in heard
+    at = len(heard)
+    clock.advance(0.0)
+    before = heard[at : heard.index("other")]
+    assert before.count("b") * MESSAGES.share <= MESSAGES.turn, (
+        "it waits for the first messages of others only"
+    )
+    assert heard.count("a") == 80 and heard.count("b") == 40
+
+
+def test_a_message_that_is_rejected_counts_like_any_other(clock: BusyClock, client: Client) -> None:
+    reading = Reading()
+    client.peer.set_flow_control(reading)
+    clock.tick = EACH / 2  # The clock is asked more than once for each message.
+    _read(client, *({"op": "publish", "topic": "/unknown", "msg": {}} for _ in range(8)))
+    read = client.peer.messages
+    assert reading.paused and read < 8
+    clock.tick = 0.0
+    clock.advance(0.0)
+    assert client.peer.messages == 8
 
 
 def test_those_who_wait_have_a_turn_each(clock: BusyClock, connect: Callable[[], Client]) -> None:

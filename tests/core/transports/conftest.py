@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from rwt_transports.api import WireEvents
+from rwt_transports.api import HoldableWire, WireEvents
 from rwt_transports.shared_pool import Holder
 from rwt_transports.websocket.wire import WebSocketWire
 from rwt_transports.wires.stream import StreamWire
@@ -26,6 +26,7 @@ class Heard(Generic[W]):
         self.ends: list[tuple[int, str, bool]] = []
         self.sizes: list[int] = []
         self.heads: list[bytes] = []
+        self.lates = self.turns = 0
         self.skip = skip
         self.holder = Holder(str(id(self)))
         self.wire = make(self)
@@ -43,6 +44,16 @@ class Heard(Generic[W]):
 
     def answer(self, data: bytes) -> None:
         self.answers.append(data)
+
+    def read_on_later(self) -> None:
+        self.lates += 1
+
+    def read_on(self) -> None:
+        """Read on in as many later turns as the wire needs."""
+        while self.lates > self.turns:
+            self.turns += 1
+            assert isinstance(self.wire, HoldableWire)
+            self.wire.go_on()
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         self.ends.append((code, reason, agreed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -84,3 +85,15 @@ async def test_without_a_folder_there_are_no_such_tools() -> None:
     async with served() as server, agent_at(url_of(server)) as agent:
         assert "describe_recording" not in {tool.name for tool in (await agent.list_tools()).tools}
         assert "mcp.recordings" in await refused(agent, "describe_recording")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
+async def test_only_files_with_printable_names_are_recordings(tmp_path: Path) -> None:
+    await _record(tmp_path)
+    os.mkfifo(tmp_path / "pipe.mcap")  # To open it would wait forever.
+    (tmp_path / "device.mcap").symlink_to("/dev/zero")
+    (tmp_path / "a\nforged.mcap").write_bytes((tmp_path / "walk.mcap").read_bytes())
+    async with served(_settings(tmp_path)) as server, agent_at(url_of(server)) as agent:
+        assert (await done(agent, "describe_recording")).splitlines()[1:] == ["broken.mcap", "walk.mcap"]
+        for name in ("pipe.mcap", "device.mcap", "a\nforged.mcap"):
+            assert "there is no recording" in await refused(agent, "describe_recording", recording=name)

@@ -114,6 +114,9 @@ class Receiver:
     def answer(self, data: bytes) -> None:
         raise AssertionError
 
+    def read_on_later(self) -> None:
+        raise AssertionError
+
     def pong(self, data: bytes) -> None:
         raise AssertionError
 

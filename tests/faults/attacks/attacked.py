@@ -175,6 +175,10 @@ def _served(
         f"unregister_timeout={LINGER}",
         "deflate=shared",  # so that attackers may compress
         'gateways=["foxglove", "http", "mcp"]',
+        # So that there is a stop, which every role may press.
+        'gate.rules.unused.topics=["/driven/by/nobody"]',
+        "gate.rules.unused.emergency=true",
+        "gate.rules.unused.stop.repeat_seconds=0",
         f"tls.certfile={certificate}",
         f"tls.keyfile={certificate}",
         *more,

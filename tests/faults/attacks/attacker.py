@@ -29,7 +29,7 @@ from itertools import islice, repeat
 from typing import Final, NoReturn
 
 from tests.core.transports.rfc6455.frames import BINARY, TEXT, frame
-from tests.faults.attacks import by_http
+from tests.faults.attacks import by_http, refused
 from tests.faults.blocking_client import PATIENCE, BlockingClient, Refused
 
 SCHEMES: Final = ("ws", "wss", "tcp")
@@ -334,6 +334,16 @@ def lists_over_tcp(attacker: Attacker) -> None:
     _held.extend(many)
     data, over = _long_list() * 2, time.monotonic() + 4 * SECONDS
     _together([partial(_send_all, each, data, over) for each in many])
+
+
+def smallest_objects(attacker: Attacker) -> None:
+    """Objects without members, and bytes that are none, tens of thousands in a read, over TCP."""
+    many = [socket.create_connection(("127.0.0.1", _PORTS["tcp"]), PATIENCE) for _ in range(40)]
+    _held.extend(many)
+    over, pieces = time.monotonic() + 4 * SECONDS, (b"{}", b"{}\n", b"\n", b" ", b"x\n", b'{"":"",')
+    _together(
+        [partial(_send_all, each, pieces[number % 6] * 20_000, over) for number, each in enumerate(many)]
+    )
 
 
 def lists_everywhere(attacker: Attacker) -> None:
@@ -1054,7 +1064,7 @@ ATTACKS: Final[dict[str, Callable[[Attacker], None]]] = {
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
         long_questions, unread_answers, half_messages, pieces_of_a_frame, inflated_at_once,
-        whole_at_once, lists_at_once, lists_in_tls, lists_over_tcp, lists_inflated,
+        whole_at_once, lists_at_once, lists_in_tls, lists_over_tcp, smallest_objects, lists_inflated,
         lists_everywhere, handshakes_in_tls, samples_in_tls, cut_with_a_backlog,
         blanks, header_at_the_end,
         half_bodies, forms_of_what_is_kept, feedback_flood,
@@ -1070,7 +1080,7 @@ ATTACKS: Final[dict[str, Callable[[Attacker], None]]] = {
         every_type,
         deflate_bombs, picture_bombs, mjpeg_flood, snapshots_again,
     )
-} | by_http.ATTACKS  # fmt: skip
+} | by_http.ATTACKS | refused.ATTACKS  # fmt: skip
 """Each attack by its name."""
 
 

@@ -29,7 +29,7 @@ _open: Final[list[socket.socket]] = []
 """Connections that stay."""
 
 
-def _request(method: str, path: str, body: bytes = b"", /, **headers: str) -> bytes:
+def request(method: str, path: str, body: bytes = b"", /, **headers: str) -> bytes:
     lines = [f"{method} {path} HTTP/1.1", "Host: localhost", f"Content-Length: {len(body)}"]
     lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
     return "\r\n".join([*lines, "", ""]).encode() + body
@@ -69,7 +69,7 @@ def _small_items(size: int) -> tuple[str, ...]:
 
 # -- agents ------------------------------------------------------------------------------------------------
 
-_MCP: Final = {"Content_Type": "application/json", "Accept": "application/json, text/event-stream"}
+MCP: Final = {"Content_Type": "application/json", "Accept": "application/json, text/event-stream"}
 
 
 def _beginning_of_a_session(size: int) -> bytes:
@@ -80,7 +80,7 @@ def _beginning_of_a_session(size: int) -> bytes:
         "capabilities": {"experimental": experimental},
     }
     op = {"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": params}
-    return _request("POST", "/mcp", json.dumps(op, separators=(",", ":")).encode(), **_MCP)
+    return request("POST", "/mcp", json.dumps(op, separators=(",", ":")).encode(), **MCP)
 
 
 def mcp_sessions(attacker: Attacker) -> None:
@@ -96,16 +96,14 @@ def mcp_bodies(attacker: Attacker) -> None:
     for size in (_BODY, 64_000):
         items = _small_items(size)
         bodies = [*((call % each).encode() for each in items), *(each.encode() for each in items)]
-        _send_all(
-            attacker.port, (_request("POST", "/mcp", each, **_MCP, **version) for each in cycle(bodies))
-        )
+        _send_all(attacker.port, (request("POST", "/mcp", each, **MCP, **version) for each in cycle(bodies)))
 
 
 def mcp_streams(attacker: Attacker) -> None:
     """Streams and ends of sessions that there are not, by the hundred."""
     ids = (f"{number:032x}" for number in range(100_000))
     asked = (
-        _request(method, "/mcp", Mcp_Session_Id=each, **_MCP) for each in ids for method in ("GET", "DELETE")
+        request(method, "/mcp", Mcp_Session_Id=each, **MCP) for each in ids for method in ("GET", "DELETE")
     )
     _send_all(attacker.port, asked, together=60)
 
@@ -128,14 +126,14 @@ def large_heads(attacker: Attacker) -> None:
         for page in _PAGES:
             for name, item in _LONG_HEADERS.items():
                 value = "bytes=" * (name == "Range") + item * (_HEAD // len(item))
-                yield _request("GET", page, **{name: value})
-            yield _request("GET", page, **{f"X{number}": "" for number in range(_HEAD // 10)})
-            yield _request("GET", f"{page}?{'a=b&' * (_HEAD // 4)}")
-            yield _request("GET", f"{page}?topic={'%2f' * (_HEAD // 3)}")
-            yield _request("GET", f"{page}/{letters}")
-            yield _request("GET", page + "/" * _HEAD)
-            yield _request("GET", f"{page}/{'../' * (_HEAD // 3)}")
-            yield _request("OPTIONS", page, Origin="http://localhost", Access_Control_Request_Headers=letters)
+                yield request("GET", page, **{name: value})
+            yield request("GET", page, **{f"X{number}": "" for number in range(_HEAD // 10)})
+            yield request("GET", f"{page}?{'a=b&' * (_HEAD // 4)}")
+            yield request("GET", f"{page}?topic={'%2f' * (_HEAD // 3)}")
+            yield request("GET", f"{page}/{letters}")
+            yield request("GET", page + "/" * _HEAD)
+            yield request("GET", f"{page}/{'../' * (_HEAD // 3)}")
+            yield request("OPTIONS", page, Origin="http://localhost", Access_Control_Request_Headers=letters)
 
     _send_all(attacker.port, cycle(requests()), together=20, seconds=3)
 
@@ -143,7 +141,7 @@ def large_heads(attacker: Attacker) -> None:
 def preflights(attacker: Attacker) -> None:
     """Questions of browsers, by the thousand in a row, whose answers repeat what was asked."""
     headers = {"Access_Control_Request_Method": "POST", "Access_Control_Request_Headers": "x" * _HEAD}
-    each = _request("OPTIONS", "/api/topics/a", Origin="http://localhost", **headers)
+    each = request("OPTIONS", "/api/topics/a", Origin="http://localhost", **headers)
     deaf = [socket.create_connection(("127.0.0.1", attacker.port), PATIENCE) for _ in range(40)]
     _open.extend(deaf)
     over = time.monotonic() + SECONDS
@@ -162,7 +160,7 @@ def stalled_files(attacker: Attacker) -> None:
         _open.append(each)
         each.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         each.connect(("127.0.0.1", attacker.port))
-        each.sendall(_request("GET", "/lib/ros3d.min.js"))
+        each.sendall(request("GET", "/lib/ros3d.min.js"))
     time.sleep(2 * SECONDS)  # They have been sent before they are answered.
 
 
@@ -180,9 +178,9 @@ def bodies_for_everything(attacker: Attacker) -> None:
     bodies = [item.encode() for item in _small_items(_BODY)]
     bodies += [b'{"name":' + body + b"}" for body in bodies]
     kinds = {"Content_Type": "application/json"}
-    asked = [_request("POST", path, body, **kinds) for path in paths for body in bodies]
-    asked += [_request("PUT", "/api/parameters/rosapi:a", body, **kinds) for body in bodies]
-    asked += [_request("POST", path, bodies[0], Content_Encoding="gzip", **kinds) for path in paths]
+    asked = [request("POST", path, body, **kinds) for path in paths for body in bodies]
+    asked += [request("PUT", "/api/parameters/rosapi:a", body, **kinds) for body in bodies]
+    asked += [request("POST", path, bodies[0], Content_Encoding="gzip", **kinds) for path in paths]
     _send_all(attacker.port, islice(cycle(asked), 200), seconds=3)
 
 
@@ -195,7 +193,7 @@ def goals_by_http(attacker: Attacker) -> None:
     provider.ask_something()
     body = b'{"order":3}'
     asked = (
-        _request("POST", "/api/actions/never", body, Content_Type="application/json",
+        request("POST", "/api/actions/never", body, Content_Type="application/json",
                  X_Forwarded_For=f"192.0.2.{number % 250}")
         for number in range(1_000_000)
     )  # fmt: skip
@@ -205,7 +203,7 @@ def goals_by_http(attacker: Attacker) -> None:
 def clients_by_http(attacker: Attacker) -> None:
     """Requests under thousands of addresses, each of which is a client for a while."""
     asked = (
-        _request("GET", "/api/topics", X_Forwarded_For=f"2001:db8:{number:x}::1") for number in range(60_000)
+        request("GET", "/api/topics", X_Forwarded_For=f"2001:db8:{number:x}::1") for number in range(60_000)
     )
     _send_all(attacker.port, asked, together=30, seconds=2)
 

@@ -19,7 +19,7 @@ from typing import Final
 
 import pytest
 
-from tests.faults.attacks import by_http
+from tests.faults.attacks import by_http, refused
 from tests.faults.attacks.attacked import (
     OF_ROS_1,
     PEERS,
@@ -87,11 +87,12 @@ OF_VIEWERS: Final = frozenset(
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
      "whole_at_once", "lists_at_once", "lists_in_tls", "lists_over_tcp",
-     "lists_everywhere", "handshakes_in_tls", "lists_inflated", "cut_with_a_backlog", "blanks",
-     "lists_in_texts",
+     "smallest_objects", "lists_everywhere", "handshakes_in_tls", "lists_inflated", "cut_with_a_backlog",
+     "blanks", "lists_in_texts",
      "drops_of_handshakes", "drops_of_requests", "bodies", "foxglove_numbers",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
     | {attack.__name__ for attack in by_http.OF_VIEWERS}
+    | refused.ATTACKS.keys()
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
 

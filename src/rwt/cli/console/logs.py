@@ -23,6 +23,17 @@ _PLAIN: Final = re.compile(r"[^\s\"=\\\x00-\x1f\x7f]+")
 _FIELDS: Final = ("client", "op_id")
 
 
+class TextFormatter(logging.Formatter):
+    """Formatter of text lines: a record is one line, besides its traceback, without commands for a terminal.
+
+    Second line of defence: callers already escape the text of clients.
+    """
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """Return a record with unprintable characters escaped."""
+        return visible_json(super().formatMessage(record))
+
+
 class JsonFormatter(logging.Formatter):
     """Formatter of JSON lines: `time` (UTC, RFC 3339), `level`, `logger`, `message`, and if present `worker`
     (with `--workers`), `client` (its name, `rosbridge:3`), `op_id` and `error` (the traceback).
@@ -114,7 +125,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 def log_to_stderr(style: Format, *, verbose: bool) -> None:
     """Log to stderr in this format, from level info, or debug if `verbose`."""
     handler = SteadyHandler(sys.stderr)
-    made = {"json": JsonFormatter(), "logfmt": LogfmtFormatter(), "text": logging.Formatter(_TEXT)}
+    made = {"json": JsonFormatter(), "logfmt": LogfmtFormatter(), "text": TextFormatter(_TEXT)}
     handler.setFormatter(made[style])
     root = logging.getLogger()
     root.addHandler(handler)
@@ -139,4 +150,4 @@ def name_worker(number: int) -> None:
         if isinstance(handler.formatter, JsonFormatter):
             handler.formatter.worker = number
         elif isinstance(handler, SteadyHandler):
-            handler.setFormatter(logging.Formatter(f"[{number}] {_TEXT}"))
+            handler.setFormatter(TextFormatter(f"[{number}] {_TEXT}"))

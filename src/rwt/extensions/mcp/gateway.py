@@ -23,7 +23,7 @@ from mcp_types import CLIENT_INFO_META_KEY
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 from pydantic import ValidationError
 
-from rwt.access.audit import LineRate, one_line
+from rwt.access.audit import LineRate, is_written, one_line
 from rwt.access.decisions import READS
 from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP, GraphView
@@ -474,12 +474,13 @@ class McpGateway(Gateway):
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Write an action of an agent into the audit log."""
+        level = logging.INFO if acts else logging.DEBUG
+        if not (is_written(level) and self._log_rate.admit(time.monotonic())):
+            return
         caller = _caller_of(context)
         said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
-        line = self._log_rate.admit(one_line(said), time.monotonic())
-        if line is not None:
-            level = logging.INFO if acts else logging.DEBUG
-            self.access.audit.write(level, "%s", line, client=f"{self.name}:{_name_of(context)}")
+        line = one_line(said) + self._log_rate.note()
+        self.access.audit.write(level, "%s", line, client=f"{self.name}:{_name_of(context)}")
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool."""

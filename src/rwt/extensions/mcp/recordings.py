@@ -29,8 +29,8 @@ class RecordingFolder:
     def names(self) -> tuple[str, ...]:
         """Return the names of the recordings, sorted."""
         try:
-            paths = self._folder.iterdir()
-            found = [it.name for it in paths if it.suffix in _SUFFIXES or (it / "metadata.yaml").is_file()]
+            # A pipe would never be read to its end, and a name with a line break would be two in a list.
+            found = [it.name for it in self._folder.iterdir() if it.name.isprintable() and _is_recording(it)]
             return tuple(sorted(found))
         except OSError as error:
             raise ToolError(f"the recordings cannot be listed: {error.strerror}") from None
@@ -73,6 +73,10 @@ class RecordingFolder:
             return open_recording([self._folder / name])
         except RecordingError as error:
             raise ToolError(str(error).replace(f"{self._folder}/", "")) from None
+
+
+def _is_recording(path: Path) -> bool:
+    return (path.suffix in _SUFFIXES and path.is_file()) or (path / "metadata.yaml").is_file()
 
 
 def _decoded(recording: Recording, topic: RecordedTopic, found: RecordedMessage) -> tuple[Message, str]:
