@@ -15,9 +15,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.qos import QoSProfile
 
 from rwt.extensions.ros2 import qos as profiles
-from rwt.extensions.ros2.raw_services import RawClient, RawService
 from rwt.extensions.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw, share_arenas
-from rwt.extensions.ros2.type_supports import NotInstalled, message_class, service_class
+from rwt.extensions.ros2.type_supports.calls import RawClient, RawService
+from rwt.extensions.ros2.type_supports.installed import NotInstalled
+from rwt.extensions.ros2.type_supports.selection import type_supports
 from rwt.extensions.ros2.wakeups import Wakeups
 from rwt_graph.backend import DistributedGraph, NodeResources
 from rwt_graph.errors import Ros2Error
@@ -68,6 +69,7 @@ class Connection:
         # Nodes by name, each with its participants.
         self._nodes: dict[str, tuple[Any, set[NodeResources]]] = {}
         self.node = self._make_node(f"/_rwt_graph_{os.getpid()}")
+        self._types = type_supports()
         self.run_on_graph = graph.run_on_graph
         self.own_gids: dict[bytes, float] = {}
         self.own_subscriptions: dict[object, tuple[tuple[str, str], float]] = {}
@@ -120,39 +122,40 @@ class Connection:
         """Make a raw publisher; return it with its GID.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            NotInstalled: the middleware needs the package of its type, which is not installed.
         """
         node = self.node_of(owner)
-        publisher = _rclpy.Publisher(node, message_class(type), topic, profiles.to_ros(qos))
+        publisher = _rclpy.Publisher(node, self._types.message(type), topic, profiles.to_ros(qos))
         return publisher, _gid_of(publisher)
 
     def subscription(self, owner: NodeResources, topic: str, type: MessageType, qos: QoS) -> Any:
         """Make a raw subscription.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            NotInstalled: the middleware needs the package of its type, which is not installed.
         """
-        return _rclpy.Subscription(self.node_of(owner), message_class(type), topic, profiles.to_ros(qos))
+        made = self._types.message(type)
+        return _rclpy.Subscription(self.node_of(owner), made, topic, profiles.to_ros(qos))
 
     def service(self, owner: NodeResources, name: str, type: ServiceType) -> RawService:
         """Make a raw service.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            NotInstalled: the middleware needs the package of its type, which is not installed.
         """
-        full = type.request.registry.type_name(type)
-        endpoint = _rclpy.Service(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
-        return RawService(endpoint, name, full)
+        made, forms = self._types.service(type)
+        endpoint = _rclpy.Service(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
+        return RawService(endpoint, name, forms)
 
     def client(self, owner: NodeResources, name: str, type: ServiceType) -> RawClient:
         """Make a raw client of a service.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            NotInstalled: the middleware needs the package of its type, which is not installed.
         """
-        full = type.request.registry.type_name(type)
-        endpoint = _rclpy.Client(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
-        return RawClient(endpoint, name, full)
+        made, forms = self._types.service(type)
+        endpoint = _rclpy.Client(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
+        return RawClient(endpoint, name, forms)
 
     def note_missing(self, name: str, error: NotInstalled) -> None:
         """Log that a topic or service is not exchanged with ROS 2; once for each package that it lacks."""

@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.extensions.ros2.connection import Connection, now
-from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt.extensions.ros2.type_supports.installed import NotInstalled
 from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
 from rwt_graph.backend import (
@@ -29,8 +29,8 @@ from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
 from rwt_participant.errors import CallFailed
 
 if TYPE_CHECKING:
-    from rwt.extensions.ros2.raw_services import RawCall
     from rwt.extensions.ros2.rcl import RequestId
+    from rwt.extensions.ros2.type_supports.calls import RawCall
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
     from rwt_participant.timers import Timer
@@ -60,13 +60,18 @@ class Server:
         self._services = services
         self._raw = raw = connection.service(provider.owner, provider.name, provider.type)
         self._decode = compile_decoder(provider.type.request, FOLLOWED_CDR)
-        self._inbox = Inbox(connection.wakeups, "service", raw.endpoint, raw.take, self._serve)
+        self._inbox: Inbox[RawCall | Ros2Error] = Inbox(
+            connection.wakeups, "service", raw.endpoint, raw.take, self._serve
+        )
         self._names = (provider.owner.name, provider.name)
         connection.own_services[self._names] = float("inf")
         self._callers = NodeResources("/_remote", private=True)
 
-    def _serve(self, request: RawCall) -> None:
+    def _serve(self, request: RawCall | Ros2Error) -> None:
         provider = self._provider
+        if isinstance(request, Ros2Error):
+            logger.warning("%s", request)
+            return
         if len(provider.open) >= _MOST_OPEN:
             logger.warning("a request to %s is dropped: %d are unanswered", provider.name, _MOST_OPEN)
             return
@@ -103,7 +108,9 @@ class Client:
         self._response = info.type.response
         self._raw = raw = connection.client(owner, info.name, info.type)
         self._decode = compile_decoder(self._response, FOLLOWED_CDR)
-        self._inbox = Inbox(connection.wakeups, "client", raw.endpoint, raw.take, self._on_response)
+        self._inbox: Inbox[RawCall | Ros2Error] = Inbox(
+            connection.wakeups, "client", raw.endpoint, raw.take, self._on_response
+        )
         self._waiting: deque[MemoryCall] = deque()
         # Open calls by number; those that count as the service's load are in `_load`.
         self._sent: dict[int, MemoryCall] = {}
@@ -151,8 +158,11 @@ class Client:
         self._load.discard(number)
         self.send_waiting()
 
-    def _on_response(self, received: RawCall) -> None:
+    def _on_response(self, received: RawCall | Ros2Error) -> None:
         self._answers += 1
+        if isinstance(received, Ros2Error):
+            logger.warning("%s", received)  # Of an unknown call, which ends by its timeout.
+            return
         # A call that has ended is no longer there; so is one that another provider has answered.
         call = self._sent.get(received.id.number)
         if call is None:

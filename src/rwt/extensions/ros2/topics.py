@@ -14,7 +14,7 @@ from functools import partial
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.history import ALL_RETAINED, Probe, RemoteHistory
 from rwt.extensions.ros2.rcl import NO_NUMBER, RawSample
-from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt.extensions.ros2.type_supports.installed import NotInstalled
 from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import Sample
 from rwt_graph.backend import (

@@ -1,0 +1,168 @@
+"""Type supports made from definitions: no package of a type has to be installed.
+
+Topics pass as serialised bytes, so a type support of a message only needs its name, its hash and its
+description. Those of services serialise requests and responses with the callbacks of
+:mod:`rwt.extensions.ros2.type_supports.fast_cdr`.
+
+Lifetimes: rcl, the middleware and DDS keep addresses of type supports for as long as a participant has used
+them, and do not say when they are done. Type supports are therefore made once for each name and hash, and
+live as long as the process, with everything that they point to. Their number is that of the known types.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import partial
+from typing import Any, Final
+
+from rwt.extensions.ros2.rcl import rmw
+from rwt.extensions.ros2.type_supports import c_structures as c
+from rwt.extensions.ros2.type_supports.calls import Forms
+from rwt.extensions.ros2.type_supports.capsules import class_of
+from rwt.extensions.ros2.type_supports.descriptions import DescribedInC, Introspected
+from rwt.extensions.ros2.type_supports.fast_cdr import MESSAGE_BYTES, Exchange, SerialisedForm, Unsupported
+from rwt_interfaces.definitions.actionlib import EVENT
+from rwt_interfaces.definitions.hashes import Description, description, service_description
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import MessageType, ServiceType
+
+#: Symbols of the names of the two implementations. A middleware compares addresses of names, not only texts.
+_FAST_CDR: Final = "rosidl_typesupport_fastrtps_c__identifier"
+_INTROSPECTION: Final = "rosidl_typesupport_introspection_c__identifier"
+
+_HASH_VERSION: Final = 1
+
+
+class _Support:
+    """Type support, with the objects that its addresses refer to."""
+
+    def __init__(self, support: c.MessageSupport | c.ServiceSupport) -> None:
+        self.address = ctypes.addressof(support)
+        self.kept: list[object] = [support]
+
+
+class DefinedTypes:
+    """Type supports of this process, by name and hash.
+
+    Raises:
+        Unsupported: the middleware does not serialise with Fast CDR, or not as expected.
+    """
+
+    def __init__(self) -> None:
+        self._exchange = Exchange()
+        self._fast_cdr, self._introspection = map(_identifier, (_FAST_CDR, _INTROSPECTION))
+        self._names = {ctypes.string_at(self._fast_cdr): False, ctypes.string_at(self._introspection): True}
+        self._supports: dict[tuple[str, str], _Support] = {}
+        self._classes: dict[tuple[str, str], Any] = {}
+        # What the callbacks return, by the address of a support.
+        self._hashes: dict[int, int] = {}
+        self._descriptions: dict[int, int] = {}
+        self._introspections: dict[int, int] = {}
+        self._no_sources = c.List()
+        # Callbacks, which the middleware calls when an endpoint is made.
+        self._find = c.Finder(self._found)
+        self._get_hash = c.Getter(self._hashes.get)
+        self._get_description = c.Getter(self._descriptions.get)
+        self._get_sources = c.Getter(lambda _: ctypes.addressof(self._no_sources))
+        memory = ctypes.create_string_buffer(MESSAGE_BYTES)
+        probe = self._message(Registry().message("std_msgs/Empty"))
+        self._exchange.check(probe.address, ctypes.addressof(memory))
+
+    def _found(self, support: int, identifier: bytes) -> int | None:
+        """Return the type support of one implementation; None of any other."""
+        introspects = self._names.get(identifier)
+        if introspects is None:
+            return None
+        return self._introspections.get(support) if introspects else support
+
+    def message(self, type: MessageType) -> Any:
+        """Return the class of a message for raw publishers and subscriptions."""
+        return self._class((type.registry.type_name(type), type.rihs01), self._message(type))
+
+    def service(self, type: ServiceType) -> tuple[Any, Forms]:
+        """Return the class of a service, and the forms of one endpoint of it."""
+        key = name, _ = type.request.registry.type_name(type), type.rihs01
+        support = self._supports.get(key)
+        if support is None:
+            support = self._supports[key] = self._new_service(type, *key)
+        forms = [SerialisedForm(self._exchange, f"{name}_{part}") for part in ("Request", "Response")]
+        return self._class(key, support), Forms(*forms)
+
+    def _class(self, key: tuple[str, str], support: _Support) -> Any:
+        found = self._classes.get(key)
+        if found is None:
+            found = self._classes[key] = class_of(key[0], support.address)
+        return found
+
+    def _message(self, type: MessageType) -> _Support:
+        key = type.registry.type_name(type), type.rihs01
+        found = self._supports.get(key)
+        if found is None:
+            found = self._supports[key] = self._new_message(type, *key)
+        return found
+
+    def _new_message(self, type: MessageType, name: str, type_hash: str) -> _Support:
+        exchange, (namespace, short) = self._exchange, _cpp_name(name)
+        callbacks = c.MessageCallbacks(
+            namespace,
+            short,
+            exchange.serialise,
+            exchange.deserialise,
+            exchange.size,
+            exchange.maximum_size,
+            None,
+        )
+        made = _Support(self._support_of(self._fast_cdr, ctypes.addressof(callbacks)))
+        described = description(type.definition, type.registry)
+        introspected = Introspected(described, partial(self._support_of, self._introspection))
+        self._introspections |= {address: address for address in introspected.addresses}
+        self._introspections[made.address] = introspected.address
+        made.kept += (callbacks, introspected)
+        self._describe(made, described, type_hash, type.registry)
+        return made
+
+    def _support_of(self, identifier: int, data: int) -> c.MessageSupport:
+        getters = self._get_hash, self._get_description, self._get_sources
+        return c.MessageSupport(identifier, data, self._find, *getters)
+
+    def _new_service(self, type: ServiceType, name: str, type_hash: str) -> _Support:
+        registry = type.request.registry
+        messages = (type.request, type.response, registry.message(f"{name}{EVENT}"))
+        parts = [self._message(each).address for each in messages]
+        callbacks = c.ServiceCallbacks(*_cpp_name(name), *parts[:2])
+        getters = self._get_hash, self._get_description, self._get_sources
+        data = ctypes.addressof(callbacks)
+        made = _Support(c.ServiceSupport(self._fast_cdr, data, self._find, *parts, None, None, *getters))
+        made.kept.append(callbacks)
+        described = service_description(type.definition, name, registry)
+        self._describe(made, described, type_hash, registry)
+        return made
+
+    def _describe(self, made: _Support, description: Description, type_hash: str, registry: Registry) -> None:
+        """Set what the getters return for a support."""
+        value = (ctypes.c_uint8 * 32)(*bytes.fromhex(type_hash.rpartition("_")[2]))
+        hashed, whole = c.TypeHash(_HASH_VERSION, value), DescribedInC(description, registry)
+        made.kept += (hashed, whole)
+        self._hashes[made.address] = ctypes.addressof(hashed)
+        self._descriptions[made.address] = whole.address
+
+
+def _identifier(symbol: str) -> int:
+    """Return the address of the name of an implementation of type supports.
+
+    Raises:
+        Unsupported: the middleware does not use it.
+    """
+    try:
+        address = ctypes.c_void_p.in_dll(rmw(), symbol).value
+    except ValueError:
+        address = None
+    if address is None:
+        raise Unsupported(f"it does not use {symbol.partition('__')[0]}")
+    return address
+
+
+def _cpp_name(name: str) -> tuple[bytes, bytes]:
+    """Return namespace and name of a type in C++."""
+    package, folder, short = name.split("/")
+    return f"{package}::{folder}".encode(), short.encode()
