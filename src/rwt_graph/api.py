@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 from msgspec import Struct
 
+from rwt_graph.problems import Problems
 from rwt_participant.api import EndpointInfo as EndpointInfo
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
@@ -500,6 +501,11 @@ class Graph(GraphListings):
     @cached_property
     def observers(self) -> set[OnConnection]:
         return set()
+
+    @cached_property
+    def problems(self) -> Problems:
+        """Reasons why topics and services of other processes cannot be used, as far as the backend knows."""
+        return Problems()
 
     @abstractmethod
     def participant(self, name: str) -> Participant:

@@ -65,6 +65,7 @@ class GraphBridge:
             _Direction(self._second, nodes[1], self._first, nodes[0]),
         )
         self._second.observers.add(self._pass_on)
+        self._second.problems.observers.add(self._first.problems.report)
         self._first.spawn(self._run, "bridge of two graphs")
 
     def _pass_on(self, text: str, is_connected: bool) -> None:
@@ -84,6 +85,7 @@ class GraphBridge:
     def close(self) -> None:
         """Relay no more, and leave both graphs."""
         self._second.observers.discard(self._pass_on)
+        self._second.problems.observers.discard(self._first.problems.report)
         for direction in self._directions:
             direction.close()
         self._directions = ()

@@ -16,6 +16,7 @@ from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_
 from rwt.access.errors import NotAllowed, QuotaExceeded
 from rwt.access.graph_view import STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
+from rwt_graph.actions.names import SEND_GOAL
 from rwt_graph.names import resolve
 from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
@@ -62,11 +63,21 @@ _IMPLICIT: Final = object()
 
 
 class UnknownTopicType(NotFound):
-    """The topic has not been advertised, and no type was given."""
+    """The type of the topic is not known, and none was given.
 
-    def __init__(self, topic: str) -> None:
-        super().__init__(f"cannot infer the type of {topic}, which nobody has advertised")
+    Attributes:
+        is_advertised: True if another program has advertised the topic, with an unknown type.
+    """
+
+    def __init__(self, topic: str, *, is_advertised: bool = False, problems: Sequence[str] = ()) -> None:
+        why = (
+            "of which only its publisher knows it: try again"
+            if is_advertised
+            else "which nobody has advertised"
+        )
+        super().__init__("; ".join(problems) or f"cannot infer the type of {topic}, {why}")
         self.topic = topic
+        self.is_advertised = is_advertised
 
 
 class _Call:
@@ -403,6 +414,10 @@ class ClientGraph(GraphView):
             self._gate.check_publisher(name, qos)
         return name
 
+    def advertises(self, topic: str) -> bool:
+        """Return True if the client is a publisher of the topic with that absolute name."""
+        return topic in self._advertised
+
     def unadvertise(self, topic: str, mark: Hashable = None) -> bool:
         """Withdraw one advertisement, or all of this client for the topic. Returns False if it had none.
 
@@ -526,8 +541,13 @@ class ClientGraph(GraphView):
             return self.registry.message(type)
         info = self._graph.topic(name)
         if info is None or info.type is None:
-            raise UnknownTopicType(name)
+            is_advertised = info is not None and bool(info.publishers)
+            raise UnknownTopicType(name, is_advertised=is_advertised, problems=self.problems(name))
         return info.type
+
+    def problems(self, name: str) -> tuple[str, ...]:
+        """Return why a topic or service of the robot cannot be used; only for names that the role may use."""
+        return self._graph.problems.of(resolve(name))
 
     # Services
 
@@ -559,7 +579,7 @@ class ClientGraph(GraphView):
         is_gates = gate is not None and gate.is_own(name)
         info = self._graph.service(name)
         if info is None:
-            raise ProviderNotFound(f"Service {name} does not exist")
+            raise ProviderNotFound("; ".join(self.problems(name)) or f"Service {name} does not exist")
         if gate is not None and is_gates and name == STOP:
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
@@ -658,7 +678,8 @@ class ClientGraph(GraphView):
         name = self._admit("send_goal", action)
         info = self._graph.action(name)
         if info is None:
-            raise ProviderNotFound(f"Action {name} does not exist")
+            problems = self.problems(f"{name}{SEND_GOAL}")
+            raise ProviderNotFound("; ".join(problems) or f"Action {name} does not exist")
         gate = self._gate
         needed: Needed = []
         with ExitStack() as charges:

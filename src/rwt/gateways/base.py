@@ -139,6 +139,7 @@ class ConnectionGateway(Gateway, Generic[C]):
         self._clients: dict[int, C] = {}
         self._count = 0
         graph.observers.add(self._on_connection)
+        graph.problems.observers.add(self._on_problem)
 
     @property
     def clients(self) -> tuple[C, ...]:
@@ -155,9 +156,15 @@ class ConnectionGateway(Gateway, Generic[C]):
         for client in self.clients:
             client.report_connection(text, is_connected)
 
+    def _on_problem(self, name: str, text: str) -> None:
+        """Report to the clients that use a topic why that is not possible."""
+        for client in self.clients:
+            client.report_problem(name, text)
+
     def close(self) -> None:
         """See :meth:`Gateway.close`."""
         self.shared.graph.observers.discard(self._on_connection)
+        self.shared.graph.problems.observers.discard(self._on_problem)
         super().close()
 
     @abstractmethod
@@ -401,6 +408,10 @@ class ConnectedClient(ABC, Generic[T, W]):
     @abstractmethod
     def report_connection(self, text: str, is_connected: bool) -> None:
         """Send a notice about the graph's connection to other processes."""
+
+    @abstractmethod
+    def report_problem(self, topic: str, text: str) -> None:
+        """Send a problem of a topic to a client that uses it; no-op for other topics."""
 
     @abstractmethod
     def _presses_stop(self, data: bytes, binary: bool) -> bool:

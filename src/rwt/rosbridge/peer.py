@@ -91,6 +91,10 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
         """Send a status: an error if the connection is lost."""
         self.replies.send(Status(level="warning" if is_connected else "error", msg=text))
 
+    def report_problem(self, topic: str, text: str) -> None:
+        """Send a status about a topic that the client uses."""
+        self.topics.report_problem(topic, text)
+
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         if _find_stop(data) is None:
             return False

@@ -211,11 +211,20 @@ class Topic:
 
     def settle(self) -> None:
         """Release the type if no local endpoint holds it, and take that of a remote publisher."""
-        if self.publishers or any(s.typed for s in self.subscribers):
+        if self.publishers:
             return
-        held = [p.type for p in self.remote_publishers if p.type is not None]
+        if any(s.typed for s in self.subscribers):
+            # The name of the type is held, and only a publisher knows which of its definitions is in use.
+            same = [each for each in self._held() if self.type is not None and each.name == self.type.name]
+            if same and self.type not in same:
+                self.type = same[0]
+            return
+        held = self._held()
         if self.type not in held:
             self.type = held[0] if held else None
+
+    def _held(self) -> list[MessageType]:
+        return [p.type for p in self.remote_publishers if p.type is not None]
 
 
 class MemoryPublisher(Publisher):

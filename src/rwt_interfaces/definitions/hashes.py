@@ -20,7 +20,7 @@ _TIME_FIELDS: tuple[Field, ...] = (
 )
 
 #: Type numbers of RIHS01. A `char` of a .msg file is an octet of the wire, which RIHS01 sees as uint8.
-_NUMBERS = {
+NUMBERS = {
     "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
     "float32": 10, "float64": 11, "char": 3, "bool": 15, "byte": 16, "string": 17, "wstring": 18,
 }  # fmt: skip
@@ -29,7 +29,7 @@ _NESTED = 1
 _BOUNDED_STRING = 4
 _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
 #: Member of ROS 2 messages without fields, because C has no empty struct.
-_FILLER = Field("structure_needs_at_least_one_member", WrittenType("uint8"))
+FILLER = Field("structure_needs_at_least_one_member", WrittenType("uint8"))
 
 
 def md5(definition: MessageDefinition, lookup: Registry) -> str:
@@ -140,14 +140,14 @@ def _described(
         "type_name": name,
         "fields": [
             {"name": field.name, "type": _field_type(field.type, lookup, nested)}
-            for field in fields or (_FILLER,)
+            for field in fields or (FILLER,)
         ],
     }
 
 
 def _field_type(field_type: WrittenType, lookup: Registry, nested: dict[str, Individual]) -> FieldType:
     if field_type.is_primitive and field_type.name not in _TIMES:
-        number, nested_name = _NUMBERS[field_type.name], ""
+        number, nested_name = NUMBERS[field_type.name], ""
         if field_type.string_bound is not None:
             number += _BOUNDED_STRING
     else:

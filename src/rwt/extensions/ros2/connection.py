@@ -44,7 +44,9 @@ class Connection:
     """Open connection to ROS 2.
 
     Attributes:
-        node: hidden node, whose view of the ROS graph is read.
+        node: hidden node, whose view of the ROS graph is read; `owner` are its resources.
+        service_hashes: type hashes of services of other processes, by node, name and type. Used on the thread
+            that reads the ROS graph.
         wakeups: notifications of the endpoints.
         take: takes the next sample of a subscription, on the graph's thread.
         own_gids: publishers of this process, each with the time of its closing or infinity.
@@ -68,7 +70,9 @@ class Connection:
             raise Ros2Error(f"cannot join ROS 2: {error}") from error
         # Nodes by name, each with its participants.
         self._nodes: dict[str, tuple[Any, set[NodeResources]]] = {}
-        self.node = self._make_node(f"/_rwt_graph_{os.getpid()}")
+        self.owner = NodeResources(f"/_rwt_graph_{os.getpid()}", private=True)
+        self.node = self.node_of(self.owner)
+        self.service_hashes: dict[tuple[str, str, str], tuple[str, str]] = {}
         self._types = type_supports()
         self.run_on_graph = graph.run_on_graph
         self.own_gids: dict[bytes, float] = {}
@@ -178,7 +182,6 @@ class Connection:
         for node, _ in self._nodes.values():
             node.destroy_when_not_in_use()
         self._nodes.clear()
-        self.node.destroy_when_not_in_use()
         self._context.try_shutdown()
         self._context.destroy()
 

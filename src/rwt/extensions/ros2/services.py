@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.type_supports.installed import NotInstalled
@@ -22,7 +22,8 @@ from rwt_graph.backend import (
     Services,
 )
 from rwt_graph.errors import Ros2Error
-from rwt_interfaces.errors import InterfaceError, InvalidMessage
+from rwt_graph.problems import Problems
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.serialise.unpack import compile_decoder
 from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
@@ -31,8 +32,8 @@ from rwt_participant.errors import CallFailed
 if TYPE_CHECKING:
     from rwt.extensions.ros2.rcl import RequestId
     from rwt.extensions.ros2.type_supports.calls import RawCall
+    from rwt.extensions.ros2.type_supports.described_types import DescribedTypes
     from rwt_graph.clock import Clock
-    from rwt_interfaces.registry import Registry
     from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
@@ -47,8 +48,26 @@ _MOST_SENT = 10
 #: Seconds without an answer, after which a service is sent more requests in spite of that.
 _STALLED_SECONDS = 2.0
 
+#: End of a problem's text.
+DEFINITION_ADVICE = "give its definition with --interfaces DIR"
+
 #: Seconds between two looks at a service that is known, but not connected yet.
 _CONNECT_SECONDS = 0.02
+
+
+class FoundService(NamedTuple):
+    """Service of a node of another process, as ROS 2 reports it.
+
+    Attributes:
+        request_hash, response_hash: `RIHS01_…` of the two messages; empty if the other process does not
+            announce them.
+    """
+
+    node: str
+    name: str
+    type_name: str
+    request_hash: str
+    response_hash: str
 
 
 class Server:
@@ -185,15 +204,15 @@ class Client:
 class Ros2Services(OfferedServices[Connection]):
     """Offers the services of this process to ROS 2, and calls those of others."""
 
-    def __init__(self, services: Services, registry: Registry, clock: Clock) -> None:
+    def __init__(self, services: Services, types: DescribedTypes, clock: Clock, problems: Problems) -> None:
         super().__init__(services)
-        self._registry = registry
         self._clock = clock
         self._clients: PerNode[Client] = PerNode(Client.close)
-        self._found: frozenset[tuple[str, str, str]] = frozenset()
+        self._found: frozenset[FoundService] = frozenset()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services.changes)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
-        self._unknown: set[str] = set()
+        self._types = types
+        self._problems = problems
 
     def close(self) -> None:
         """Close every endpoint; open calls end."""
@@ -213,27 +232,40 @@ class Ros2Services(OfferedServices[Connection]):
 
     # Services of other processes
 
-    def apply(self, found: Iterable[tuple[str, str, str]]) -> None:
-        """Adapt the services of other processes to a reading of the graph: node, name and type of each."""
+    def apply(self, found: Iterable[FoundService]) -> None:
+        """Adapt the services of other processes to a reading of the graph."""
         found = frozenset(found)
         for key in sorted(found - self._found):
-            node, name, type_name = key
-            try:
-                type = self._registry.service(type_name)
-            except InterfaceError as error:
-                if type_name not in self._unknown:
-                    self._unknown.add(type_name)
-                    logger.info("service %s of node %s is left out: %s", name, node, error)
+            type = self._types.service(key.type_name, key.request_hash, key.response_hash)
+            if type is not None:
+                self._remote.found(key, ServiceInfo(key.name, type, key.node), None)
             else:
-                self._remote.found(key, ServiceInfo(name, type, node), None)
+                self._report(key)
         for key in self._found - found:
-            self._remote.lost(key, key[1])
+            self._problems.forget(key.name)
+            self._remote.lost(key, key.name)
         self._found = found
         for identity, client in tuple(self._clients.made.items()):
             if self._remote.get(identity[1]) is None:
                 self._clients.close(*identity)
             else:
                 client.send_waiting()
+
+    def _report(self, service: FoundService) -> None:
+        name = service.type_name
+        is_known = self._types.service(name, "", "") is not None
+        what = (
+            f"its node defines {name} otherwise than this server" if is_known else f"{name} is not known here"
+        )
+        self._problems.report(
+            service.name,
+            f"{service.name} cannot be called: {what}, and ROS 2 describes no services to others; "
+            f"{DEFINITION_ADVICE}",
+        )
+
+    def forget_client(self, owner: NodeResources, name: str) -> None:
+        """Close the client of a node for a service, which is not called soon; no-op without."""
+        self._clients.close(owner, name)
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources

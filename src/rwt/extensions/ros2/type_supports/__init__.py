@@ -1,1 +1,1 @@
-"""Type supports of ROS 2 made from definitions, and the endpoints of services that use them."""
+"""Types on ROS 2: definitions that nodes describe, type supports made from definitions, and raw services."""
