@@ -127,9 +127,11 @@ class Discovery:
             each, endpoint = self._endpoints.pop(gid)
             self._ros_topics.publishers.pop(gid, None)
             self._topics.remote_left(each.topic, endpoint)
-            self._graph.problems.forget(each.topic)
             changed[each.topic] = None
         for topic in changed:
+            known = self._topics.find(topic)
+            if known is None or not (known.remote_publishers or known.remote_subscribers):
+                self._graph.problems.forget(topic)
             self._ros_topics.follow(topic)
 
     def _add(self, found: FoundEndpoint) -> None:
