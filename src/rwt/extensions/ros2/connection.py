@@ -32,6 +32,10 @@ logger = logging.getLogger(__name__)
 _CALLS = QoS(depth=1000)
 
 
+#: Last domain whose ports are below 65536.
+_LAST_DOMAIN = 232
+
+
 def _gid_of(publisher: Any) -> bytes:
     gid = Gid()
     handle = rcl().rcl_publisher_get_rmw_handle(publisher.pointer)
@@ -68,6 +72,7 @@ class Connection:
             self._context.init(args=[], initialize_logging=False, domain_id=domain)
         except RuntimeError as error:
             raise Ros2Error(f"cannot join ROS 2: {error}") from error
+        self._check_domain()
         # Nodes by name, each with its participants.
         self._nodes: dict[str, tuple[Any, set[NodeResources]]] = {}
         self.owner = NodeResources(f"/_rwt_graph_{os.getpid()}", private=True)
@@ -81,6 +86,18 @@ class Connection:
         self._missing: set[str] = set()
         self.take = raw_take()
         self.wakeups = Wakeups(graph, self._context, self.node, on_graph_change, use_callbacks=use_callbacks)
+
+    def _check_domain(self) -> None:
+        """Raise Ros2Error for a domain without ports: Fast DDS would end the process."""
+        uses_ports = "zenoh" not in _rclpy.rclpy_get_rmw_implementation_identifier()
+        if uses_ports and self.domain > _LAST_DOMAIN:
+            domain = self.domain
+            self._context.try_shutdown()
+            self._context.destroy()
+            raise Ros2Error(
+                f"cannot join ROS 2: ROS_DOMAIN_ID is {domain}, and DDS has ports for the domains 0 to "
+                f"{_LAST_DOMAIN}: set the robot's own number, from 0 to 101 on most systems"
+            )
 
     @property
     def domain(self) -> int:
