@@ -545,10 +545,6 @@ class ClientGraph(GraphView):
             raise UnknownTopicType(name, is_advertised=is_advertised, problems=self.problems(name))
         return info.type
 
-    def problems(self, name: str) -> tuple[str, ...]:
-        """Return why a topic or service of the robot cannot be used; only for names that the role may use."""
-        return self._graph.problems.of(resolve(name))
-
     # Services
 
     def call_service(

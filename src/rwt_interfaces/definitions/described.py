@@ -69,5 +69,6 @@ def _type(described: FieldType) -> WrittenType:
             return WrittenType(name, bound, is_array=True, length=capacity)
         case 2:
             return WrittenType(name, bound, is_array=True, bound=capacity)
-        case _:
+        case 3:
             return WrittenType(name, bound, is_array=True)
+    raise DefinitionError(f"type number {described['type_id']} is of no `.msg` file")

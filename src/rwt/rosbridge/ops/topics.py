@@ -53,9 +53,11 @@ class PeerTopics:
 
     def advertise(self, op: Advertise) -> None:
         """Make the client a publisher (ADV-01 … ADV-07)."""
+        is_new = not self._graph.advertises(resolve(op.topic))
         name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
         self._forget_publisher(name)
-        self._report_problems(op)
+        if is_new:
+            self._report_problems(op)
 
     def unadvertise(self, op: Unadvertise) -> None:
         """Withdraw one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
