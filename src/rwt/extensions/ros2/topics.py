@@ -244,6 +244,12 @@ class Ros2Topics:
                 writer.close()
             channel.writers[publisher] = Writer(connection, publisher, channel, offered)
         for each in topic.remote_subscribers:
+            if each.type is not None and each.type.rihs01 != publisher.type.rihs01:
+                self._problems.report(
+                    topic.name,
+                    f"{each.node or 'another program'} does not receive what is published on {topic.name} "
+                    f"here: it defines {each.type_name} otherwise; advertise the topic again",
+                )
             lacking = incompatible_policies(offered, each.qos)
             if lacking and each.node:  # Reported when its node is known.
                 self._problems.report(
@@ -262,8 +268,11 @@ class Ros2Topics:
                 continue
             if profile is not None:
                 type, owner, qos = profile
-
                 on_raw = partial(self._receive, topic, channel, type, history=history)
+                if reader is not None and reader.profile[0] is not type:
+                    # The middleware keeps one definition of a name while an endpoint uses it.
+                    reader.close()
+                    reader = None
                 if history:
                     # Subscriptions with history have received these from the other reader.
                     channel.last[True].update(channel.last[False])
@@ -292,6 +301,8 @@ class Ros2Topics:
         if publisher is None:
             self.find_publishers(topic.name)
             publisher = self.publishers.get(gid)
+        if publisher is not None and publisher.type is None:
+            return  # Its definition is another one, which is being asked for.
         stamp = self._clock.time_ns() if self._is_simulated else raw.stamp_ns
         sample = received_sample(topic.name, Payload.relayed_cdr(type, raw.data), stamp, publisher)
         if history and publisher is not None:

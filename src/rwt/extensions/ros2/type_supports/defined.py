@@ -30,6 +30,13 @@ from rwt_interfaces.structs import MessageType, ServiceType
 _FAST_CDR: Final = "rosidl_typesupport_fastrtps_c__identifier"
 _INTROSPECTION: Final = "rosidl_typesupport_introspection_c__identifier"
 
+#: Function of rmw_fastrtps before Kilted, which rejects a type without fields. Later ones know a type without
+#: them by its name alone.
+_REGISTER_FIELDS: Final = (
+    "_ZN23rmw_fastrtps_shared_cpp20register_type_objectEPK29rosidl_message_type_support_t"
+    "RKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEE"
+)
+
 _HASH_VERSION: Final = 1
 
 
@@ -58,6 +65,8 @@ class DefinedTypes:
         self._hashes: dict[int, int] = {}
         self._descriptions: dict[int, int] = {}
         self._introspections: dict[int, int] = {}
+        self._announced: dict[str, str] = {}
+        self._needs_fields = hasattr(rmw(), _REGISTER_FIELDS)
         self._no_sources = c.List()
         # Callbacks, which the middleware calls when an endpoint is made.
         self._find = c.Finder(self._found)
@@ -114,9 +123,11 @@ class DefinedTypes:
         )
         made = _Support(self._support_of(self._fast_cdr, ctypes.addressof(callbacks)))
         described = description(type.definition, type.registry)
-        introspected = Introspected(described, partial(self._support_of, self._introspection))
+        make = partial(self._support_of, self._introspection)
+        introspected = Introspected(described, make, self._announced)
         self._introspections |= {address: address for address in introspected.addresses}
-        self._introspections[made.address] = introspected.address
+        if introspected.is_first or self._needs_fields:
+            self._introspections[made.address] = introspected.address
         made.kept += (callbacks, introspected)
         self._describe(made, described, type_hash, type.registry)
         return made

@@ -7,6 +7,8 @@ the fields to tools.
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import json
 from collections.abc import Callable, Collection
 from typing import Final
 
@@ -79,22 +81,34 @@ def _literal(default: object) -> str:
 class Introspected:
     """Fields of a type as a middleware announces them; the memory lives as long as the object.
 
+    The middleware keeps the first description of a name for as long as the process lives. Another one of the
+    same name is made with a name of its own: readers and writers compare fields, not these names.
+
     Args:
         description: description of the type with those that it contains.
         make: makes a support of type introspection, given the address of its `MessageMembers`.
+        announced: fingerprint of the first type of each name in this process.
 
     Attributes:
         address: address of the type support of the type.
+        is_first: True if no other type of its name was made in this process.
     """
 
-    def __init__(self, description: Description, make: Callable[[int], c.MessageSupport]) -> None:
+    def __init__(
+        self,
+        description: Description,
+        make: Callable[[int], c.MessageSupport],
+        announced: dict[str, str],
+    ) -> None:
         self._make = make
+        self._announced = announced
         whole = description["type_description"]
         self._types = {each["type_name"]: each for each in description["referenced_type_descriptions"]}
         self._types[whole["type_name"]] = whole
         self._addresses: dict[str, int] = {}
         self._kept: list[object] = []
         self.address = self._support(whole["type_name"])
+        self.is_first = announced[whole["type_name"]] == self._fingerprint(whole["type_name"])
 
     @property
     def addresses(self) -> Collection[int]:
@@ -106,6 +120,9 @@ class Introspected:
             package, folder, short = name.split("/")
             fields = [self._field(field) for field in self._types[name]["fields"]]
             array = (c.IntrospectedField * len(fields))(*fields)
+            fingerprint = self._fingerprint(name)
+            if self._announced.setdefault(name, fingerprint) != fingerprint:
+                short = f"{short}_{fingerprint[:16]}"
             members = c.IntrospectedMessage(
                 f"{package}__{folder}".encode(),
                 short.encode(),
@@ -120,6 +137,13 @@ class Introspected:
             self._kept += [fields, array, members, support]
             self._addresses[name] = ctypes.addressof(support)
         return self._addresses[name]
+
+    def _fingerprint(self, name: str) -> str:
+        """Return a hash of a type and those that it contains."""
+        individual = self._types[name]
+        contained = {field["type"]["nested_type_name"] for field in individual["fields"]} - {""}
+        parts = [json.dumps(individual), *map(self._fingerprint, sorted(contained))]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _field(self, field: DescribedField) -> c.IntrospectedField:
         described = field["type"]

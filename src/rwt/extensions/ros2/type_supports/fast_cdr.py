@@ -18,6 +18,13 @@ from rwt.extensions.ros2.rcl import SerialisedMessage, check, rmw
 from rwt.extensions.ros2.type_supports import c_structures as c
 from rwt_graph.errors import Ros2Error
 
+#: Functions of `Cdr`: start of its buffer, present position, and skip.
+SYMBOLS: Final = (
+    "_ZN8eprosima7fastcdr3Cdr18get_buffer_pointerEv",
+    "_ZN8eprosima7fastcdr3Cdr20get_current_positionEv",
+    "_ZN8eprosima7fastcdr3Cdr4jumpEm",
+)
+
 #: Bytes of the header of a serialised message, which the middleware writes and reads itself.
 _HEADER_BYTES: Final = 4
 
@@ -44,17 +51,15 @@ class Unsupported(Exception):
 
 
 @cache
-def _cdr_functions() -> tuple[Any, Any, Any]:
-    """Return the functions of `Cdr`: start of its buffer, present position, and skip.
+def cdr_functions() -> tuple[Any, Any, Any]:
+    """Return the functions of :data:`SYMBOLS`.
 
     Raises:
         Unsupported: the middleware has other functions, or none.
     """
     loaded = rmw()  # Its symbols include those of the libraries that it needs.
     try:
-        start = loaded["_ZN8eprosima7fastcdr3Cdr18get_buffer_pointerEv"]
-        position = loaded["_ZN8eprosima7fastcdr3Cdr20get_current_positionEv"]
-        skip = loaded["_ZN8eprosima7fastcdr3Cdr4jumpEm"]
+        start, position, skip = (loaded[symbol] for symbol in SYMBOLS)
     except AttributeError as error:
         raise Unsupported(f"it does not serialise with Fast CDR 2: {error}") from None
     for function, result in ((start, ctypes.c_void_p), (position, ctypes.c_void_p), (skip, ctypes.c_bool)):
@@ -76,7 +81,7 @@ class Exchange:
     """
 
     def __init__(self) -> None:
-        self._start, self._position, self._skip = _cdr_functions()
+        self._start, self._position, self._skip = cdr_functions()
         # Bytes of a `Cdr` before the word that points to the end of its buffer; found by the check.
         self._end: int | None = None
         self._seen: list[tuple[int, bytes]] = []
