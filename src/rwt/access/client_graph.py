@@ -70,12 +70,10 @@ class UnknownTopicType(NotFound):
     """
 
     def __init__(self, topic: str, *, is_advertised: bool = False, problems: Sequence[str] = ()) -> None:
-        why = (
-            "of which only its publisher knows it: try again"
-            if is_advertised
-            else "which nobody has advertised"
-        )
-        super().__init__("; ".join(problems) or f"cannot infer the type of {topic}, {why}")
+        text = f"cannot infer the type of {topic}, which nobody has advertised"
+        if is_advertised:
+            text = f"the type of {topic} is not known yet: its publisher is being asked; try again"
+        super().__init__("; ".join(problems) or text)
         self.topic = topic
         self.is_advertised = is_advertised
 

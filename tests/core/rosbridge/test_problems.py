@@ -50,7 +50,7 @@ def test_an_unknown_type_is_not_reported_as_a_missing_topic(client: Client, grap
     thing(graph)
     client.say("set_level", level="error")
     client.say("subscribe", topic="/thing")
-    assert statuses(client)[-1][1].endswith("of which only its publisher knows it: try again")
+    assert statuses(client)[-1][1].endswith("its publisher is being asked; try again")
     graph.problems.report("/thing", PROBLEM)
     client.say("subscribe", topic="/thing")
     assert statuses(client)[-1] == ("error", f"subscribe: {PROBLEM}")

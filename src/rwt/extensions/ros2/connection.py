@@ -7,7 +7,8 @@ import logging
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.context import Context
@@ -44,13 +45,22 @@ def _gid_of(publisher: Any) -> bytes:
     return bytes(gid.data)[:GID_BYTES]
 
 
+@contextmanager
+def _rejection() -> Iterator[None]:
+    """Raise Ros2Error if ROS 2 rejects an endpoint, as it does two types of one name."""
+    try:
+        yield
+    except _rclpy.RCLError as error:
+        raise Ros2Error(str(error)) from error
+
+
 class Connection:
     """Open connection to ROS 2.
 
     Attributes:
         node: hidden node, whose view of the ROS graph is read; `owner` are its resources.
-        service_hashes: type hashes of services of other processes, by node, name and type. Used on the thread
-            that reads the ROS graph.
+        service_hashes: type hashes of requests and responses of services in other processes, by node, name
+            and type. Used on the thread that reads the ROS graph.
         wakeups: notifications of the endpoints.
         take: takes the next sample of a subscription, on the graph's thread.
         own_gids: publishers of this process, each with the time of its closing or infinity.
@@ -143,39 +153,43 @@ class Connection:
         """Make a raw publisher; return it with its GID.
 
         Raises:
-            NotInstalled: the middleware needs the package of its type, which is not installed.
+            Ros2Error: ROS 2 rejects it.
         """
         node = self.node_of(owner)
-        publisher = _rclpy.Publisher(node, self._types.message(type), topic, profiles.to_ros(qos))
+        with _rejection():
+            publisher = _rclpy.Publisher(node, self._types.message(type), topic, profiles.to_ros(qos))
         return publisher, _gid_of(publisher)
 
     def subscription(self, owner: NodeResources, topic: str, type: MessageType, qos: QoS) -> Any:
         """Make a raw subscription.
 
         Raises:
-            NotInstalled: the middleware needs the package of its type, which is not installed.
+            Ros2Error: ROS 2 rejects it.
         """
         made = self._types.message(type)
-        return _rclpy.Subscription(self.node_of(owner), made, topic, profiles.to_ros(qos))
+        with _rejection():
+            return _rclpy.Subscription(self.node_of(owner), made, topic, profiles.to_ros(qos))
 
     def service(self, owner: NodeResources, name: str, type: ServiceType) -> RawService:
         """Make a raw service.
 
         Raises:
-            NotInstalled: the middleware needs the package of its type, which is not installed.
+            Ros2Error: ROS 2 rejects it.
         """
         made, forms = self._types.service(type)
-        endpoint = _rclpy.Service(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
+        with _rejection():
+            endpoint = _rclpy.Service(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
         return RawService(endpoint, name, forms)
 
     def client(self, owner: NodeResources, name: str, type: ServiceType) -> RawClient:
         """Make a raw client of a service.
 
         Raises:
-            NotInstalled: the middleware needs the package of its type, which is not installed.
+            Ros2Error: ROS 2 rejects it.
         """
         made, forms = self._types.service(type)
-        endpoint = _rclpy.Client(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
+        with _rejection():
+            endpoint = _rclpy.Client(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
         return RawClient(endpoint, name, forms)
 
     def note_missing(self, name: str, error: NotInstalled) -> None:

@@ -198,7 +198,7 @@ def read(connection: Connection) -> Snapshot:
             endpoints[each.gid] = each
     nodes = Counter(name for name in names if not _is_hidden(name))
     services = frozenset(each for name in {*names} for each in _services(connection, name))
-    connection.service_hashes = {each[:3]: each[3:] for each in services if all(each)}
+    connection.service_hashes = {each[:3]: each[3:] for each in services}
     return Snapshot(began, nodes, endpoints, services)
 
 

@@ -228,7 +228,9 @@ class Ros2Services(OfferedServices[Connection]):
             return Server(connection, provider, self._services).close
         except NotInstalled as error:
             connection.note_missing(provider.name, error)
-            return None
+        except Ros2Error as error:
+            logger.warning("%s is only for clients of this server: %s", provider.name, error)
+        return None
 
     # Services of other processes
 

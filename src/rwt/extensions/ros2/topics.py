@@ -170,7 +170,6 @@ class Ros2Topics:
         self._is_simulated = not clock.is_real
         self._connection: Connection | None = None
         self._channels: dict[str, Channel] = {}
-        self._warned: set[str] = set()
 
     def open(self, connection: Connection) -> None:
         """Offer every topic of this process."""
@@ -213,9 +212,8 @@ class Ros2Topics:
             if isinstance(error, NotInstalled) and not is_used:
                 # Only this process uses the topic, such as the server's own nodes.
                 connection.note_missing(topic.name, error)
-            elif topic.name not in self._warned:
-                self._warned.add(topic.name)
-                logger.warning("%s is not exchanged with ROS 2: %s", topic.name, error)
+            else:
+                self._problems.report(topic.name, f"{topic.name} is not exchanged with ROS 2: {error}")
         if channel.empty:
             self._channels.pop(topic.name, None)
 

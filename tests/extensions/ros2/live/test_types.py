@@ -204,30 +204,38 @@ async def test_services_with_another_definition_are_not_called(
     assert stranger.service("/water") is None
 
 
+_RAW_CLIENT = f"""
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rwt.extensions.ros2.type_supports.calls import RawClient
+from rwt.extensions.ros2.type_supports.selection import type_supports
+from rwt_interfaces.registry import Registry
+registry = Registry()
+registry.add_text({_PLANT!r}, "garden_msgs/Plant")
+registry.add_text({_WATER!r}, "garden_msgs/Water", "srv")
+made, forms = type_supports().service(registry.service("garden_msgs/Water"))
+profile = qos.QoSProfile(depth=10).get_c_qos_profile()
+client = RawClient(rclpy_implementation.Client(node.handle, made, "/water", profile), "/water", forms)
+"""
+
+
 @pytest.mark.parametrize("body", [b"", b"\xff", b"\xff\xff\xff\xff" * 3, bytes(2**20)])
 async def test_a_malformed_request_ends_with_its_call(
-    gardener: Ros2Graph, other: Ros2Graph, body: bytes
+    gardener: Ros2Graph, program: Program, body: bytes
 ) -> None:
-    theirs = other.participant("/theirs")
-    theirs.advertise_service("/water", other.registry.service("garden_msgs/Water"), partial(_water, other))
-    await until(lambda: gardener.service("/water"))
     ours = gardener.participant("/ours")
-    _send_raw(gardener, ours, "/water", b"\0\1\0\0" + body)
-    answers: list[Any] = []
+    ours.advertise_service(
+        "/water", gardener.registry.service("garden_msgs/Water"), partial(_water, gardener)
+    )
+    program.run(_RAW_CLIENT)
+    await until(lambda: program.run("result = client.endpoint.service_server_is_available()"))
     request = payload(gardener, "garden_msgs/Water_Request", {"plant": {"heights": [4.0]}})
-    ours.call_service("/water", request, answers.append, 20)
-    await until(lambda: answers)
-    assert answers[0].value().litres == 4.0
-
-
-def _send_raw(graph: Ros2Graph, node: Any, name: str, data: bytes) -> None:
-    """Send a request by the node's client, which a first call makes."""
-    service = graph.service(name)
-    assert service is not None
-    first = Payload.from_value(service.type.request, {})
-    node.call_service(name, first, lambda _: None)
-    client = graph._ros_services._clients.made[node.owner, name]
-    client._raw.send(data)
+    for data in (b"\0\1\0\0" + body, request.cdr()):
+        program.run(f"sent = client.send(bytes.fromhex({data.hex()!r}))")
+    answers: list[Any] = []
+    take = "call = client.take(); result = [call.id.number == sent, call.data.hex()] if call else []"
+    await until(lambda: answers.extend(program.run(take)) or answers)
+    answer = payload(gardener, "garden_msgs/Water_Response", {"litres": 4.0})
+    assert answers == [True, answer.cdr().hex()]
 
 
 async def test_others_see_the_hash_and_a_program_may_use_the_installed_package_as_well(
@@ -265,7 +273,7 @@ async def test_a_middleware_of_another_kind_exchanges_installed_types(
 
     caplog.set_level(logging.INFO, "rwt.extensions.ros2")
     if ask == "words":
-        monkeypatch.setattr(fast_cdr, "_WORDS", 4)
+        monkeypatch.setattr(fast_cdr, "CDR_WORDS", 4)
     else:
         monkeypatch.setattr(fast_cdr, "SYMBOLS", ("no_such_function",) * 3)
         fast_cdr.cdr_functions.cache_clear()

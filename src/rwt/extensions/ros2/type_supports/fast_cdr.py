@@ -39,7 +39,7 @@ MESSAGE_BYTES: Final = 64
 
 #: Words of a `Cdr` in which the end of its buffer is looked for. It is a local variable of the caller, so
 #: that the memory behind it, of the caller's callers, is readable as well.
-_WORDS: Final = 48
+CDR_WORDS: Final = 48
 _WORD_BYTES: Final = ctypes.sizeof(ctypes.c_void_p)
 
 #: Lengths of the messages of the check, other than the header's.
@@ -114,7 +114,7 @@ class Exchange:
             if self._position(cdr) != start + _HEADER_BYTES:
                 raise Ros2Error("a message does not begin with its header")
             if self._end is None:
-                self._seen.append((start, ctypes.string_at(cdr, _WORDS * _WORD_BYTES)))
+                self._seen.append((start, ctypes.string_at(cdr, CDR_WORDS * _WORD_BYTES)))
                 return True
             size = ctypes.c_size_t.from_address(cdr + self._end).value - start
             if not _HEADER_BYTES <= size <= LARGEST_BYTES:
