@@ -57,8 +57,14 @@ class DefinedTypes:
 
     def __init__(self) -> None:
         self._exchange = Exchange()
-        self._fast_cdr, self._introspection = map(_identifier, (_FAST_CDR, _INTROSPECTION))
-        self._names = {ctypes.string_at(self._fast_cdr): False, ctypes.string_at(self._introspection): True}
+        fast_cdr, introspection = _identifier(_FAST_CDR), _identifier(_INTROSPECTION)
+        if fast_cdr is None:
+            raise Unsupported("it has no type supports of Fast CDR")
+        self._fast_cdr, self._introspection = fast_cdr, introspection
+        # True for the one that describes fields, which not every middleware uses.
+        self._names = {ctypes.string_at(fast_cdr): False}
+        if introspection is not None:
+            self._names[ctypes.string_at(introspection)] = True
         self._supports: dict[tuple[str, str], _Support] = {}
         self._classes: dict[tuple[str, str], Any] = {}
         # What the callbacks return, by the address of a support.
@@ -123,14 +129,21 @@ class DefinedTypes:
         )
         made = _Support(self._support_of(self._fast_cdr, ctypes.addressof(callbacks)))
         described = description(type.definition, type.registry)
+        made.kept.append(callbacks)
+        self._introspect(made, described)
+        self._describe(made, described, type_hash, type.registry)
+        return made
+
+    def _introspect(self, made: _Support, described: Description) -> None:
+        """Announce the fields of a message, if the middleware does that."""
+        if self._introspection is None:
+            return
         make = partial(self._support_of, self._introspection)
         introspected = Introspected(described, make, self._announced)
+        made.kept.append(introspected)
         self._introspections |= {address: address for address in introspected.addresses}
         if introspected.is_first or self._needs_fields:
             self._introspections[made.address] = introspected.address
-        made.kept += (callbacks, introspected)
-        self._describe(made, described, type_hash, type.registry)
-        return made
 
     def _support_of(self, identifier: int, data: int) -> c.MessageSupport:
         getters = self._get_hash, self._get_description, self._get_sources
@@ -158,19 +171,12 @@ class DefinedTypes:
         self._descriptions[made.address] = whole.address
 
 
-def _identifier(symbol: str) -> int:
-    """Return the address of the name of an implementation of type supports.
-
-    Raises:
-        Unsupported: the middleware does not use it.
-    """
+def _identifier(symbol: str) -> int | None:
+    """Return the address of the name of an implementation; None if the middleware does not use it."""
     try:
-        address = ctypes.c_void_p.in_dll(rmw(), symbol).value
+        return ctypes.c_void_p.in_dll(rmw(), symbol).value
     except ValueError:
-        address = None
-    if address is None:
-        raise Unsupported(f"it does not use {symbol.partition('__')[0]}")
-    return address
+        return None
 
 
 def _cpp_name(name: str) -> tuple[bytes, bytes]:
