@@ -401,7 +401,7 @@ class ClientGraph(GraphView):
         """
         name = self._require_publish("advertise", topic, qos)
         if self._gate is None or not self._gate.is_stop_topic(name):
-            self._acquire(name, self._type_of(name, type), mark, qos, lacks)
+            self._acquire(name, self._named_type(name, type), mark, qos, lacks)
         return name
 
     def _require_publish(self, verb: str, topic: str, qos: QoS | None) -> str:
@@ -535,15 +535,19 @@ class ClientGraph(GraphView):
         return self._shared.publishers.startup_samples(fanout.topic)
 
     def _type_of(self, name: str, type: str | None) -> MessageType:
-        info = self._graph.topic(name)
         if type:
-            wanted = self.registry.message(type)
-            # The robot may have a definition of its own.
-            return info.type if info and info.type and info.type.name == wanted.name else wanted
+            return self._named_type(name, type)
+        info = self._graph.topic(name)
         if info is None or info.type is None:
             is_advertised = info is not None and bool(info.publishers)
             raise UnknownTopicType(name, is_advertised=is_advertised, problems=self.problems(name))
         return info.type
+
+    def _named_type(self, name: str, type: str) -> MessageType:
+        """Return the message type of that name; of a topic that has it, with the definition of the robot."""
+        wanted = self.registry.message(type)
+        info = self._graph.topic(name)
+        return info.type if info and info.type and info.type.name == wanted.name else wanted
 
     # Services
 
