@@ -486,6 +486,8 @@ class Graph(GraphListings):
         limitations: what the backend cannot do.
         dds_rules: True if publishers and subscriptions with incompatible QoS are not connected.
         in_batch: calls a function that delivers what other processes sent; servers send the results at once.
+        may_retain: returns True if a backend may retain samples of a volatile publisher of a topic, for
+            subscribers in other processes that request it.
         observers: called when the connection to other processes is lost or restored, by backends that
             notice it.
     """
@@ -493,6 +495,7 @@ class Graph(GraphListings):
     limitations: frozenset[Limitation] = frozenset()
     dds_rules: bool = False
     in_batch: Callable[[Callable[[], None]], None] = staticmethod(lambda call: call())
+    may_retain: Callable[[str], bool] = staticmethod(lambda topic: True)
     distro: Distro
     registry: Registry
     clock: Clock

@@ -66,6 +66,7 @@ class GraphBridge:
         )
         self._second.observers.add(self._pass_on)
         self._second.problems.observers.add(self._first.problems.report)
+        self._second.may_retain = lambda topic: self._first.may_retain(topic)
         self._first.spawn(self._run, "bridge of two graphs")
 
     def _pass_on(self, text: str, is_connected: bool) -> None:

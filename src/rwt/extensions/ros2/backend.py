@@ -86,7 +86,9 @@ class Ros2Graph(DistributedGraph):
         self._use_callbacks = use_callbacks
         self._connection: Connection | None = None
         self._time_source: MemoryParticipant | None = None
-        self._ros_topics = Ros2Topics(self.topic_table, self.clock, self.problems)
+        self._ros_topics = Ros2Topics(
+            self.topic_table, self.clock, self.problems, lambda topic: self.may_retain(topic)
+        )
         types = DescribedTypes(self.registry)
         self._ros_services = Ros2Services(self.service_table, types, self.clock, self.problems)
         self._discovery = Discovery(self, self._ros_topics, self._ros_services, types)

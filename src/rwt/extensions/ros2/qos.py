@@ -51,14 +51,17 @@ def from_ros(policies: Mapping[str, Any]) -> QoS:
     )
 
 
-def adapted(offered: QoS, requests: Iterable[QoS]) -> QoS:
+def adapted(offered: QoS, requests: Iterable[QoS], *, may_retain: bool = True) -> QoS:
     """Return the policies of a publisher that subscriptions of other processes receive from.
 
     A publisher that retains samples, or sends them reliably, also reaches those that do not request it.
     Deadline and liveliness are promises of the program that publishes, and stay.
+
+    Args:
+        may_retain: False to leave durability as it is.
     """
     requests = tuple(requests)
-    if any(each.durability is Durability.TRANSIENT_LOCAL for each in requests):
+    if may_retain and any(each.durability is Durability.TRANSIENT_LOCAL for each in requests):
         offered = replace(offered, durability=Durability.TRANSIENT_LOCAL)
     if any(each.reliability is Reliability.RELIABLE for each in requests):
         offered = replace(offered, reliability=Reliability.RELIABLE)

@@ -161,8 +161,11 @@ class Ros2Topics:
         find_publishers: reads the publishers of a topic at once, for a sample that overtook their discovery.
     """
 
-    def __init__(self, topics: Topics, clock: Clock, problems: Problems) -> None:
+    def __init__(
+        self, topics: Topics, clock: Clock, problems: Problems, may_retain: Callable[[str], bool]
+    ) -> None:
         self._problems = problems
+        self._may_retain = may_retain
         self.publishers: dict[bytes, RemoteEndpoint] = {}
         self.find_publishers: Callable[[str], None] = lambda _: None
         self._topics = topics
@@ -233,7 +236,8 @@ class Ros2Topics:
         """
         writer = channel.writers.get(publisher)
         before = publisher.qos if writer is None else writer.offered
-        offered = adapted(before, (each.qos for each in topic.remote_subscribers))
+        requests = (each.qos for each in topic.remote_subscribers)
+        offered = adapted(before, requests, may_retain=self._may_retain(topic.name))
         if writer is None or offered != before:
             if offered != before:
                 policies = f"{offered.reliability.value} and {offered.durability.value}"

@@ -343,6 +343,20 @@ another = node.create_subscription(String, '/command', print, hasty)
     await until(lambda: not graph.problems.of("/command"))
 
 
+async def test_commands_that_a_stop_must_end_are_not_retained(graph: Ros2Graph, program: Program) -> None:
+    graph.may_retain = lambda topic: topic != "/command"
+    text = graph.registry.message("std_msgs/String")
+    graph.participant("/ours").advertise("/command", text)
+    program.run(
+        """
+kept = qos.QoSProfile(depth=5, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
+subscription = node.create_subscription(String, '/command', print, kept)
+"""
+    )
+    await until(lambda: graph.problems.of("/command"))
+    assert "it requests a durability that the publisher does not offer" in graph.problems.of("/command")[0]
+
+
 async def test_a_domain_without_ports_is_rejected(domain: int) -> None:
     from rwt.extensions.ros2 import Ros2Graph
 
