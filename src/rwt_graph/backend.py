@@ -17,6 +17,8 @@ Rules:
 * What belongs to a node (:class:`NodeResources`) is released when it leaves; `private` ones are not announced.
 * Samples of a transient-local publisher of another process are kept in `RemoteEndpoint.cache`, while this
   process subscribes, and belong to that publisher.
+* What cannot be exchanged, such as a topic of an unknown type, is reported by `problems.report`, which tells
+  the clients that use it.
 * What a backend cannot do, it declares in `limitations`, in one place (:class:`~rwt_graph.api.Limitation`).
 
 `tests/contract/graph` holds the tests that all backends pass; its `harness` module says how to run them on

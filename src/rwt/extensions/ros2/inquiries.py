@@ -27,7 +27,7 @@ PATIENCE_SECONDS: Final = 3.0
 _ANSWER_SECONDS: Final = 5.0
 
 #: Maximum unanswered questions, and nodes that are asked for one type.
-_MOST_OPEN: Final = 8
+MOST_OPEN: Final = 8
 _MOST_NODES: Final = 20
 
 _SERVICE: Final = "get_type_description"
@@ -120,7 +120,7 @@ class Inquiries:
     def follow(self) -> None:
         """Ask what can be asked: after each reading of the ROS graph."""
         waiting = [each for each in self._inquiries.values() if not each.has_ended]
-        room = _MOST_OPEN - sum(bool(each.asking) for each in waiting)
+        room = MOST_OPEN - sum(bool(each.asking) for each in waiting)
         now = self._clock.monotonic()
         has_ended = False
         for inquiry in waiting:
