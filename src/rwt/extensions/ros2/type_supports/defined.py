@@ -22,7 +22,7 @@ from rwt.extensions.ros2.type_supports.capsules import class_of
 from rwt.extensions.ros2.type_supports.descriptions import DescribedInC, Introspected
 from rwt.extensions.ros2.type_supports.fast_cdr import MESSAGE_BYTES, Exchange, SerialisedForm, Unsupported
 from rwt_interfaces.definitions.actionlib import EVENT
-from rwt_interfaces.definitions.hashes import Description, description, service_description
+from rwt_interfaces.definitions.hashes import Description, description, hash_of, service_description
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType, ServiceType
 
@@ -96,10 +96,11 @@ class DefinedTypes:
 
     def service(self, type: ServiceType) -> tuple[Any, Forms]:
         """Return the class of a service, and the forms of one endpoint of it."""
-        key = name, _ = type.request.registry.type_name(type), type.rihs01
+        name, described = type.request.registry.type_name(type), _service_description(type)
+        key = name, hash_of(described)
         support = self._supports.get(key)
         if support is None:
-            support = self._supports[key] = self._new_service(type, *key)
+            support = self._supports[key] = self._new_service(type, name, described)
         forms = [SerialisedForm(self._exchange, f"{name}_{part}") for part in ("Request", "Response")]
         return self._class(key, support), Forms(*forms)
 
@@ -113,10 +114,10 @@ class DefinedTypes:
         key = type.registry.type_name(type), type.rihs01
         found = self._supports.get(key)
         if found is None:
-            found = self._supports[key] = self._new_message(type, *key)
+            found = self._supports[key] = self._new_message(type, key[0])
         return found
 
-    def _new_message(self, type: MessageType, name: str, type_hash: str) -> _Support:
+    def _new_message(self, type: MessageType, name: str) -> _Support:
         exchange, (namespace, short) = self._exchange, _cpp_name(name)
         callbacks = c.MessageCallbacks(
             namespace,
@@ -131,7 +132,7 @@ class DefinedTypes:
         described = description(type.definition, type.registry)
         made.kept.append(callbacks)
         self._introspect(made, described)
-        self._describe(made, described, type_hash, type.registry)
+        self._describe(made, described, type.registry)
         return made
 
     def _introspect(self, made: _Support, described: Description) -> None:
@@ -149,26 +150,35 @@ class DefinedTypes:
         getters = self._get_hash, self._get_description, self._get_sources
         return c.MessageSupport(identifier, data, self._find, *getters)
 
-    def _new_service(self, type: ServiceType, name: str, type_hash: str) -> _Support:
+    def _new_service(self, type: ServiceType, name: str, described: Description) -> _Support:
         registry = type.request.registry
-        messages = (type.request, type.response, registry.message(f"{name}{EVENT}"))
+        has_events = registry.distro.introspects_calls
+        event = registry.message(f"{name}{EVENT}") if has_events else type.request
+        messages = (type.request, type.response, event)
         parts = [self._message(each).address for each in messages]
         callbacks = c.ServiceCallbacks(*_cpp_name(name), *parts[:2])
         getters = self._get_hash, self._get_description, self._get_sources
         data = ctypes.addressof(callbacks)
         made = _Support(c.ServiceSupport(self._fast_cdr, data, self._find, *parts, None, None, *getters))
         made.kept.append(callbacks)
-        described = service_description(type.definition, name, registry)
-        self._describe(made, described, type_hash, registry)
+        self._describe(made, described, registry)
         return made
 
-    def _describe(self, made: _Support, description: Description, type_hash: str, registry: Registry) -> None:
+    def _describe(self, made: _Support, description: Description, registry: Registry) -> None:
         """Set what the getters return for a support."""
-        value = (ctypes.c_uint8 * 32)(*bytes.fromhex(type_hash.rpartition("_")[2]))
+        value = (ctypes.c_uint8 * 32)(*bytes.fromhex(hash_of(description).rpartition("_")[2]))
         hashed, whole = c.TypeHash(_HASH_VERSION, value), DescribedInC(description, registry)
         made.kept += (hashed, whole)
         self._hashes[made.address] = ctypes.addressof(hashed)
         self._descriptions[made.address] = whole.address
+
+
+def _service_description(type: ServiceType) -> Description:
+    """Return the description of a service; before ROS 2 Iron, services have none, nor hashes."""
+    registry = type.request.registry
+    if registry.distro.introspects_calls:
+        return service_description(type.definition, registry.type_name(type), registry)
+    return description(type.request.definition, registry)
 
 
 def _identifier(symbol: str) -> int | None:
