@@ -71,7 +71,7 @@ class FieldType(TypedDict):
     nested_type_name: str
 
 
-class DescribedField(TypedDict):
+class FieldDescription(TypedDict):
     """Field as RIHS01 describes it."""
 
     name: str
@@ -82,7 +82,7 @@ class Individual(TypedDict):
     """One message or service as RIHS01 describes it."""
 
     type_name: str
-    fields: list[DescribedField]
+    fields: list[FieldDescription]
 
 
 class Description(TypedDict):

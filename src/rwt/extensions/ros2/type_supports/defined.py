@@ -20,7 +20,7 @@ from rwt.extensions.ros2.type_supports import c_structures as c
 from rwt.extensions.ros2.type_supports.calls import Forms
 from rwt.extensions.ros2.type_supports.capsules import class_of
 from rwt.extensions.ros2.type_supports.descriptions import DescribedInC, Introspected
-from rwt.extensions.ros2.type_supports.fast_cdr import MESSAGE_BYTES, Exchange, SerialisedForm, Unsupported
+from rwt.extensions.ros2.type_supports.fast_cdr import MESSAGE_BYTES, CdrExchange, SerialisedForm, Unsupported
 from rwt_interfaces.definitions.actionlib import EVENT
 from rwt_interfaces.definitions.hashes import Description, description, hash_of, service_description
 from rwt_interfaces.registry import Registry
@@ -48,6 +48,64 @@ class _Support:
         self.kept: list[object] = [support]
 
 
+class _Answers:
+    """Callbacks of all type supports, and what they return by the address of a support.
+
+    The middleware calls them when an endpoint is made.
+
+    Raises:
+        Unsupported: the middleware has no type supports of Fast CDR.
+    """
+
+    def __init__(self) -> None:
+        fast_cdr, introspection = _identifier(_FAST_CDR), _identifier(_INTROSPECTION)
+        if fast_cdr is None:
+            raise Unsupported("it has no type supports of Fast CDR")
+        self.fast_cdr = fast_cdr
+        self._introspection = introspection
+        self._texts = [ctypes.string_at(each) for each in (fast_cdr, introspection) if each is not None]
+        self._announced: dict[str, str] = {}
+        self._needs_fields = hasattr(rmw(), _REGISTER_FIELDS)
+        self._hashes: dict[int, int] = {}
+        self._descriptions: dict[int, int] = {}
+        self._introspecting: dict[int, int] = {}
+        self._no_sources = c.List()
+        self.find = c.Finder(self._found)
+        self.getters = (
+            c.Getter(self._hashes.get),
+            c.Getter(self._descriptions.get),
+            c.Getter(lambda _: ctypes.addressof(self._no_sources)),
+        )
+
+    def _found(self, support: int, identifier: bytes) -> int | None:
+        """Return the type support of one implementation; None of any other."""
+        if identifier not in self._texts:
+            return None
+        return support if identifier == self._texts[0] else self._introspecting.get(support)
+
+    def support(self, identifier: int, data: int) -> c.MessageSupport:
+        """Return a new type support of a message."""
+        return c.MessageSupport(identifier, data, self.find, *self.getters)
+
+    def describe(self, made: _Support, description: Description, registry: Registry) -> None:
+        """Set hash and description of a support."""
+        value = (ctypes.c_uint8 * 32)(*bytes.fromhex(hash_of(description).rpartition("_")[2]))
+        hashed, whole = c.TypeHash(_HASH_VERSION, value), DescribedInC(description, registry)
+        made.kept += (hashed, whole)
+        self._hashes[made.address] = ctypes.addressof(hashed)
+        self._descriptions[made.address] = whole.address
+
+    def introspect(self, made: _Support, description: Description) -> None:
+        """Announce the fields of a message; no-op if the middleware does not."""
+        if self._introspection is None:
+            return
+        introspected = Introspected(description, partial(self.support, self._introspection), self._announced)
+        made.kept.append(introspected)
+        self._introspecting.update((address, address) for address in introspected.addresses)
+        if introspected.is_first or self._needs_fields:
+            self._introspecting[made.address] = introspected.address
+
+
 class DefinedTypes:
     """Type supports of this process, by name and hash.
 
@@ -56,39 +114,13 @@ class DefinedTypes:
     """
 
     def __init__(self) -> None:
-        self._exchange = Exchange()
-        fast_cdr, introspection = _identifier(_FAST_CDR), _identifier(_INTROSPECTION)
-        if fast_cdr is None:
-            raise Unsupported("it has no type supports of Fast CDR")
-        self._fast_cdr, self._introspection = fast_cdr, introspection
-        # True for the one that describes fields, which not every middleware uses.
-        self._names = {ctypes.string_at(fast_cdr): False}
-        if introspection is not None:
-            self._names[ctypes.string_at(introspection)] = True
+        self._exchange = CdrExchange()
+        self._answers = _Answers()
         self._supports: dict[tuple[str, str], _Support] = {}
         self._classes: dict[tuple[str, str], Any] = {}
-        # What the callbacks return, by the address of a support.
-        self._hashes: dict[int, int] = {}
-        self._descriptions: dict[int, int] = {}
-        self._introspections: dict[int, int] = {}
-        self._announced: dict[str, str] = {}
-        self._needs_fields = hasattr(rmw(), _REGISTER_FIELDS)
-        self._no_sources = c.List()
-        # Callbacks, which the middleware calls when an endpoint is made.
-        self._find = c.Finder(self._found)
-        self._get_hash = c.Getter(self._hashes.get)
-        self._get_description = c.Getter(self._descriptions.get)
-        self._get_sources = c.Getter(lambda _: ctypes.addressof(self._no_sources))
         memory = ctypes.create_string_buffer(MESSAGE_BYTES)
         probe = self._message(Registry().message("std_msgs/Empty"))
         self._exchange.check(probe.address, ctypes.addressof(memory))
-
-    def _found(self, support: int, identifier: bytes) -> int | None:
-        """Return the type support of one implementation; None of any other."""
-        introspects = self._names.get(identifier)
-        if introspects is None:
-            return None
-        return self._introspections.get(support) if introspects else support
 
     def message(self, type: MessageType) -> Any:
         """Return the class of a message for raw publishers and subscriptions."""
@@ -128,27 +160,12 @@ class DefinedTypes:
             exchange.maximum_size,
             None,
         )
-        made = _Support(self._support_of(self._fast_cdr, ctypes.addressof(callbacks)))
-        described = description(type.definition, type.registry)
+        answers, described = self._answers, description(type.definition, type.registry)
+        made = _Support(answers.support(answers.fast_cdr, ctypes.addressof(callbacks)))
         made.kept.append(callbacks)
-        self._introspect(made, described)
-        self._describe(made, described, type.registry)
+        answers.introspect(made, described)
+        answers.describe(made, described, type.registry)
         return made
-
-    def _introspect(self, made: _Support, described: Description) -> None:
-        """Announce the fields of a message, if the middleware does that."""
-        if self._introspection is None:
-            return
-        make = partial(self._support_of, self._introspection)
-        introspected = Introspected(described, make, self._announced)
-        made.kept.append(introspected)
-        self._introspections |= {address: address for address in introspected.addresses}
-        if introspected.is_first or self._needs_fields:
-            self._introspections[made.address] = introspected.address
-
-    def _support_of(self, identifier: int, data: int) -> c.MessageSupport:
-        getters = self._get_hash, self._get_description, self._get_sources
-        return c.MessageSupport(identifier, data, self._find, *getters)
 
     def _new_service(self, type: ServiceType, name: str, described: Description) -> _Support:
         registry = type.request.registry
@@ -157,20 +174,12 @@ class DefinedTypes:
         messages = (type.request, type.response, event)
         parts = [self._message(each).address for each in messages]
         callbacks = c.ServiceCallbacks(*_cpp_name(name), *parts[:2])
-        getters = self._get_hash, self._get_description, self._get_sources
-        data = ctypes.addressof(callbacks)
-        made = _Support(c.ServiceSupport(self._fast_cdr, data, self._find, *parts, None, None, *getters))
+        answers, data = self._answers, ctypes.addressof(callbacks)
+        support = c.ServiceSupport(answers.fast_cdr, data, answers.find, *parts, None, None, *answers.getters)
+        made = _Support(support)
         made.kept.append(callbacks)
-        self._describe(made, described, registry)
+        answers.describe(made, described, registry)
         return made
-
-    def _describe(self, made: _Support, description: Description, registry: Registry) -> None:
-        """Set what the getters return for a support."""
-        value = (ctypes.c_uint8 * 32)(*bytes.fromhex(hash_of(description).rpartition("_")[2]))
-        hashed, whole = c.TypeHash(_HASH_VERSION, value), DescribedInC(description, registry)
-        made.kept += (hashed, whole)
-        self._hashes[made.address] = ctypes.addressof(hashed)
-        self._descriptions[made.address] = whole.address
 
 
 def _service_description(type: ServiceType) -> Description:

@@ -14,7 +14,7 @@ from typing import Final
 
 from rwt.extensions.ros2.type_supports import c_structures as c
 from rwt.extensions.ros2.type_supports.fast_cdr import MESSAGE_BYTES
-from rwt_interfaces.definitions.hashes import DescribedField, Description, FieldType, Individual
+from rwt_interfaces.definitions.hashes import Description, FieldDescription, FieldType, Individual
 from rwt_interfaces.registry import Registry
 
 #: Type numbers of RIHS01, without those of arrays, and the ones of `rosidl_typesupport_introspection_c`.
@@ -145,7 +145,7 @@ class Introspected:
         parts = [json.dumps(individual), *map(self._fingerprint, sorted(contained))]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
-    def _field(self, field: DescribedField) -> c.IntrospectedField:
+    def _field(self, field: FieldDescription) -> c.IntrospectedField:
         described = field["type"]
         kind, number = divmod(described["type_id"], _KIND)
         is_nested = _INTROSPECTED[number] == _MESSAGE

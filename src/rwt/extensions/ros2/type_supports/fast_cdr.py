@@ -2,7 +2,7 @@
 
 The middleware has no serialised form of requests and responses: it calls a function of their type support
 with a `Cdr` and the address of a message. Here that address is only a key: no memory is behind it that a
-callback reads, and :class:`Exchange` finds the bytes by it.
+callback reads, and :class:`CdrExchange` finds the bytes by it.
 
 A `Cdr` has no function that returns the end of what it reads. :func:`check` finds the word that points there,
 by messages of known lengths, and reports everything that differs from what is expected.
@@ -69,7 +69,7 @@ def cdr_functions() -> tuple[Any, Any, Any]:
     return start, position, skip
 
 
-class Exchange:
+class CdrExchange:
     """Callbacks of all messages, and the bytes of those that are being sent or taken.
 
     A callback never raises: it returns False, by which the middleware fails, and :meth:`reraise` raises the
@@ -211,7 +211,7 @@ class SerialisedForm:
         name: full name of the message, for errors.
     """
 
-    def __init__(self, exchange: Exchange, name: str) -> None:
+    def __init__(self, exchange: CdrExchange, name: str) -> None:
         self._exchange = exchange
         self._name = name
         self._memory = ctypes.create_string_buffer(MESSAGE_BYTES)
