@@ -23,7 +23,7 @@ from bench.peers.bare_loop import ACCEPTED
 from rwt.extensions.ros2 import add_installed
 from rwt.extensions.ros2.qos import to_ros
 from rwt.extensions.ros2.rcl import raw_take
-from rwt.extensions.ros2.type_supports import message_class
+from rwt.extensions.ros2.type_supports.selection import type_supports
 from rwt.extensions.ros2.wakeups import Wakeup, load_rcl
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -53,7 +53,8 @@ def serve(topic: str, type_name: str) -> None:
     type = registry.message(type_name)
     rclpy.init()
     node = rclpy.create_node("floor", start_parameter_services=False)
-    subscription = _rclpy.Subscription(node.handle, message_class(type), topic, to_ros(QoS(depth=10)))
+    made = type_supports().message(type)
+    subscription = _rclpy.Subscription(node.handle, made, topic, to_ros(QoS(depth=10)))
     waiting = select.epoll()
     descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
     wakeup = Wakeup("subscription", subscription, lambda: False, descriptor)

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 from msgspec import Struct
 
+from rwt_graph.problems import Problems
 from rwt_participant.api import EndpointInfo as EndpointInfo
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
@@ -528,6 +529,8 @@ class Graph(GraphListings):
         limitations: what the backend cannot do.
         dds_rules: True if publishers and subscriptions with incompatible QoS are not connected.
         in_batch: calls a function that delivers what other processes sent; servers send the results at once.
+        may_retain: returns True if a backend may retain samples of a volatile publisher of a topic, for
+            subscribers in other processes that request it.
         observers: called when the connection to other processes is lost or restored, by backends that
             notice it.
     """
@@ -535,6 +538,7 @@ class Graph(GraphListings):
     limitations: frozenset[Limitation] = frozenset()
     dds_rules: bool = False
     in_batch: Callable[[Callable[[], None]], None] = staticmethod(lambda call: call())
+    may_retain: Callable[[str], bool] = staticmethod(lambda topic: True)
     distro: Distro
     registry: Registry
     clock: Clock
@@ -548,6 +552,11 @@ class Graph(GraphListings):
     @cached_property
     def observers(self) -> set[OnConnection]:
         return set()
+
+    @cached_property
+    def problems(self) -> Problems:
+        """Reasons why topics and services of other processes cannot be used, as far as the backend knows."""
+        return Problems()
 
     @abstractmethod
     def participant(self, name: str, *, for_clients: bool = False) -> Participant:

@@ -22,6 +22,8 @@ Rules:
 * The robot displaces what clients of a server hold, here and in other processes: `remote_joined` and
   :class:`RemoteServiceTable` do so for clients of this process. A backend that
   overrides `participant` passes `for_clients` on.
+* What cannot be exchanged, such as a topic of an unknown type, is reported by `problems.report`, which tells
+  the clients that use it.
 * What a backend cannot do, it declares in `limitations`, in one place (:class:`~rwt_graph.api.Limitation`).
 
 `tests/contract/graph` holds the tests that all backends pass; its `harness` module says how to run them on

@@ -66,6 +66,8 @@ class GraphBridge:
         first, second = _Nodes(self._first), _Nodes(self._second)
         self._directions = _Direction(first, second), _Direction(second, first)
         self._second.observers.add(self._pass_on)
+        self._second.problems.observers.add(self._first.problems.report)
+        self._second.may_retain = lambda topic: self._first.may_retain(topic)
         self._first.spawn(self._run, "bridge of two graphs")
 
     def _pass_on(self, text: str, is_connected: bool) -> None:
@@ -85,6 +87,7 @@ class GraphBridge:
     def close(self) -> None:
         """Relay no more, and leave both graphs."""
         self._second.observers.discard(self._pass_on)
+        self._second.problems.observers.discard(self._first.problems.report)
         for direction in self._directions:
             direction.close()
         self._directions = ()

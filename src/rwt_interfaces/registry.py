@@ -401,6 +401,9 @@ class Registry:
         return name
 
     def _three_part_name(self, interface: MessageType | ServiceType | ActionType) -> str:
+        owner = interface.parts[0].registry
+        if owner is not self:  # A type that contradicts this registry, whose name may be unknown here.
+            return owner.type_name(interface)
         if isinstance(interface, ServiceType):
             package, short = interface.name.split("/")
             made_by_rule = self._read("srv", package, short) is None

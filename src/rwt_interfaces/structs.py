@@ -287,7 +287,7 @@ class ServiceType:
         """ROS 1's md5 sum, 32 hexadecimal digits."""
         from rwt_interfaces.definitions import hashes
 
-        return hashes.service_md5(self._definition, self.request.registry)
+        return hashes.service_md5(self.definition, self.request.registry)
 
     @property
     def rihs01(self) -> str:
@@ -295,7 +295,7 @@ class ServiceType:
         from rwt_interfaces.definitions import hashes
 
         registry = self.request.registry
-        return hashes.service_rihs01(self._definition, registry.type_name(self), registry)
+        return hashes.service_rihs01(self.definition, registry.type_name(self), registry)
 
     @property
     def announced_hash(self) -> str:
@@ -303,7 +303,8 @@ class ServiceType:
         return self.rihs01 if self.request.registry.distro.type_hash == "rihs01" else NO_TYPE_HASH
 
     @property
-    def _definition(self) -> ServiceDefinition:
+    def definition(self) -> ServiceDefinition:
+        """Definition of the service."""
         return ServiceDefinition(self.name, self.request.definition, self.response.definition)
 
 

@@ -101,6 +101,8 @@ class Access:
         self._policy = ServerPolicy(all_disclosures, setting_parameters(all_disclosures), self._reserved)
         self.audit = Audit()
         self.gate = self._gate_of(graph, settings.gate)
+        if self.gate is not None:
+            graph.may_retain = self.may_latch
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
         self._open_responses: dict[object, _OpenResponse] = {}
 

@@ -16,6 +16,7 @@ from rwt.access.disclosure import Disclosures, OutcomeFilter, restrict, written_
 from rwt.access.errors import NotAllowed, QuotaExceeded
 from rwt.access.graph_view import NOBODY, STOP, GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, ASKER, WORK_ACCOUNT
+from rwt_graph.actions.names import SEND_GOAL
 from rwt_graph.names import resolve
 from rwt_interfaces.steps import Steps, finished
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
@@ -65,11 +66,19 @@ _IMPLICIT: Final = object()
 
 
 class UnknownTopicType(NotFound):
-    """The topic has not been advertised, and no type was given."""
+    """The type of the topic is not known, and none was given.
 
-    def __init__(self, topic: str) -> None:
-        super().__init__(f"cannot infer the type of {topic}, which nobody has advertised")
+    Attributes:
+        is_advertised: True if another program has advertised the topic, with an unknown type.
+    """
+
+    def __init__(self, topic: str, *, is_advertised: bool = False, problems: Sequence[str] = ()) -> None:
+        text = f"cannot infer the type of {topic}, which nobody has advertised"
+        if is_advertised:
+            text = f"the type of {topic} is not known yet: its publisher is being asked; try again"
+        super().__init__("; ".join(problems) or text)
         self.topic = topic
+        self.is_advertised = is_advertised
 
 
 class _Call:
@@ -414,7 +423,7 @@ class ClientGraph(GraphView):
         """
         name = self._require_publish("advertise", topic, qos)
         if self._gate is None or not self._gate.is_stop_topic(name):
-            self._acquire(name, self.registry.message(type), mark, qos, lacks)
+            self._acquire(name, self._named_type(name, type), mark, qos, lacks)
         return name
 
     def _require_publish(self, verb: str, topic: str, qos: QoS | None) -> str:
@@ -424,6 +433,10 @@ class ClientGraph(GraphView):
         if self._gate is not None:
             self._gate.check_publisher(name, qos)
         return name
+
+    def advertises(self, topic: str) -> bool:
+        """Return True if the client is a publisher of the topic with that absolute name."""
+        return topic in self._advertised
 
     def unadvertise(self, topic: str, mark: Hashable = None) -> bool:
         """Withdraw one advertisement, or all of this client for the topic. Returns False if it had none.
@@ -560,11 +573,18 @@ class ClientGraph(GraphView):
 
     def _type_of(self, name: str, type: str | None) -> MessageType:
         if type:
-            return self.registry.message(type)
+            return self._named_type(name, type)
         info = self._graph.topic(name)
         if info is None or info.type is None:
-            raise UnknownTopicType(name)
+            is_advertised = info is not None and bool(info.publishers)
+            raise UnknownTopicType(name, is_advertised=is_advertised, problems=self.problems(name))
         return info.type
+
+    def _named_type(self, name: str, type: str) -> MessageType:
+        """Return the message type of that name; of a topic that has it, with the definition of the robot."""
+        wanted = self.registry.message(type)
+        info = self._graph.topic(name)
+        return info.type if info and info.type and info.type.name == wanted.name else wanted
 
     # Services
 
@@ -596,7 +616,7 @@ class ClientGraph(GraphView):
         is_gates = gate is not None and name in self._open_services
         info = self._graph.service(name)
         if info is None:
-            raise ProviderNotFound(f"Service {name} does not exist")
+            raise ProviderNotFound("; ".join(self.problems(name)) or f"Service {name} does not exist")
         if gate is not None and is_gates and name == STOP:
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
@@ -696,7 +716,8 @@ class ClientGraph(GraphView):
         name = self._admit("send_goal", action)
         info = self._graph.action(name)
         if info is None:
-            raise ProviderNotFound(f"Action {name} does not exist")
+            problems = self.problems(f"{name}{SEND_GOAL}")
+            raise ProviderNotFound("; ".join(problems) or f"Action {name} does not exist")
         gate = self._gate
         needed: Needed = []
         with ExitStack() as charges:

@@ -135,6 +135,12 @@ class GraphView(GraphListings):
         absolute = canonical(name)
         return self._graph.action(absolute) if self.role.sees_action(absolute) else None
 
+    def problems(self, name: str) -> tuple[str, ...]:
+        """Return why a topic or service of another process cannot be used; nothing about hidden ones."""
+        absolute, role = canonical(name), self.role
+        is_visible = role.sees_topic(absolute) or role.sees_service(absolute)
+        return self._graph.problems.of(absolute) if is_visible else ()
+
     def hidden(self) -> dict[str, int]:
         """Return how many topics, services and actions are hidden."""
         graph = self._graph

@@ -147,6 +147,7 @@ class ConnectionGateway(Gateway, Generic[C]):
         self._clients: dict[int, C] = {}
         self._count = 0
         graph.observers.add(self._on_connection)
+        graph.problems.observers.add(self._on_problem)
 
     @property
     def clients(self) -> tuple[C, ...]:
@@ -163,9 +164,15 @@ class ConnectionGateway(Gateway, Generic[C]):
         for client in self.clients:
             client.report_connection(text, is_connected)
 
+    def _on_problem(self, name: str, text: str) -> None:
+        """Report to the clients that use a topic why that is not possible."""
+        for client in self.clients:
+            client.report_problem(name, text)
+
     def close(self) -> None:
         """See :meth:`Gateway.close`."""
         self.shared.graph.observers.discard(self._on_connection)
+        self.shared.graph.problems.observers.discard(self._on_problem)
         super().close()
 
     @abstractmethod
@@ -439,6 +446,10 @@ class ConnectedClient(ABC, Generic[T, W]):
     @abstractmethod
     def _names_stop(self, data: bytes, binary: bool) -> bool:
         """Return True if a small frame may be for the emergency stop. Decodes nothing."""
+
+    @abstractmethod
+    def report_problem(self, topic: str, text: str) -> None:
+        """Send a problem of a topic to a client that uses it; no-op for other topics."""
 
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         """Return True if a frame that names the emergency stop only presses it. Has no effects."""

@@ -102,6 +102,10 @@ class Peer(ConnectedClient[Op | Refusal, _Waiting]):
     def _names_stop(self, data: bytes, binary: bool) -> bool:
         return may_name_stop(data)
 
+    def report_problem(self, topic: str, text: str) -> None:
+        """Send a status about a topic that the client uses."""
+        self.topics.report_problem(topic, text)
+
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         members = self._session.peek(data, binary)
         if members is None:

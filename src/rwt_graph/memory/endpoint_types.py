@@ -35,5 +35,6 @@ class EndpointTypes:
             why = f"the other process defines it otherwise ({type_hash})"
         if (name, type_hash) not in self._logged:
             self._logged.add((name, type_hash))
-            logger.warning("%s of node %s cannot be exchanged, it has type %s: %s", topic, node, name, why)
+            where = f"{topic} of node {node}" if node else topic
+            logger.warning("%s cannot be exchanged, it has type %s: %s", where, name, why)
         return None

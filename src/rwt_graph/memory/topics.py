@@ -281,6 +281,12 @@ class Topic:
             held = self._held_by_clients()
         if self.type not in held:
             self.type = held[0] if held else None
+        if self.type is not None and not self.publishers:
+            # A subscriber holds a name, and only a publisher knows which of its definitions is in use.
+            remote = (each.type for each in self.remote_publishers if each.type is not None)
+            same = [type for type in remote if type.name == self.type.name]
+            if same and self.type not in same:
+                self.type = same[0]
 
     def misfits(self) -> list[MemoryPublisher | MemorySubscription]:
         """Return the clients' endpoints whose type is no longer that of the topic."""

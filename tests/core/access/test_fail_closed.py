@@ -115,13 +115,14 @@ VERBS: Mapping[str, tuple[Any, ...]] = {
 LISTINGS = {"topics", "services", "actions", "nodes"}
 LOOK_UPS = {
     "topic", "service", "action", "may_call", "may_subscribe", "sees_node", "sees_service", "lease_seconds",
+    "problems",
 }  # fmt: skip
 COUNTS = {"hidden"}
 """Numbers of names, which are not revealed."""
 OWN = {
     "while_allowed", "unadvertise", "unsubscribe", "startup_samples", "withdraw_service", "withdraw_action",
     "take_role", "withdraw_refused", "keep", "late_sends", "leave", "close", "tell_notices", "tell_ended",
-    "notices", "approval_of",
+    "notices", "approval_of", "advertises",
 }  # fmt: skip
 """Requests that concern only what the client itself holds."""
 

@@ -226,3 +226,11 @@ def test_a_latched_topic_that_gets_a_stop_message_retains_no_command(has_left: b
     assert drive(robot.client() if has_left else client, 0.3) == ""
     assert robot.take() == [(0.2, CLIENT), (0.3, CLIENT)]
     assert robot.hear("/cmd_vel", qos=LATCHED) == []
+
+
+def test_a_backend_may_retain_the_commands_of_no_topic_with_a_stop_message() -> None:
+    robot = GatedRobot({"drive": {"topics": ["/cmd_vel"], "fields": SLOW}})
+    assert robot.graph.may_retain("/cmd_vel")
+    reload(robot, {"drive": DRIVE})
+    assert not robot.graph.may_retain("/cmd_vel")
+    assert robot.graph.may_retain("/other")

@@ -178,7 +178,7 @@ def test_names_are_sorted_and_two_part() -> None:
         ("message", "std_srvs/SetBool", "it is a service"),
         ("service", "std_msgs/String", "it is a message"),
         ("action", "std_srvs/SetBool", "it is a service"),
-        ("action", "nav2_msgs/NavigateTo", "did you mean nav2_msgs/NavigateToPose?"),
+        ("action", "nav2_msgs/NavigateTo", "did you mean nav2_msgs/NavigateToPose or"),
         ("service", "a b", "is not a type name"),
         ("message", "std_srvs/_Request", "is not a type name"),
         ("message", "std_msgs/Request", 'no message "std_msgs/Request" is known'),

@@ -177,6 +177,11 @@ class FoxgloveClient(ConnectedClient[_Message, Iterator[None]]):
         """Send a status: an error if the connection is lost."""
         self.replies.send(status(Level.INFO if is_connected else Level.ERROR, text, "graph"))
 
+    def report_problem(self, topic: str, text: str) -> None:
+        """Send a status about a topic that the client advertises or may subscribe to."""
+        if self.graph.advertises(topic) or self.graph.topic(topic) is not None:
+            self.replies.send(status(Level.WARNING, text, f"problem of {topic}"))
+
     def _names_stop(self, data: bytes, binary: bool) -> bool:
         # In this protocol, text frames neither publish nor call.
         opcode, id = said.addressee(data) if binary else (0, 0)

@@ -13,6 +13,7 @@ from rwt.extensions.ros2.rcl import middleware
 from rwt.extensions.ros2.remapping import RemappedParticipant, Remapping
 from rwt.extensions.ros2.services import Ros2Services
 from rwt.extensions.ros2.topics import Ros2Topics
+from rwt.extensions.ros2.type_supports.described_types import DescribedTypes
 from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
 from rwt_graph.backend import DistributedGraph, Limitation, MemoryParticipant, Network, Ros2Actions
 from rwt_graph.clock import Clock
@@ -104,9 +105,12 @@ class Ros2Graph(DistributedGraph):
         self._use_callbacks = use_callbacks
         self._connection: Connection | None = None
         self._time_source: MemoryParticipant | None = None
-        self._ros_topics = Ros2Topics(self.topic_table, self.clock)
-        self._ros_services = Ros2Services(self.service_table, self.registry, self.clock)
-        self._discovery = Discovery(self, self._ros_topics, self._ros_services)
+        self._ros_topics = Ros2Topics(
+            self.topic_table, self.clock, self.problems, lambda topic: self.may_retain(topic)
+        )
+        types = DescribedTypes(self.registry)
+        self._ros_services = Ros2Services(self.service_table, types, self.clock, self.problems)
+        self._discovery = Discovery(self, self._ros_topics, self._ros_services, types)
         actions = Ros2Actions(
             self.topic_table,
             self.service_table,

@@ -7,7 +7,8 @@ import logging
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.context import Context
@@ -15,9 +16,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.qos import QoSProfile
 
 from rwt.extensions.ros2 import qos as profiles
-from rwt.extensions.ros2.raw_services import RawClient, RawService
 from rwt.extensions.ros2.rcl import GID_BYTES, Gid, check, raw_take, rcl, rmw, share_arenas
-from rwt.extensions.ros2.type_supports import NotInstalled, message_class, service_class
+from rwt.extensions.ros2.type_supports.calls import RawClient, RawService
+from rwt.extensions.ros2.type_supports.installed import NotInstalled
+from rwt.extensions.ros2.type_supports.selection import type_supports
 from rwt.extensions.ros2.wakeups import Wakeups
 from rwt_graph.backend import DistributedGraph, NodeResources
 from rwt_graph.errors import Ros2Error
@@ -31,6 +33,10 @@ logger = logging.getLogger(__name__)
 _CALLS = QoS(depth=1000)
 
 
+#: Last domain whose ports are below 65536.
+_LAST_DOMAIN = 232
+
+
 def _gid_of(publisher: Any) -> bytes:
     gid = Gid()
     handle = rcl().rcl_publisher_get_rmw_handle(publisher.pointer)
@@ -39,11 +45,22 @@ def _gid_of(publisher: Any) -> bytes:
     return bytes(gid.data)[:GID_BYTES]
 
 
+@contextmanager
+def _rejection() -> Iterator[None]:
+    """Raise Ros2Error if ROS 2 rejects an endpoint, as it does two types of one name."""
+    try:
+        yield
+    except _rclpy.RCLError as error:
+        raise Ros2Error(str(error)) from error
+
+
 class Connection:
     """Open connection to ROS 2.
 
     Attributes:
-        node: hidden node, whose view of the ROS graph is read.
+        node: hidden node, whose view of the ROS graph is read; `owner` are its resources.
+        service_hashes: type hashes of requests and responses of services in other processes, by node, name
+            and type. Used on the thread that reads the ROS graph.
         wakeups: notifications of the endpoints.
         take: takes the next sample of a subscription, on the graph's thread.
         own_gids: publishers of this process, each with the time of its closing or infinity.
@@ -65,9 +82,13 @@ class Connection:
             self._context.init(args=[], initialize_logging=False, domain_id=domain)
         except RuntimeError as error:
             raise Ros2Error(f"cannot join ROS 2: {error}") from error
+        self._check_domain()
         # Nodes by name, each with its participants.
         self._nodes: dict[str, tuple[Any, set[NodeResources]]] = {}
-        self.node = self._make_node(f"/_rwt_graph_{os.getpid()}")
+        self.owner = NodeResources(f"/_rwt_graph_{os.getpid()}", private=True)
+        self.node = self.node_of(self.owner)
+        self.service_hashes: dict[tuple[str, str, str], tuple[str, str]] = {}
+        self._types = type_supports()
         self.run_on_graph = graph.run_on_graph
         self.own_gids: dict[bytes, float] = {}
         self.own_subscriptions: dict[object, tuple[tuple[str, str], float]] = {}
@@ -75,6 +96,18 @@ class Connection:
         self._missing: set[str] = set()
         self.take = raw_take()
         self.wakeups = Wakeups(graph, self._context, self.node, on_graph_change, use_callbacks=use_callbacks)
+
+    def _check_domain(self) -> None:
+        """Raise Ros2Error for a domain without ports: Fast DDS would end the process."""
+        uses_ports = "zenoh" not in _rclpy.rclpy_get_rmw_implementation_identifier()
+        if uses_ports and self.domain > _LAST_DOMAIN:
+            domain = self.domain
+            self._context.try_shutdown()
+            self._context.destroy()
+            raise Ros2Error(
+                f"cannot join ROS 2: ROS_DOMAIN_ID is {domain}, and DDS has ports for the domains 0 to "
+                f"{_LAST_DOMAIN}: set the robot's own number, from 0 to 101 on most systems"
+            )
 
     @property
     def domain(self) -> int:
@@ -120,39 +153,44 @@ class Connection:
         """Make a raw publisher; return it with its GID.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            Ros2Error: ROS 2 rejects it.
         """
         node = self.node_of(owner)
-        publisher = _rclpy.Publisher(node, message_class(type), topic, profiles.to_ros(qos))
+        with _rejection():
+            publisher = _rclpy.Publisher(node, self._types.message(type), topic, profiles.to_ros(qos))
         return publisher, _gid_of(publisher)
 
     def subscription(self, owner: NodeResources, topic: str, type: MessageType, qos: QoS) -> Any:
         """Make a raw subscription.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            Ros2Error: ROS 2 rejects it.
         """
-        return _rclpy.Subscription(self.node_of(owner), message_class(type), topic, profiles.to_ros(qos))
+        made = self._types.message(type)
+        with _rejection():
+            return _rclpy.Subscription(self.node_of(owner), made, topic, profiles.to_ros(qos))
 
     def service(self, owner: NodeResources, name: str, type: ServiceType) -> RawService:
         """Make a raw service.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            Ros2Error: ROS 2 rejects it.
         """
-        full = type.request.registry.type_name(type)
-        endpoint = _rclpy.Service(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
-        return RawService(endpoint, name, full)
+        made, forms = self._types.service(type)
+        with _rejection():
+            endpoint = _rclpy.Service(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
+        return RawService(endpoint, name, forms)
 
     def client(self, owner: NodeResources, name: str, type: ServiceType) -> RawClient:
         """Make a raw client of a service.
 
         Raises:
-            NotInstalled: its type is not installed with ROS 2.
+            Ros2Error: ROS 2 rejects it.
         """
-        full = type.request.registry.type_name(type)
-        endpoint = _rclpy.Client(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
-        return RawClient(endpoint, name, full)
+        made, forms = self._types.service(type)
+        with _rejection():
+            endpoint = _rclpy.Client(self.node_of(owner), made, name, profiles.to_ros(_CALLS))
+        return RawClient(endpoint, name, forms)
 
     def note_missing(self, name: str, error: NotInstalled) -> None:
         """Log that a topic or service is not exchanged with ROS 2; once for each package that it lacks."""
@@ -175,7 +213,6 @@ class Connection:
         for node, _ in self._nodes.values():
             node.destroy_when_not_in_use()
         self._nodes.clear()
-        self.node.destroy_when_not_in_use()
         self._context.try_shutdown()
         self._context.destroy()
 

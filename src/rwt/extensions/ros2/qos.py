@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from rclpy.duration import Duration, Infinite
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
@@ -45,7 +46,26 @@ def from_ros(policies: Mapping[str, Any]) -> QoS:
         durability=_DURABILITIES.get(policies["durability"], Durability.VOLATILE),
         deadline=_seconds(policies["deadline"]),
         lifespan=_seconds(policies["lifespan"]),
+        manual_liveliness=policies["liveliness"] == LivelinessPolicy.MANUAL_BY_TOPIC,
+        lease=_seconds(policies["liveliness_lease_duration"]),
     )
+
+
+def adapted(offered: QoS, requests: Iterable[QoS], *, may_retain: bool = True) -> QoS:
+    """Return the policies of a publisher that subscriptions of other processes receive from.
+
+    A publisher that retains samples, or sends them reliably, also reaches those that do not request it.
+    Deadline and liveliness are promises of the program that publishes, and stay.
+
+    Args:
+        may_retain: False to leave durability as it is.
+    """
+    requests = tuple(requests)
+    if may_retain and any(each.durability is Durability.TRANSIENT_LOCAL for each in requests):
+        offered = replace(offered, durability=Durability.TRANSIENT_LOCAL)
+    if any(each.reliability is Reliability.RELIABLE for each in requests):
+        offered = replace(offered, reliability=Reliability.RELIABLE)
+    return offered
 
 
 def _seconds(duration: Any) -> float | None:

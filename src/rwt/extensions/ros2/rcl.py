@@ -82,6 +82,13 @@ class SerialisedMessage(ctypes.Structure):
         default.restype = _Allocator
         super().__init__(None, 0, 0, default())
 
+    def __enter__(self) -> SerialisedMessage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Free the memory; an object that is used for as long as the process lives need not be left."""
+        rcutils().rcutils_uint8_array_fini(ctypes.byref(self))
+
     def contents(self) -> bytes:
         """Return a copy."""
         return ctypes.string_at(self.buffer, self.length)
@@ -140,7 +147,8 @@ def taken(result: int, what: str) -> bool:
     Raises:
         Ros2Error: it has failed.
     """
-    if result in _NOTHING:
+    # A message that the middleware cannot read counts as nothing, and leaves an error; others may be waiting.
+    if result in _NOTHING and not rcutils().rcutils_error_is_set():
         return False
     check(result, what)
     return True

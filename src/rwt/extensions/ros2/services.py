@@ -7,10 +7,10 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterable
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rwt.extensions.ros2.connection import Connection, now
-from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt.extensions.ros2.type_supports.installed import NotInstalled
 from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import OnReply, PendingCall, ServiceInfo
 from rwt_graph.backend import (
@@ -23,17 +23,18 @@ from rwt_graph.backend import (
     Services,
 )
 from rwt_graph.errors import Ros2Error
-from rwt_interfaces.errors import InterfaceError, InvalidMessage
+from rwt_graph.problems import Problems
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.serialise.unpack import compile_decoder
 from rwt_interfaces.serialise.wire_rules import FOLLOWED_CDR
 from rwt_participant.errors import CallFailed
 
 if TYPE_CHECKING:
-    from rwt.extensions.ros2.raw_services import RawCall
     from rwt.extensions.ros2.rcl import RequestId
+    from rwt.extensions.ros2.type_supports.calls import RawCall
+    from rwt.extensions.ros2.type_supports.described_types import DescribedTypes
     from rwt_graph.clock import Clock
-    from rwt_interfaces.registry import Registry
     from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
@@ -48,8 +49,26 @@ _MOST_SENT = 10
 #: Seconds without an answer, after which a service is sent more requests in spite of that.
 _STALLED_SECONDS = 2.0
 
+#: End of a problem's text.
+DEFINITION_ADVICE = "give its definition with --interfaces DIR"
+
 #: Seconds between two looks at a service that is known, but not connected yet.
 _CONNECT_SECONDS = 0.02
+
+
+class FoundService(NamedTuple):
+    """Service of a node of another process, as ROS 2 reports it.
+
+    Attributes:
+        request_hash, response_hash: `RIHS01_…` of the two messages; empty if the other process does not
+            announce them.
+    """
+
+    node: str
+    name: str
+    type_name: str
+    request_hash: str
+    response_hash: str
 
 
 class Server:
@@ -61,13 +80,18 @@ class Server:
         self._services = services
         self._raw = raw = connection.service(provider.owner, provider.name, provider.type)
         self._decode = compile_decoder(provider.type.request, FOLLOWED_CDR)
-        self._inbox = Inbox(connection.wakeups, "service", raw.endpoint, raw.take, self._serve)
+        self._inbox: Inbox[RawCall | Ros2Error] = Inbox(
+            connection.wakeups, "service", raw.endpoint, raw.take, self._serve
+        )
         self._names = (provider.owner.name, provider.name)
         connection.own_services[self._names] = float("inf")
         self._callers = NodeResources("/_remote", private=True)
 
-    def _serve(self, request: RawCall) -> None:
+    def _serve(self, request: RawCall | Ros2Error) -> None:
         provider = self._provider
+        if isinstance(request, Ros2Error):
+            logger.warning("%s", request)
+            return
         if len(provider.open) >= _MOST_OPEN:
             logger.warning("a request to %s is dropped: %d are unanswered", provider.name, _MOST_OPEN)
             return
@@ -104,7 +128,9 @@ class Client:
         self._response = info.type.response
         self._raw = raw = connection.client(owner, info.name, info.type)
         self._decode = compile_decoder(self._response, FOLLOWED_CDR)
-        self._inbox = Inbox(connection.wakeups, "client", raw.endpoint, raw.take, self._on_response)
+        self._inbox: Inbox[RawCall | Ros2Error] = Inbox(
+            connection.wakeups, "client", raw.endpoint, raw.take, self._on_response
+        )
         self._waiting: deque[MemoryCall] = deque()
         # Open calls by number; those that count as the service's load are in `_load`.
         self._sent: dict[int, MemoryCall] = {}
@@ -152,8 +178,11 @@ class Client:
         self._load.discard(number)
         self.send_waiting()
 
-    def _on_response(self, received: RawCall) -> None:
+    def _on_response(self, received: RawCall | Ros2Error) -> None:
         self._answers += 1
+        if isinstance(received, Ros2Error):
+            logger.warning("%s", received)  # Of an unknown call, which ends by its timeout.
+            return
         # A call that has ended is no longer there; so is one that another provider has answered.
         call = self._sent.get(received.id.number)
         if call is None:
@@ -176,19 +205,19 @@ class Client:
 class Ros2Services(OfferedServices[Connection]):
     """Offers the services of this process to ROS 2, and calls those of others."""
 
-    def __init__(self, services: Services, registry: Registry, clock: Clock) -> None:
+    def __init__(self, services: Services, types: DescribedTypes, clock: Clock, problems: Problems) -> None:
         super().__init__(services)
-        self._registry = registry
         self._clock = clock
         self._clients: PerNode[Client] = PerNode(Client.close)
-        self._found: frozenset[tuple[str, str, str]] = frozenset()
+        self._found: frozenset[FoundService] = frozenset()
         # Number of nodes by name, and the providers of services whose node was started again, oldest first.
         self._nodes: Counter[str] = Counter()
-        self._providers: dict[tuple[str, str, str], deque[Hashable]] = {}
+        self._providers: dict[FoundService, deque[Hashable]] = {}
         self._numbers = count()
         self._remote: RemoteServiceTable[None] = RemoteServiceTable(services)
         self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
-        self._unknown: set[str] = set()
+        self._types = types
+        self._problems = problems
 
     def close(self) -> None:
         """Close every endpoint; open calls end."""
@@ -206,26 +235,25 @@ class Ros2Services(OfferedServices[Connection]):
             return Server(connection, provider, self._services).close
         except NotInstalled as error:
             connection.note_missing(provider.name, error)
-            return None
+        except Ros2Error as error:
+            logger.warning("%s is only for clients of this server: %s", provider.name, error)
+        return None
 
     # Services of other processes
 
-    def apply(self, found: Iterable[tuple[str, str, str]]) -> None:
-        """Adapt the services of other processes to a reading of the graph: node, name and type of each."""
+    def apply(self, found: Iterable[FoundService]) -> None:
+        """Adapt the services of other processes to a reading of the graph."""
         found = frozenset(found)
         for key in sorted(found - self._found):
-            node, name, type_name = key
-            try:
-                type = self._registry.service(type_name)
-            except InterfaceError as error:
-                if type_name not in self._unknown:
-                    self._unknown.add(type_name)
-                    logger.info("service %s of node %s is left out: %s", name, node, error)
+            type = self._types.service(key.type_name, key.request_hash, key.response_hash)
+            if type is not None:
+                self._remote.found(key, ServiceInfo(key.name, type, key.node), None)
             else:
-                self._remote.found(key, ServiceInfo(name, type, node), None)
+                self._report(key)
         for key in self._found - found:
+            self._problems.forget(key.name)
             for provider in self._providers.pop(key, (key,)):
-                self._remote.lost(provider, key[1])
+                self._remote.lost(provider, key.name)
         self._found = found
         for identity, client in tuple(self._clients.made.items()):
             if self._remote.get(identity[1]) is None:
@@ -240,29 +268,45 @@ class Ros2Services(OfferedServices[Connection]):
         two providers of the same services, and the calls that only the first one has received end with it.
         """
         for node in self._nodes.keys() | nodes.keys():
-            keys = [key for key in self._found if key[0] == node]
+            keys = [key for key in self._found if key.node == node]
             for _ in range(nodes[node] - max(self._nodes[node], 1)):
                 self._restarted(keys)
             for _ in range(self._nodes[node] - max(nodes[node], 0)):
                 self._left(keys, node)
         self._nodes = Counter(nodes)
 
-    def _restarted(self, keys: Iterable[tuple[str, str, str]]) -> None:
+    def _restarted(self, keys: Iterable[FoundService]) -> None:
         """Add another provider of each of these services."""
         for key in keys:
-            service = self._remote.get(key[1])
+            service = self._remote.get(key.name)
             if service is not None:
-                providers = self._providers.setdefault(key, deque((key,)))
+                providers = self._providers.setdefault(key, deque[Hashable]((key,)))
                 providers.append((key, next(self._numbers)))
                 self._remote.found(providers[-1], service.first[0], None)
 
-    def _left(self, keys: Iterable[tuple[str, str, str]], node: str) -> None:
+    def _left(self, keys: Iterable[FoundService], node: str) -> None:
         """Remove the oldest provider of each of these services."""
         for key in keys:
-            providers = self._providers.get(key, deque((key,)))
-            self._remote.lost(providers.popleft(), key[1], node)
+            providers = self._providers.get(key, deque[Hashable]((key,)))
+            self._remote.lost(providers.popleft(), key.name, node)
             if not providers:
                 self._providers.pop(key, None)
+
+    def _report(self, service: FoundService) -> None:
+        name = service.type_name
+        is_known = self._types.service(name, "", "") is not None
+        what = (
+            f"its node defines {name} otherwise than this server" if is_known else f"{name} is not known here"
+        )
+        self._problems.report(
+            service.name,
+            f"{service.name} cannot be called: {what}, and ROS 2 describes no services to others; "
+            f"{DEFINITION_ADVICE}",
+        )
+
+    def forget_client(self, owner: NodeResources, name: str) -> None:
+        """Close the client of a node for a service, which is not called soon; no-op without."""
+        self._clients.close(owner, name)
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources

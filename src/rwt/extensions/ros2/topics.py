@@ -1,8 +1,9 @@
 """Topics of this process on ROS 2.
 
-Each publisher has a raw publisher of its node. The subscriptions of a topic share up to two raw
-subscriptions: one for those with history, if a publisher is transient-local, and one for all else. Both
-follow the publishers, as `ros2 topic echo` does: best effort as soon as one of them is.
+Each publisher has a raw publisher of its node, which offers what subscriptions of other processes request, as
+far as it can. The subscriptions of a topic share up to two raw subscriptions: one for those with history, if
+a publisher is transient-local, and one for all else. Both follow the publishers, as `ros2 topic echo` does:
+best effort as soon as one of them is.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from functools import partial
 
 from rwt.extensions.ros2.connection import Connection, now
 from rwt.extensions.ros2.history import ALL_RETAINED, Probe, RemoteHistory
+from rwt.extensions.ros2.qos import adapted
 from rwt.extensions.ros2.rcl import NO_NUMBER, RawSample
-from rwt.extensions.ros2.type_supports import NotInstalled
+from rwt.extensions.ros2.type_supports.installed import NotInstalled
 from rwt.extensions.ros2.wakeups import Inbox
 from rwt_graph.api import Sample
 from rwt_graph.backend import (
@@ -28,9 +30,10 @@ from rwt_graph.backend import (
 )
 from rwt_graph.clock import Clock
 from rwt_graph.errors import Ros2Error
+from rwt_graph.problems import Problems
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
-from rwt_participant.qos import Durability, History, QoS, Reliability
+from rwt_participant.qos import Durability, History, QoS, Reliability, incompatible_policies
 from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
@@ -81,17 +84,25 @@ class Reader(Inbox[RawSample]):
 
 
 class Writer:
-    """Raw publisher of one publisher of this process."""
+    """Raw publisher of one publisher of this process.
 
-    def __init__(self, connection: Connection, publisher: MemoryPublisher, channel: Channel) -> None:
+    Attributes:
+        offered: policies, which may be more than the publisher's own.
+    """
+
+    def __init__(
+        self, connection: Connection, publisher: MemoryPublisher, channel: Channel, offered: QoS
+    ) -> None:
         self._connection = connection
         self._publisher = publisher
         self._channel = channel
+        self.offered = offered
         self._endpoint, self._gid = connection.publisher(
-            publisher.owner, publisher.topic, publisher.type, publisher.qos
+            publisher.owner, publisher.topic, publisher.type, offered
         )
         connection.own_gids[self._gid] = float("inf")
-        publisher.connect_remote(self._send, self._send_if_matched)
+        retains = offered.durability is Durability.TRANSIENT_LOCAL
+        publisher.connect_remote(self._send, self._send if retains else self._send_if_matched)
 
     def _send_if_matched(self, sample: Sample) -> None:
         # Readers of this process match, too.
@@ -150,7 +161,11 @@ class Ros2Topics:
         find_publishers: reads the publishers of a topic at once, for a sample that overtook their discovery.
     """
 
-    def __init__(self, topics: Topics, clock: Clock) -> None:
+    def __init__(
+        self, topics: Topics, clock: Clock, problems: Problems, may_retain: Callable[[str], bool]
+    ) -> None:
+        self._problems = problems
+        self._may_retain = may_retain
         self.publishers: dict[bytes, RemoteEndpoint] = {}
         self.find_publishers: Callable[[str], None] = lambda _: None
         self._topics = topics
@@ -158,7 +173,6 @@ class Ros2Topics:
         self._is_simulated = not clock.is_real
         self._connection: Connection | None = None
         self._channels: dict[str, Channel] = {}
-        self._warned: set[str] = set()
 
     def open(self, connection: Connection) -> None:
         """Offer every topic of this process."""
@@ -201,9 +215,8 @@ class Ros2Topics:
             if isinstance(error, NotInstalled) and not is_used:
                 # Only this process uses the topic, such as the server's own nodes.
                 connection.note_missing(topic.name, error)
-            elif topic.name not in self._warned:
-                self._warned.add(topic.name)
-                logger.warning("%s is not exchanged with ROS 2: %s", topic.name, error)
+            else:
+                self._problems.report(topic.name, f"{topic.name} is not exchanged with ROS 2: {error}")
         if channel.empty:
             self._channels.pop(topic.name, None)
 
@@ -211,8 +224,42 @@ class Ros2Topics:
         for publisher in channel.writers.keys() - set(topic.publishers):
             channel.writers.pop(publisher).close()
         for publisher in topic.publishers:
-            if publisher not in channel.writers and not publisher.owner.private:
-                channel.writers[publisher] = Writer(connection, publisher, channel)
+            if not publisher.owner.private:
+                self._follow_requests(connection, topic, channel, publisher)
+
+    def _follow_requests(
+        self, connection: Connection, topic: Topic, channel: Channel, publisher: MemoryPublisher
+    ) -> None:
+        """Offer what subscriptions of other processes request; report what cannot be offered.
+
+        A publisher that has to offer more is replaced: the others may miss samples until they have found it.
+        """
+        writer = channel.writers.get(publisher)
+        before = publisher.qos if writer is None else writer.offered
+        requests = (each.qos for each in topic.remote_subscribers)
+        offered = adapted(before, requests, may_retain=self._may_retain(topic.name))
+        if writer is None or offered != before:
+            if offered != before:
+                policies = f"{offered.reliability.value} and {offered.durability.value}"
+                logger.info("%s is published as %s on ROS 2: a subscriber requests it", topic.name, policies)
+            if writer is not None:
+                writer.close()
+            channel.writers[publisher] = Writer(connection, publisher, channel, offered)
+        for each in topic.remote_subscribers:
+            if each.type is not None and each.type.rihs01 != publisher.type.rihs01:
+                self._problems.report(
+                    topic.name,
+                    f"{each.node or 'another program'} does not receive what is published on {topic.name} "
+                    f"here: it defines {each.type_name} otherwise; advertise the topic again",
+                )
+            lacking = incompatible_policies(offered, each.qos)
+            if lacking and each.node:  # Reported when its node is known.
+                self._problems.report(
+                    topic.name,
+                    f"{each.node} does not receive what is published on {topic.name} here: it "
+                    f"requests a {' and a '.join(lacking)} that the publisher does not offer; advertise the "
+                    "topic with a `qos` that has it, or change the subscriber",
+                )
 
     def _follow_subscribers(self, connection: Connection, topic: Topic, channel: Channel) -> None:
         wanted = _profiles(topic)
@@ -223,8 +270,11 @@ class Ros2Topics:
                 continue
             if profile is not None:
                 type, owner, qos = profile
-
                 on_raw = partial(self._receive, topic, channel, type, history=history)
+                if reader is not None and reader.profile[0] is not type:
+                    # The middleware keeps one definition of a name while an endpoint uses it.
+                    reader.close()
+                    reader = None
                 if history:
                     # Subscriptions with history have received these from the other reader.
                     channel.last[True].update(channel.last[False])
@@ -253,6 +303,8 @@ class Ros2Topics:
         if publisher is None:
             self.find_publishers(topic.name)
             publisher = self.publishers.get(gid)
+        if publisher is not None and publisher.type is None:
+            return  # Its definition is another one, which is being asked for.
         stamp = self._clock.time_ns() if self._is_simulated else raw.stamp_ns
         sample = received_sample(topic.name, Payload.relayed_cdr(type, raw.data), stamp, publisher)
         if history and publisher is not None:

@@ -53,8 +53,11 @@ class PeerTopics:
 
     def advertise(self, op: Advertise) -> None:
         """Make the client a publisher (ADV-01 … ADV-07)."""
+        is_new = not self._graph.advertises(resolve(op.topic))
         name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
         self.forget_publisher(name)
+        if is_new:
+            self._report_problems(op)
 
     def unadvertise(self, op: Unadvertise) -> None:
         """Withdraw one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
@@ -109,7 +112,8 @@ class PeerTopics:
         try:
             publisher = self._graph.publisher(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
         except UnknownTopicType as unknown:
-            raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
+            advice = "" if unknown.is_advertised else ": send `advertise` first, or `type` with the message"
+            raise Refused(f"publish: {unknown}{advice}") from None
         if op.qos is not None:
             self.forget_publisher(publisher.topic)  # It may have replaced another publisher.
         if len(self._publishers) >= _MAX_NAMES:
@@ -149,19 +153,32 @@ class PeerTopics:
         try:
             fanout = self._graph.subscribe(op.topic, op.type, is_new=is_new)
         except UnknownTopicType as unknown:
-            raise Refused(f"subscribe: {unknown}: send `type` to wait for it") from None
+            advice = "" if unknown.is_advertised else ": send `type` to wait for it"
+            raise Refused(f"subscribe: {unknown}{advice}") from None
         if subscription is None:
             self._check_spellings(fanout, op.topic)
             subscription = self._subscriptions[op.topic] = ClientSubscription(
                 self._graph, self._replies, op.topic, fanout, self._room, partial(self._ended, op.topic)
             )
         subscription.put(op, encoding)
+        if is_new:
+            self._report_problems(op)
         return fanout.late.steps() if fanout.late.waiting else None
 
     def _ended(self, name: str, reason: str) -> None:
         """End the subscriptions under one spelling: the robot gives the topic another type."""
         self._subscriptions.pop(name).close()
         self._replies.refuse(Status(level="error", msg=f"subscribe: {reason}"))
+
+    def _report_problems(self, op: Advertise | Subscribe) -> None:
+        for text in self._graph.problems(op.topic):
+            self._replies.send(Status(level="warning", msg=text, id=op.id))
+
+    def report_problem(self, topic: str, text: str) -> None:
+        """Send a new problem of a topic that the client subscribes to or advertises; no-op for others."""
+        names = (*self._subscriptions, *self._publishers)
+        if self._graph.advertises(topic) or topic in map(resolve, names):
+            self._replies.send(Status(level="warning", msg=text))
 
     def _check_spellings(self, fanout: Fanout, name: str) -> None:
         """Reject excessive spellings of a topic: each is a stream of its own (PUB-09)."""

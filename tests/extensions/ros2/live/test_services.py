@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import logging
 import os
 import re
 import sys
@@ -273,19 +272,3 @@ async def test_a_client_that_leaves_during_a_call(graph: Ros2Graph, program: Pro
     await until(lambda: other)
     assert other[0].message == "done"
     assert len(answers) == 1
-
-
-async def test_what_is_not_installed_is_logged_once_for_each_package(
-    graph: Ros2Graph, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level(logging.INFO, "rwt.extensions.ros2")
-    for name in ("Water", "Cut"):
-        graph.registry.add_text("---\n", f"garden_msgs/{name}", "srv")
-    graph.registry.add_text("", "garden_msgs/Plant")
-    node = graph.node("/garden")
-    for name in ("Water", "Cut"):
-        node.advertise_service(f"/{name.lower()}", f"garden_msgs/{name}", lambda request: {})
-    node.advertise("/plants", "garden_msgs/Plant")
-    node.advertise_service("/trigger", "std_srvs/Trigger", lambda request: {})
-    (line,) = caplog.messages
-    assert "/water, with all others of garden_msgs, is only for clients of this server" in line
