@@ -280,7 +280,9 @@ class Topic:
         if not held and self._announced_by_robot() is None:
             held = self._held_by_clients()
         # A subscriber holds a name, and only a publisher knows which of its definitions is in use.
-        holds_name = not self.publishers and self.type is not None and self.type.name in {t.name for t in held}
+        holds_name = (
+            not self.publishers and self.type is not None and self.type.name in {t.name for t in held}
+        )
         if self.type not in held and not holds_name:
             self.type = held[0] if held else None
         if self.type is not None and not self.publishers:
