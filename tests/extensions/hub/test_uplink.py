@@ -14,6 +14,7 @@ from rwt.extensions.hub.uplink.frames import (
     BadFrame,
     Data,
     Lane,
+    Refusal,
     decode_frame,
     encode_accept,
     encode_ack,
@@ -22,7 +23,7 @@ from rwt.extensions.hub.uplink.frames import (
     encode_ping,
 )
 from rwt.extensions.hub.uplink.streams import CREDIT_BYTES, SMALL_BYTES, STOP_BYTES, Stream
-from rwt.extensions.hub.uplink.uplink import BULK_SHARE, PONG_SECONDS, RESUME_SECONDS, Uplink
+from rwt.extensions.hub.uplink.uplink import BULK_SHARE, MAX_ORDERS, PONG_SECONDS, RESUME_SECONDS, Uplink
 from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.api import FlowControl
@@ -346,6 +347,18 @@ def test_only_a_hub_opens_streams_and_each_once() -> None:
         sides.robot.receive(encode_open(1, b"{}"), 0.0)
     with pytest.raises(BadFrame, match="ACK of"):
         sides.hub.receive(encode_ack(10_000_000), 0.0)
+
+
+def test_who_acknowledges_nothing_is_not_answered_without_end() -> None:
+    def refuse(stream: Stream, opening: bytes) -> None:
+        stream.refuse(Refusal(503, "no room"))
+
+    robot = Uplink("s", LIMITS, LIMITS.receive_pool(), lambda: None, repeats=True, opened=refuse)
+    assert robot.carried(0, 0.0)
+    with pytest.raises(BadFrame, match="not acknowledged"):
+        for number in range(1, MAX_ORDERS + 3):
+            robot.receive(encode_open(number, b"{}"), 0.0)
+    assert not robot.streams
 
 
 def test_a_flood_of_pings_is_answered_once() -> None:

@@ -45,6 +45,9 @@ _PART_SECONDS: Final = 0.004
 BULK_SHARE: Final = 10
 """The lane `BULK` gets at least one of so many bytes, if it has any to send."""
 
+MAX_ORDERS: Final = 16_384
+"""Maximum number of answers that wait for a side that acknowledges nothing."""
+
 WATCHED_PING_SECONDS: Final = 1.0
 """Silence after which a connection with streams is probed."""
 IDLE_PING_SECONDS: Final = 15.0
@@ -362,6 +365,8 @@ class Uplink:
             BadFrame: the other side breaks the rules; its connection must be closed.
         """
         self._heard, self._probed = now, None
+        if len(self._orders) > MAX_ORDERS:
+            raise BadFrame(f"more than {MAX_ORDERS} answers wait: frames are not acknowledged")
         frame = decode_frame(data)
         if is_sequenced(data):
             self.received += len(data)
