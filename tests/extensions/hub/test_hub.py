@@ -671,3 +671,14 @@ async def test_a_client_that_a_hub_calls_local_is_not(address: str) -> None:
         found = program.clients[0].info.address
         assert found == f"proxy {address}" and not is_local(found)
         stream.close()
+
+
+async def test_what_may_press_the_stop_goes_ahead_once_a_second() -> None:
+    press = b'{"op":"call_service","service":"/gate/stop"}'
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, raw_robot(hub) as rosie:
+        async with client(hub, "/rosie") as operator:
+            for _ in range(3):
+                operator.sink.send(Frame(press))
+            await until(lambda: sum(press in frame for frame in rosie.frames) == 3)
+        lanes = [frame[1] & 0b111 for frame in rosie.frames if press in frame]
+        assert lanes == [0, 1, 1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
@@ -11,7 +10,8 @@ import anyio
 
 from rwt.extensions.hub.uplink.frames import Refusal
 from rwt.extensions.hub.uplink.openings import BadOpening, check_headers
-from rwt.extensions.hub.uplink.streams import STOP_BYTES, Stream
+from rwt.extensions.hub.uplink.streams import Stream
+from rwt.gateways.early_look import MAX_STOP_BYTES, may_name_stop
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Sink
@@ -47,8 +47,6 @@ PATIENCE_SECONDS: Final = 10.0
 STOP_SECONDS: Final = 1.0
 """Minimum time between two messages of a client that go ahead of all others, because they may press the
 emergency stop. The robot decides whether they do."""
-
-_find_stop: Final = re.compile(rb"gate\\?/stop").search
 
 
 WAITING_BYTES: Final = PoolRow("waiting bytes of a hub", "--waiting-bytes", "waiting bytes")
@@ -239,9 +237,9 @@ class ClientEnd(HubEnd):
             self.hang_up(SERVICE_RESTART, reason)
         elif (
             isinstance(other, RobotEnd)
-            and frame.size <= STOP_BYTES
+            and frame.size <= MAX_STOP_BYTES
             and now - self._stop_sent >= STOP_SECONDS
-            and _find_stop(frame.data)
+            and may_name_stop(frame.data)
         ):
             self._stop_sent = now
             other.stream.send_stop(frame)
