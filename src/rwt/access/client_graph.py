@@ -833,6 +833,8 @@ class ClientGraph(GraphView):
         self._on_ended = None
         if self._gate is not None:
             self._gate.close()
+            # The gateway's client refers to this graph, and would live until a full garbage collection.
+            self._gate.actor.on_notice = self._gate.actor.on_approval = None
         self._quotas.leave()
         return self._release_all()
 
