@@ -1,7 +1,8 @@
 """Words similar to a misspelt one, for error texts.
 
 Clients choose the misspelt word, so a look-up must be cheap whatever it is: words are compared by the pairs
-of letters that they share, and only the few nearest are compared letter by letter.
+of letters that they share, a few words also by the letters, and only the nearest are compared letter by
+letter.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ MAX_WORDS: Final = 500
 """Maximum number of words that are compared."""
 MAX_LENGTH: Final = 120
 """Maximum number of characters of a word that is compared."""
+FEW_WORDS: Final = 32
+"""Maximum number of words that are also compared by single letters: `dorp` and `drop` share no pair."""
 _COMPARED: Final = 4
 """Number of words that are compared letter by letter."""
 
@@ -23,14 +26,15 @@ _COMPARED: Final = 4
 class Words:
     """Known words, indexed for :meth:`similar`."""
 
-    __slots__ = ("_with_pair",)
+    __slots__ = ("_few", "_with_pair")
 
     def __init__(self, known: Iterable[str]) -> None:
         self._with_pair: dict[tuple[str, str], list[str]] = {}
-        for word in islice(known, MAX_WORDS):
-            if len(word) <= MAX_LENGTH:
-                for pair in set(pairwise(word)):
-                    self._with_pair.setdefault(pair, []).append(word)
+        words = [word for word in islice(known, MAX_WORDS) if len(word) <= MAX_LENGTH]
+        self._few = words if len(words) <= FEW_WORDS else []
+        for word in words:
+            for pair in set(pairwise(word)):
+                self._with_pair.setdefault(pair, []).append(word)
 
     def similar(self, word: str, count: int = 1, cutoff: float = 0.6) -> list[str]:
         """Return known words similar to `word`, the most similar first.
@@ -50,4 +54,11 @@ class Words:
         nearest = heapq.nlargest(
             _COMPARED, shared.items(), key=lambda each: (each[1] / (len(word) + len(each[0])), each[0])
         )
-        return difflib.get_close_matches(word, [each for each, _ in nearest], count, cutoff)
+        found = difflib.get_close_matches(word, [each for each, _ in nearest], count, cutoff)
+        if found or not self._few:
+            return found
+        letters = set(word)
+        alike = heapq.nlargest(
+            _COMPARED, self._few, key=lambda each: len(letters.intersection(each)) / (len(each) + 1)
+        )
+        return difflib.get_close_matches(word, alike, count, cutoff)

@@ -52,7 +52,7 @@ _PAIRS: Final = 64
 
 _WITH_PORT: Final = re.compile(r"\[([0-9A-Fa-f:.]+)\](?::\d{1,5})?|([0-9.]+):\d{1,5}")
 _PREFIX: Final = re.compile(r"(?:/[A-Za-z0-9._~!$&'()*+;=:@%-]+)+")
-_SCHEMES: Final = frozenset({"http", "https", "ws", "wss"})
+_is_scheme: Final = re.compile(r"(?:http|ws)s?").fullmatch
 
 #: Parameter of `Forwarded` with the delimiter behind it (RFC 7239 section 4).
 _PAIR: Final = re.compile(
@@ -161,7 +161,7 @@ class Proxies:
         client = self._client(named.addresses)
         if not client:
             self._note_unread(peer, given)
-        if named.scheme in _SCHEMES:
+        if named.scheme and _is_scheme(named.scheme):
             headers["x-forwarded-proto"] = named.scheme
         if named.host:
             headers["host"] = named.host

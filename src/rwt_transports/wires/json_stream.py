@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import logging
 import re
+from collections import deque
+from typing import Final
 
 from rwt_protocol.frames import Buffer, Frame, Framing
 from rwt_transports.api import HEAD_BYTES, WireEvents
@@ -27,6 +29,9 @@ logger = logging.getLogger("rwt_transports.json_stream")
 
 END = b"\0"
 """End of a frame for the driver of datagrams. No JSON text holds this byte (RFC 8259 section 7)."""
+
+WAITING_BYTES: Final = 4 * DATAGRAM_BYTES
+"""Bytes of datagrams that wait for the turn of their peer."""
 
 STRAY_BYTES = 1024
 """Maximum bytes between objects that are delivered at once."""
@@ -176,19 +181,38 @@ class JsonLinesWire(JsonStreamWire):
 
 
 class JsonDatagramWire(JsonStreamWire):
-    """Objects of one peer in datagrams."""
+    """Objects of one peer in datagrams.
 
-    __slots__ = ()
+    Datagrams that arrive while the wire is held wait for it, up to `WAITING_BYTES`. Further ones are lost, as
+    others are in the network: datagrams cannot be held back.
+    """
+
+    __slots__ = ("_waiting", "_waiting_bytes")
 
     framing = DATAGRAMS
+
+    def __init__(self, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> None:
+        super().__init__(events, limits, buffers)
+        self._waiting: deque[bytes] = deque()
+        self._waiting_bytes = 0
 
     def feed(self, data: bytes) -> None:
         """Read one datagram; an object that is not whole is delivered, so that the endpoint can reject it."""
         if self._is_held:
-            return  # Lost, as others are in the network: datagrams cannot be held back.
+            if self._waiting_bytes + len(data) <= WAITING_BYTES:
+                self._waiting.append(data)
+                self._waiting_bytes += len(data)
+            return
         super().feed(data)
         if not self._is_held:
             self._end_datagram()
+
+    def go_on(self) -> None:
+        super().go_on()
+        while self._waiting and not self._is_held:
+            data = self._waiting.popleft()
+            self._waiting_bytes -= len(data)
+            self.feed(data)
 
     def _end_datagram(self) -> None:
         # State ends with the datagram: datagrams may be lost, so the rest of an object may never come.

@@ -11,7 +11,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl, HoldableWire
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
-from rwt_transports.limits import Limits
+from rwt_transports.limits import DATAGRAM_BYTES, Limits
 from rwt_transports.scheduler import REQUESTS, Scheduler
 from rwt_transports.websocket.wire import CLIENT_FRAMING, WebSocketWire
 from rwt_transports.wires.bson_stream import BsonStreamWire
@@ -56,13 +56,19 @@ def test_a_held_wire_keeps_the_rest_of_a_read(kind: Callable[..., Any], data: by
     assert heard.texts == [message] * 3 and not heard.ends
 
 
-def test_datagrams_are_lost_while_their_wire_is_held() -> None:
+def test_datagrams_wait_while_their_wire_is_held_up_to_a_limit() -> None:
     heard = _heard(JsonDatagramWire)
     heard.wire.hold()
     heard.wire.feed(b'{"a":1}')
-    heard.wire.go_on()
+    large = b'{"x":"' + bytes(DATAGRAM_BYTES - 8).replace(b"\0", b"x") + b'"}'
+    for _ in range(5):
+        heard.wire.feed(large)
+    assert heard.texts == []
+    for _ in range(8):  # The endpoint of this test holds its wire after each message.
+        heard.wire.go_on()
     heard.wire.feed(b'{"b":1}{"c"')
-    assert heard.texts == [b'{"b":1}', b'{"c"']
+    heard.wire.go_on()
+    assert heard.texts == [b'{"a":1}', *[large] * 3, b'{"b":1}', b'{"c"']
 
 
 @pytest.mark.parametrize(
