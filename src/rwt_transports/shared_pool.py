@@ -10,6 +10,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from rwt_transports.background import ignore
 from rwt_transports.errors import Refused
 
 RETRY_SECONDS: Final = 5
@@ -185,6 +186,7 @@ class SharedPool:
         if share in self._shares:
             del self._shares[share]
             self._add(share, -share.amount)
+            share.end = ignore  # Break the cycle: the function refers to what has the share.
 
     def _add(self, share: Share, amount: int) -> None:
         share.amount += amount
@@ -218,9 +220,9 @@ class SharedPool:
         return list(victims)
 
     def _end(self, share: Share) -> None:
-        held = self.held(share.holder)
+        held, end = self.held(share.holder), share.end
         self.release(share)
-        share.end(f"{held} of {self.capacity} were this client's, the most of all: {self.row}")
+        end(f"{held} of {self.capacity} were this client's, the most of all: {self.row}")
 
     def _refusal(self, holder: Hashable, amount: int) -> str:
         wanted = f" {amount} are needed, and" if amount > 1 else ""

@@ -33,6 +33,12 @@ def ports_of(description: str) -> list[int]:
     return [int(each[5]) for each in words if each[4] == "127.0.0.1"]
 
 
+def host_of(description: str) -> tuple[int, str]:
+    """Return port and address of the first IPv4 candidate of a description."""
+    words = [line.split() for line in description.splitlines() if line.startswith("a=candidate:")]
+    return next((int(each[5]), each[4]) for each in words if ":" not in each[4])
+
+
 async def offered(side: Side, change: Callable[[bytes], bytes] = bytes) -> tuple[int, str]:
     """Offer a data channel and never answer; returns the status and the text."""
     async with other_side() as other:
@@ -48,14 +54,14 @@ async def datagrams_before_ice(side: Side, damage: Damage) -> None:
     await flood(ports_of(answer)[0])
 
 
-async def flood(port: int) -> None:
-    """Send 180 MB of datagrams that look like DTLS to a port."""
+async def flood(port: int, host: str = "127.0.0.1") -> None:
+    """Send 180 MB of datagrams that look like DTLS to a port of this machine."""
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     stranger.setblocking(False)
     for number in range(6_000):
         data = bytes([22]) + bytes(60_000 if number % 2 else 1_200)
         try:
-            stranger.sendto(data, ("127.0.0.1", port))
+            stranger.sendto(data, (host, port))
         except BlockingIOError:
             await asyncio.sleep(0.001)
         if not number % 2:

@@ -14,7 +14,7 @@ from rwt.settings.models import Settings
 from rwt_client import connect
 from rwt_webrtc.settings import WebRtcSettings
 from tests.faults.peers.attacks import Damage, attack, chunk, send
-from tests.faults.peers.datagram_attacks import flood, ports_of
+from tests.faults.peers.datagram_attacks import flood, host_of
 from tests.waiting import until
 from tests.webrtc.peers import Side, other_side
 
@@ -51,7 +51,7 @@ async def through_a_hub(side: Side, damage: Damage) -> None:
             await send(sctp, chunk(3, body + pack("!HH", 0, 65535) * 280))
             silent.connection.createDataChannel("never")
             answer = await client.post(f"{url}/webrtc", content=await silent.offer())
-            await flood(ports_of(answer.text)[0])
+            await flood(*host_of(answer.text))
             await asyncio.sleep(0.1)
             async with connect(f"webrtc+{url}") as robot:
                 assert (await robot.call("/beep")).message == "here"

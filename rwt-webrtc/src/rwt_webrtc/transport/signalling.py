@@ -244,6 +244,7 @@ class Peers:
 
     def _release(self, admitted: _Admitted) -> None:
         self._admitted.discard(admitted)
+        admitted.peer = None  # Break the cycle: the peer's callback refers to this object.
         for pool, share in ((self._present, admitted.present), (self._handshakes, admitted.handshake)):
             if share is not None:
                 pool.release(share)
