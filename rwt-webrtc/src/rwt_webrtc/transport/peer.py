@@ -255,7 +255,7 @@ class Peer:
             channel.close()
             return
         link = self.link(channel)
-        limits = self._terms.limits
+        limits, credential = self._terms.limits, self._holder.credential
         listener = ListenerState(
             self._accept,
             MessageWire,
@@ -269,7 +269,7 @@ class Peer:
             max_message_size=self.largest,
             addresses=self._terms.addresses,
             buffers=self._terms.buffers,
-            identify=lambda info: self._holder.credential,
+            identify=lambda info: credential,  # Without a reference to this peer.
         )
         self._listeners.append(listener)
         listener.add(Connection(listener, link, self._address, 0), link)
