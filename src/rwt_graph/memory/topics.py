@@ -587,11 +587,16 @@ class Topics:
             )
             return
         topic = self._topics.setdefault(name, self._found(name))
+        others = topic.remote_publishers if publishes else topic.remote_subscribers
         if publishes:
-            topic.remote_publishers = (*topic.remote_publishers, endpoint)
+            topic.remote_publishers = (*others, endpoint)
         else:
-            topic.remote_subscribers = (*topic.remote_subscribers, endpoint)
-        self._settled(topic)
+            topic.remote_subscribers = (*others, endpoint)
+        # One more of a kind changes nothing: a topic may have thousands of them.
+        if others and others[-1].type is endpoint.type and others[-1].for_clients == endpoint.for_clients:
+            self._changes.note()
+        else:
+            self._settled(topic)
 
     def remote_left(self, name: str, endpoint: RemoteEndpoint) -> None:
         topic = self._topics.get(name)

@@ -113,13 +113,15 @@ class Probes:
     def ask(self) -> None:
         """Ask every question that is due; called at each reading of the master's tables."""
         now = time.monotonic()
+        room = _MOST_PROBES + _MOST_WAITING - sum(question.asking for question in self._open.values())
         for key, question in tuple(self._open.items()):
-            if self._limiter.statistics().tasks_waiting > _MOST_WAITING:
+            if room <= 0:
                 return
             silent = self._silent.get(key[2])
             is_held = silent is not None and (silent.asking or silent.after > now)
             if not question.asking and question.after <= now and not is_held:
                 question.asking = True
+                room -= 1
                 if silent is not None:
                     silent.asking = True
                 self._network.spawn(partial(self._ask, key, question), f"type of {key[1]}")
