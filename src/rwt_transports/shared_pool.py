@@ -10,7 +10,6 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from rwt_transports.background import ignore
 from rwt_transports.errors import Refused
 
 RETRY_SECONDS: Final = 5
@@ -65,6 +64,10 @@ class PoolFull(Refused):
 
     def __init__(self, reason: str) -> None:
         super().__init__(503, reason, {"Retry-After": str(RETRY_SECONDS)})
+
+
+def _released(reason: str) -> None:
+    """End of a share that was released or taken."""
 
 
 class Share:
@@ -186,7 +189,7 @@ class SharedPool:
         if share in self._shares:
             del self._shares[share]
             self._add(share, -share.amount)
-            share.end = ignore  # Break the cycle: the function refers to what has the share.
+            share.end = _released  # Break the cycle: the function refers to what has the share.
 
     def _add(self, share: Share, amount: int) -> None:
         share.amount += amount
