@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from time import time_ns
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rwt_protocol.frames import Burst, Frame
 from rwt_transports.shared_pool import Holder
@@ -73,6 +73,49 @@ class Flow(Protocol):
 
     def close(self) -> None:
         """Stop reporting drops. Queued messages are still sent."""
+
+
+class Feed(Flow, Protocol):
+    """Flow to several clients behind one line: each message crosses the line once."""
+
+    def set_period(self, seconds: float) -> None:
+        """Announce the minimum time between two messages; 0.0 if all are sent."""
+
+
+class Membership(Protocol):
+    """Membership of one client in a feed.
+
+    Attributes:
+        feed: feed of all members with the same key behind the same line.
+    """
+
+    feed: Feed
+
+    def wish(self, throttle: float, queue: int, *, apart: bool) -> None:
+        """State what the client wants; applies to the messages sent afterwards.
+
+        Args:
+            throttle: minimum seconds between two messages, which the far end of the line ensures.
+            queue: messages that wait for the throttle.
+            apart: True to deliver only what is sent through the client's own flow.
+        """
+
+    def leave(self) -> None:
+        """End the membership."""
+
+
+@runtime_checkable
+class FeedFlow(Protocol):
+    """Flow of a client behind a line that other clients share, such as the uplink to a hub."""
+
+    def enter(self, key: Hashable, gap: bytes = b"") -> Membership | None:
+        """Become a member of the feed of that key; None if there is no place for it.
+
+        From then on, what is sent through this flow follows the feed's own messages.
+
+        Args:
+            gap: what fills the gap of each :class:`~rwt_protocol.frames.GapFrame`.
+        """
 
 
 @dataclass(frozen=True, slots=True)

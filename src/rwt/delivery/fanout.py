@@ -6,21 +6,24 @@ import logging
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 from rwt.delivery.counters import EncodingCounts, TopicCounts
-from rwt.delivery.throttle import Throttle
+from rwt.delivery.feed_members import FeedMembers
+from rwt.delivery.throttle import Deliverable, Throttle
 from rwt_graph.api import Participant, Sample, Subscription
 from rwt_graph.clock import Clock
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Form
 from rwt_interfaces.structs import MessageType
 from rwt_protocol.codecs import Encoding
-from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import Feed, Membership
 from rwt_transports.scheduler import Scheduler
 
 logger = logging.getLogger(__name__)
+
+S = TypeVar("S", bound=Deliverable)
 
 OnEnd = Callable[[str], None]
 """Function that ends a subscription for a reason, which it passes on to the subscriber."""
@@ -30,7 +33,7 @@ _MAX_DEFERRED: Final = 8
 another program sends them."""
 
 
-class _DeferredSamples:
+class DeferredSamples:
     """Samples of one topic to send, each after the steps that prepare it, in the order in which they were
     added.
 
@@ -117,12 +120,12 @@ class _DeferredSamples:
         self._is_running = False
 
 
-class _EncodedSample:
+class _EncodedSample(Generic[S]):
     """Sample that is encoded on first use; the frame is shared by all throttles of the stream."""
 
     __slots__ = ("_frame", "_stream", "sample")
 
-    def __init__(self, stream: EncodedStream, sample: Sample, frame: Frame | None = None) -> None:
+    def __init__(self, stream: EncodedStream[S], sample: S, frame: Frame | None = None) -> None:
         self._stream = stream
         self._frame = frame
         self.sample = sample
@@ -146,24 +149,30 @@ class _EncodedSample:
             take(self.frame())
 
 
-class EncodedStream:
+class EncodedStream(Generic[S]):
     """Clients of one topic that receive identical frames: same encoding, same spelling of the topic name.
 
     Clients see the name under which they subscribed (PUB-09), so `chatter` and `/chatter` are two streams. In
     protocols where clients number their subscriptions, the frame has a gap for the number
     (:class:`~rwt_protocol.frames.GapFrame`), which is filled in for each client.
 
-    Each subscription has a throttle. :meth:`sort` splits the throttles into two groups:
+    Each subscription has a throttle. They are of two kinds:
 
     * **open** throttles pass every sample. Frames go straight to their senders, and the frames of one turn of
       the event loop share a :class:`~rwt_protocol.frames.Burst`.
     * **limiting** throttles decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the
       first one needs it.
 
+    Clients behind one line (:class:`~rwt_transports.endpoint.FeedFlow`) are members of a feed, and have one
+    throttle in common.
+
     Attributes by purpose:
 
-    * Throttles: ``_throttles`` (all), ``_direct`` (``join`` and ``send`` of the open ones), ``_limiting``
-      (the others), ``_open_since`` (for each open throttle, the value of ``_sendings`` when it opened).
+    * Feeds: ``_own`` (throttles of clients with a line of their own), ``_memberships``, ``_members`` (by
+      feed), ``_waiting`` (members that must not get the samples being deferred).
+    * Throttles: ``_throttles`` (all that samples are offered to), ``_direct`` (``join`` and ``send`` of the
+      open ones), ``_limiting`` (the others), ``_open_since`` (for each open throttle, the value of
+      ``_sendings`` when it opened).
     * Burst: ``_burst`` (collects frames now; None if no throttle joined it), ``_apart`` (senders of the open
       throttles outside it).
     * Counters: ``_encoded`` and ``_encoded_bytes`` (through open throttles, since the last :meth:`settle`),
@@ -179,22 +188,27 @@ class EncodedStream:
 
     def __init__(
         self,
-        encode: PublishEncoder,
+        encode: Callable[[S], Frame],
         counts: EncodingCounts,
-        monotonic: Callable[[], float],
-        late: _DeferredSamples,
+        clock: Clock,
+        late: DeferredSamples,
         form: Form = "json",
     ) -> None:
         self._encode = encode
         self.late = late
-        self.steps: Callable[[Sample], Iterator[None]] | None = getattr(encode, "steps", None)
-        self._monotonic = monotonic
+        self.steps: Callable[[S], Iterator[None]] | None = getattr(encode, "steps", None)
+        self._clock = clock
+        self._monotonic = clock.monotonic
         self._sent_at = float("-inf")
         self._open_since: dict[Throttle, int] = {}
         self._sendings = 0
         self.counts = counts
         self.form = form
-        self._throttles: list[Throttle] = []
+        self._own: list[Throttle] = []
+        self._memberships: dict[Throttle, Membership] = {}
+        self._members: dict[Feed, FeedMembers] = {}
+        self._waiting: set[Throttle] = set()
+        self._throttles: tuple[Throttle, ...] = ()
         self._direct: tuple[tuple[Callable[[Burst], bool], Callable[[Frame], None]], ...] = ()
         self._burst: Burst | None = None
         self._apart: list[Callable[[Frame], None]] = []
@@ -203,7 +217,7 @@ class EncodedStream:
         self._encoded_bytes = 0
 
     def __len__(self) -> int:
-        return len(self._throttles)
+        return len(self._own) + len(self._memberships)
 
     @property
     def is_open(self) -> bool:
@@ -212,25 +226,61 @@ class EncodedStream:
 
     def add(self, throttle: Throttle) -> None:
         """Add a throttle, effective from the next sample."""
-        self._throttles.append(throttle)
-        self.sort()
+        membership = throttle.enter(self)
+        if membership is None:
+            self._own.append(throttle)
+            self.arrange()
+            return
+        self._memberships[throttle] = membership
+        if self.late.waiting:
+            self._waiting.add(throttle)
+        self.changed(throttle)
 
     def remove(self, throttle: Throttle) -> None:
         """Remove a throttle."""
-        self._throttles.remove(throttle)
-        self._open_since.pop(throttle, None)
-        self.sort()
+        membership = self._memberships.pop(throttle, None)
+        if membership is None:
+            self._own.remove(throttle)
+        else:
+            self._waiting.discard(throttle)
+            members = self._members[membership.feed]
+            members.remove(throttle)
+            if not members:
+                del self._members[membership.feed]
+        self.arrange()
 
-    def sort(self) -> None:
-        """Split the throttles. Call after a throttle was added, removed or reconfigured."""
+    def changed(self, throttle: Throttle) -> None:
+        """Apply the new configuration of a throttle."""
+        membership = self._memberships.get(throttle)
+        if membership is not None:
+            members = self._members.get(membership.feed)
+            if members is None:
+                members = self._members[membership.feed] = FeedMembers(membership.feed, self._clock)
+            members.put(throttle, membership, waits=throttle in self._waiting)
+        self.arrange()
+
+    def _let_in(self) -> None:
+        """Let members have the common samples, who had to wait for older ones."""
+        waiting, self._waiting = self._waiting, set()
+        for throttle in waiting:
+            self.changed(throttle)
+
+    def arrange(self) -> None:
+        """Sort the throttles anew, after one of them was reconfigured."""
+        throttles = (*self._own, *(each for members in self._members.values() for each in members.throttles))
+        for gone in self._open_since.keys() - set(throttles):
+            del self._open_since[gone]
         self.settle()
+        self._sort(throttles)
+
+    def _sort(self, throttles: tuple[Throttle, ...]) -> None:
+        """Split the throttles. Called after one was added, removed or reconfigured."""
         # A burst belongs to the throttles that joined it: a new throttle must not get frames from before.
+        self._throttles = throttles
         self._note_sendings()
-        self._end_burst()
-        self._direct = tuple(
-            (throttle.join, throttle.send) for throttle in self._throttles if throttle.is_open
-        )
-        self._limiting = tuple(throttle for throttle in self._throttles if not throttle.is_open)
+        self.end_burst()
+        self._direct = tuple((throttle.join, throttle.send) for throttle in throttles if throttle.is_open)
+        self._limiting = tuple(throttle for throttle in throttles if not throttle.is_open)
 
     def _note_sendings(self) -> None:
         """Tell throttles that are no longer open when they were last sent a sample (THR-06)."""
@@ -249,34 +299,36 @@ class EncodedStream:
         self._sendings += self._encoded
         self._encoded = self._encoded_bytes = 0
 
-    def encode(self, sample: Sample) -> Frame:
+    def encode(self, sample: S) -> Frame:
         """Encode a sample now, and count it."""
         self.counts.encodes += 1
         return self._encode(sample)
 
-    def is_slow(self, sample: Sample) -> bool:
+    def is_slow(self, sample: S) -> bool:
         """True if encoding the sample takes steps."""
         return sample.payload.is_long or self.steps is not None
 
-    def prepare(self, sample: Sample) -> Iterator[None]:
+    def prepare(self, sample: S) -> Iterator[None]:
         """Do the slow part of encoding a sample, in steps."""
         if sample.payload.is_long:
             yield from sample.payload.prepare({self.form})
         if self.steps is not None:
             yield from self.steps(sample)
 
-    def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
+    def deliver_but_to(self, newer: Collection[object], sample: S) -> None:
         """Send a sample to every throttle except `newer`."""
-        self._end_burst()
+        self.end_burst()
         self._offer(
             _EncodedSample(self, sample), [throttle for throttle in self._throttles if throttle not in newer]
         )
 
-    def deliver(self, sample: Sample) -> None:
+    def deliver(self, sample: S) -> None:
         """Send a sample to every throttle."""
+        if self._waiting:
+            self._let_in()
         # Frames in a burst have no lifespan: open throttles are offered the sample, too.
         if sample.expires_ns:
-            self._end_burst()
+            self.end_burst()
             self._offer(_EncodedSample(self, sample), self._throttles)
             return
         frame: Frame | None = None
@@ -319,18 +371,19 @@ class EncodedStream:
         self._apart = apart
         self._burst = burst if len(apart) < len(self._direct) else None
 
-    def _end_burst(self) -> None:
+    def end_burst(self) -> None:
+        """End the burst, so that what is sent to a client otherwise comes after it."""
         burst, self._burst = self._burst, None
         if burst is not None:
             burst.seal()
 
-    def _offer(self, encoded: _EncodedSample, throttles: Iterable[Throttle]) -> None:
+    def _offer(self, encoded: _EncodedSample[S], throttles: Iterable[Throttle]) -> None:
         for throttle in throttles:
             throttle.offer(encoded.sample, encoded.send)
 
-    def replay(self, sample: Sample, throttle: Throttle) -> None:
+    def replay(self, sample: S, throttle: Throttle) -> None:
         """Send a retained sample to one throttle (SUB-13)."""
-        self._end_burst()
+        self.end_burst()
         throttle.offer(sample, _EncodedSample(self, sample).send)
 
 
@@ -376,11 +429,11 @@ class Fanout:
         self.topic = topic
         self.type = type
         self.counts = counts
-        self._streams: dict[tuple[str, str], EncodedStream] = {}
-        self._active: tuple[EncodedStream, ...] = ()
+        self._streams: dict[tuple[str, str], EncodedStream[Sample]] = {}
+        self._active: tuple[EncodedStream[Sample], ...] = ()
         self._takers: list[Callable[[Sample], None]] = []
         self._is_stepped = False
-        self.late = _DeferredSamples(scheduler)
+        self.late = DeferredSamples(scheduler)
         self._late_samples = 0
         self._number = 0
         self._joined: dict[object, int] = {}
@@ -427,7 +480,7 @@ class Fanout:
         self.subscription = self._subscribe()
         old.close()
 
-    def join(self, throttle: Throttle, name: str, encoding: Encoding, on_end: OnEnd) -> EncodedStream:
+    def join(self, throttle: Throttle, name: str, encoding: Encoding, on_end: OnEnd) -> EncodedStream[Sample]:
         """Add a throttle to the stream of this spelling and encoding, which is created if needed.
 
         Args:
@@ -442,7 +495,7 @@ class Fanout:
             stream = self._streams[key] = EncodedStream(
                 encoding.publish_encoder(name),
                 self.counts.encoding(encoding.name),
-                self._clock.monotonic,
+                self._clock,
                 self.late,
                 encoding.form,
             )

@@ -3,22 +3,55 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 from rwt.delivery.drop_notices import SAME_MOMENT, DeadlineWatch
-from rwt_graph.api import EndpointInfo, Sample
+from rwt_graph.api import EndpointInfo
 from rwt_graph.clock import Clock
+from rwt_interfaces.payload import Form
 from rwt_participant.qos import History, Reliability
 from rwt_participant.timers import Timer
 from rwt_protocol.fragments import cut
 from rwt_protocol.frames import Burst, Frame
-from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Flow, FlowRules
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FeedFlow, Flow, FlowRules, Membership
 
 
 def _refuse(_burst: Burst) -> bool:
     return False
+
+
+class Content(Protocol):
+    """Content of a sample."""
+
+    @property
+    def is_long(self) -> bool:
+        """True if encoding it takes steps."""
+
+    @property
+    def kept_size(self) -> int:
+        """Bytes that keeping it takes."""
+
+    def prepare(self, forms: Iterable[Form]) -> Iterator[None]:
+        """Take the steps."""
+
+
+class Deliverable(Protocol):
+    """What is delivered: a sample of the graph, or one that another server has encoded."""
+
+    @property
+    def payload(self) -> Content:
+        """Content."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of publishing, in nanoseconds since the epoch."""
+
+    @property
+    def expires_ns(self) -> int:
+        """Time until which it is delivered; 0 for no limit."""
 
 
 _SendTo = Callable[[Callable[["Frame"], None]], None]
@@ -70,7 +103,7 @@ class Throttle:
         self._throttle = 0.0
         self._lifespan_ns = 0
         self._deadline: DeadlineWatch | None = None
-        self._queue: deque[tuple[Sample, _SendTo, int]] = deque(maxlen=0)
+        self._queue: deque[tuple[Deliverable, _SendTo, int]] = deque(maxlen=0)
         self._last = float("-inf")
         self._timer: Timer | None = None
         self._is_closed = False
@@ -79,6 +112,18 @@ class Throttle:
     def is_open(self) -> bool:
         """True if every sample passes, so that callers may bypass the throttle."""
         return not (self._throttle or self._queue or self._lifespan_ns or self._deadline)
+
+    @property
+    def asked(self) -> tuple[float, int] | None:
+        """Minimum seconds between samples and length of the queue; None if the client wants more than that,
+        which only this throttle can give."""
+        if self._piece or self._lifespan_ns or self._deadline:
+            return None
+        return self._throttle, self._queue.maxlen or 0
+
+    def enter(self, key: Hashable) -> Membership | None:
+        """Become a member of a feed, if the client shares its line with others."""
+        return self._flow.enter(key) if isinstance(self._flow, FeedFlow) else None
 
     @property
     def send(self) -> Callable[[Frame], None]:
@@ -126,7 +171,7 @@ class Throttle:
             self._deadline.close()
         self._deadline = deadline
 
-    def offer(self, sample: Sample, send_to: _SendTo) -> None:
+    def offer(self, sample: Deliverable, send_to: _SendTo) -> None:
         """Process one sample: send it now, queue it, or drop it."""
         if self._deadline is not None:
             self._deadline.met()
@@ -138,7 +183,7 @@ class Throttle:
         else:
             self._withheld(DropReason.THROTTLE)
 
-    def _enqueue(self, sample: Sample, send_to: _SendTo) -> None:
+    def _enqueue(self, sample: Deliverable, send_to: _SendTo) -> None:
         """Queue a sample; older ones of its topic are dropped to make room."""
         size = sample.payload.kept_size
         full = len(self._queue) == self._queue.maxlen
@@ -154,7 +199,7 @@ class Throttle:
         if self._timer is None:
             self._start_timer()
 
-    def _pop(self) -> tuple[Sample, _SendTo]:
+    def _pop(self) -> tuple[Deliverable, _SendTo]:
         sample, send_to, size = self._queue.popleft()
         self._room.left += size
         return sample, send_to
@@ -174,7 +219,7 @@ class Throttle:
         while self._queue and self._due():
             self._send(*self._pop())
 
-    def _send(self, sample: Sample, send_to: _SendTo) -> None:
+    def _send(self, sample: Deliverable, send_to: _SendTo) -> None:
         expires_ns = self._expiry(sample)
         if expires_ns and expires_ns < self._clock.time_ns():
             # An expired sample does not count as sent: the next one need not wait for the throttle.
@@ -188,7 +233,7 @@ class Throttle:
         if not self._is_closed:
             self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
 
-    def _expiry(self, sample: Sample) -> int:
+    def _expiry(self, sample: Deliverable) -> int:
         """Return the end of the publisher's or the subscriber's lifespan, whichever is sooner; 0: never."""
         if not self._lifespan_ns:
             return sample.expires_ns

@@ -14,25 +14,39 @@ from rwt.extensions.hub.uplink.frames import (
     BadFrame,
     Credit,
     Data,
+    DropCause,
+    Drops,
     End,
+    FeedBegun,
+    FeedHead,
     Hello,
+    Join,
+    Joined,
     Lane,
+    Left,
     Open,
     Ping,
     Refusal,
     Refused,
+    SamplePart,
     Skipped,
     decode_frame,
     encode_accept,
     encode_ack,
     encode_credit,
     encode_data,
+    encode_drops,
     encode_end,
+    encode_feed,
     encode_hello,
+    encode_join,
+    encode_leave,
     encode_open,
     encode_ping,
     encode_refuse,
+    encode_sample,
     is_sequenced,
+    split_first_part,
 )
 
 VECTORS = {
@@ -60,6 +74,32 @@ VECTORS = {
         "06 00 00000003" + b'{"status":401,"reason":"who?"}'.hex(),
         Refused(3, Refusal(401, "who?")),
     ),
+    "FEED": (
+        encode_feed(2, FeedHead("/odom", 0.5)),
+        "07 00 00000002" + b'{"topic":"/odom","period":0.5}'.hex(),
+        FeedBegun(2, FeedHead("/odom", 0.5)),
+    ),
+    "JOIN": (
+        encode_join(3, Join(2, throttle=0.5, queue=1, depth=10, gap="00000001")),
+        "08 00 00000003" + b'{"feed":2,"throttle":0.5,"queue":1,"depth":10,"gap":"00000001"}'.hex(),
+        Joined(3, Join(2, throttle=0.5, queue=1, depth=10, gap="00000001")),
+    ),
+    "LEAVE": (encode_leave(3, 2), "09 00 00000003 00000002", Left(3, 2)),
+    "SAMPLE, for all": (
+        encode_sample(2, Lane.SMALL, memoryview(b"ab"), binary=False, is_last=True),
+        "0a 12 00000002 6162",
+        SamplePart(2, Lane.SMALL, False, True, 0x12, memoryview(b"ab")),
+    ),
+    "SAMPLE, the first part of one with a gap for a single client": (
+        encode_sample(2, Lane.LARGE, memoryview(b"ab"), binary=True, is_last=False, to=3, gap=1),
+        "0a 6b 00000002 00000003 0001 6162",
+        SamplePart(2, Lane.LARGE, True, False, 0x6B, memoryview(b"\0\0\0\3\0\1ab")),
+    ),
+    "DROPS": (
+        encode_drops(Drops(3, 2, DropCause.BACKLOG, 5)),
+        "0b 00 00000003 00000002 02 0005",
+        Drops(3, 2, DropCause.BACKLOG, 5),
+    ),
     "HELLO": (
         encode_hello(Hello("a", 5, "rwt 1")),
         "40 00 00000000" + b'{"session":"a","received":5,"software":"rwt 1"}'.hex(),
@@ -79,7 +119,7 @@ def test_a_frame_on_the_wire(name: str) -> None:
     assert is_sequenced(encoded) is (encoded[0] < 64)
 
 
-@pytest.mark.parametrize("kind", [0, 7, 63, 68, 255])
+@pytest.mark.parametrize("kind", [0, 12, 63, 68, 255])
 def test_frames_of_a_later_version_are_skipped(kind: int) -> None:
     assert decode_frame(bytes((kind, 1, 0, 0, 0, 1)) + b"what") == Skipped(kind)
 
@@ -91,6 +131,14 @@ def test_frames_of_a_later_version_are_skipped(kind: int) -> None:
         (b"\x02\x10\x00\x00\x00", "5 bytes"),
         (bytes(MAX_FRAME_BYTES + 1), "131073 bytes"),
         (b"\x02\x15\x00\x00\x00\x01", "no lane 5"),
+        (b"\x0a\x11\x00\x00\x00\x01", "a sample in lane 1"),
+        (b"\x07\x00\x00\x00\x00\x01{}", "FEED: "),
+        (encode_join(1, Join(1))[:6] + b'{"feed":0}', "JOIN: "),
+        (encode_join(1, Join(1))[:6] + b'{"feed":1,"gap":"0"}', "JOIN: "),
+        (encode_leave(1, 1)[:-1], "LEAVE: expected 4 bytes, got 3"),
+        (encode_drops(Drops(1, 1, DropCause.SIZE, 1))[:-1], "DROPS: expected 7 bytes, got 6"),
+        (b"\x0b\x00\x00\x00\x00\x01\x00\x00\x00\x01\x09\x00\x01", "DROPS: 1 samples for reason 9"),
+        (b"\x0b\x00\x00\x00\x00\x01\x00\x00\x00\x01\x01\x03\xe9", "DROPS: 1001 samples"),
         (encode_ack(1)[:-1], "ACK: expected 8 bytes, got 7"),
         (encode_credit(1, 1) + b"x", "CREDIT: expected 4 bytes, got 5"),
         (encode_end(1, 1000, "")[:-1], "END: expected 2 to"),
@@ -104,6 +152,16 @@ def test_frames_of_a_later_version_are_skipped(kind: int) -> None:
 def test_what_is_no_frame(data: bytes, says: str) -> None:
     with pytest.raises(BadFrame, match=says):
         decode_frame(data)
+
+
+def test_the_first_part_of_a_sample_says_for_whom_it_is() -> None:
+    part = decode_frame(
+        encode_sample(2, Lane.SMALL, memoryview(b"ab"), binary=True, is_last=True, to=3, gap=1)
+    )
+    assert isinstance(part, SamplePart)
+    assert split_first_part(part) == (3, 1, memoryview(b"ab"))
+    with pytest.raises(BadFrame, match="too short"):
+        split_first_part(part._replace(payload=part.payload[:5]))
 
 
 @given(st.binary(max_size=200))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
 from rwt.extensions.hub.uplink.frames import (
+    SMALL_BYTES,
     BadFrame,
     Data,
     Lane,
@@ -22,7 +23,7 @@ from rwt.extensions.hub.uplink.frames import (
     encode_open,
     encode_ping,
 )
-from rwt.extensions.hub.uplink.streams import CREDIT_BYTES, SMALL_BYTES, STOP_BYTES, Stream
+from rwt.extensions.hub.uplink.streams import CREDIT_BYTES, STOP_BYTES, Stream
 from rwt.extensions.hub.uplink.uplink import BULK_SHARE, MAX_ORDERS, PONG_SECONDS, RESUME_SECONDS, Uplink
 from rwt_protocol.frames import Frame
 from rwt_transports import Limits

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Final
 
 from rwt.access.client_graph import ClientGraph
 from rwt.delivery.drop_notices import DropNotices, NoticeFlow
 from rwt.delivery.fanout import Fanout
+from rwt.delivery.gap_flow import GapFlow
 from rwt.delivery.throttle import Room, Throttle, rules_as_published
 from rwt.extensions.foxglove.catalogue import TopicChannel
 from rwt.extensions.foxglove.errors import NotPossible
@@ -17,9 +18,9 @@ from rwt.extensions.foxglove.replies import FoxgloveReplies
 from rwt.extensions.foxglove.wire.client_messages import ChannelSubscription
 from rwt.extensions.foxglove.wire.server_messages import Level, message_data, status, subscription_number
 from rwt_protocol.codecs import Encoding
-from rwt_protocol.frames import Burst, Frame
+from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import PublishedMessage
-from rwt_transports.endpoint import DropReason, Flow
+from rwt_transports.endpoint import DropReason
 
 
 def _serialised(sample: PublishedMessage) -> Frame:
@@ -33,27 +34,6 @@ def _in_json(sample: PublishedMessage) -> Frame:
 # All subscriptions share a frame with a gap for their ids.
 SERIALISED: Final = Encoding("foxglove", 0, lambda topic: _serialised, "serialised")
 IN_JSON: Final = Encoding("foxglove-json", 0, lambda topic: _in_json)
-
-
-class _NumberedFlow:
-    """Flow of a topic to one client, which fills the subscription's id into the shared frame."""
-
-    __slots__ = ("_flow", "_number", "close", "configure")
-
-    def __init__(self, flow: Flow, id: int) -> None:
-        self._flow = flow
-        self._number = subscription_number(id)
-        self.close = flow.close
-        self.configure = flow.configure
-
-    def send(self, frame: Frame) -> None:
-        self._flow.send(frame.filled(self._number))
-
-    def join(self, burst: Burst) -> bool:
-        return self._flow.join(burst.filled(self._number))
-
-    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        self._flow.send_message([piece.filled(self._number) for piece in pieces], expires_ns)
 
 
 _BECAUSE: Final[Mapping[DropReason, str]] = {
@@ -88,7 +68,7 @@ class _Delivery:
         info = graph.topic(topic)
         rules = rules_as_published(info.publishers if info else ())
         flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
-        self._flow = _NumberedFlow(flow, id)
+        self._flow = GapFlow(flow, subscription_number(id))
         # Open, and so without a queue of its own: messages only wait for the network.
         self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 

@@ -28,6 +28,7 @@ from rwt.extensions.hub.ends import (
     WaitingBytes,
     join,
 )
+from rwt.extensions.hub.feeds import RobotFeeds
 from rwt.extensions.hub.listing import hub_routes
 from rwt.extensions.hub.uplink.carrier import Carrier
 from rwt.extensions.hub.uplink.dial import SOFTWARE
@@ -45,11 +46,12 @@ from rwt.extensions.hub.uplink.openings import (
 from rwt.extensions.hub.uplink.pages import PageInbox
 from rwt.extensions.hub.uplink.streams import Stream
 from rwt.extensions.hub.uplink.uplink import Uplink
+from rwt_graph.clock import Clock, SteadyClock
 from rwt_protocol.frames import Frame
 from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http.addresses import AddressCount
+from rwt_transports.http.addresses import AddressCount, holder_of
 from rwt_transports.http.proxies import NO_PROXIES, Proxies
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.limits import Limits
@@ -84,6 +86,7 @@ class DialedRobot:
         instance: random id of the program; distinguishes it from another of the same name.
         address: address of its connection.
         uplink: its streams.
+        feeds: samples of its topics for several clients.
         carrier: its connection; None for a moment after a loss.
         software: name and version of its program.
     """
@@ -92,6 +95,7 @@ class DialedRobot:
     instance: str
     address: str
     uplink: Uplink
+    feeds: RobotFeeds
     carrier: RobotCarrier | None = None
     software: str = ""
 
@@ -124,6 +128,7 @@ class Hub:
         scheduler: scheduler of the messages that are passed on, shared by all connections.
         writing: scheduler of the frames that are sent.
         max_robots: maximum number of robots.
+        clock: clock of the throttles of clients; the caller drives it.
 
     Attributes:
         url: URL at which it listens, with the actual port; empty until it is open.
@@ -144,7 +149,9 @@ class Hub:
         scheduler: Scheduler | None = None,
         writing: Scheduler | None = None,
         max_robots: int = MAX_ROBOTS,
+        clock: Clock | None = None,
     ) -> None:
+        self.clock = clock or SteadyClock()
         self.url = ""
         self.scheduler = scheduler or Scheduler.immediate(MESSAGES)
         self.writing = writing or Scheduler.immediate(WRITING)
@@ -214,6 +221,7 @@ class Hub:
         for carrier in tuple(self._pending):
             carrier.check(now)
         for robot in tuple(self._robots.values()):
+            robot.feeds.report()
             if robot.carrier is not None:
                 robot.carrier.check(now)
             elif not robot.uplink.tick(now):
@@ -297,9 +305,12 @@ class Hub:
             self._buffers,
             lambda: robot.wake(),
             repeats=False,
+            closed=lambda stream: feeds.ended(stream),
+            fed=lambda frame: feeds.receive(frame),
             now=time.monotonic(),
         )
-        robot = DialedRobot(carrier.name, carrier.instance, carrier.address, uplink)
+        feeds = RobotFeeds(uplink, holder_of(carrier.address), self.clock, self.scheduler)
+        robot = DialedRobot(carrier.name, carrier.instance, carrier.address, uplink, feeds)
         self._robots[carrier.name] = robot
         logger.info("robot %s dialled in from %s", robot.name, robot.address or "?")
         return robot
@@ -348,6 +359,7 @@ class Hub:
             stream.close(POLICY, refused.reason)
             stream.resume()
             raise
+        robot.feeds.admit(stream.number, sink)
         join(client, RobotEnd(self, robot, stream, info.address))
         self.clients += 1
         return client
@@ -478,6 +490,7 @@ async def open_hub(
         ) as listener,
         background_tasks() as tasks,
     ):
+        tasks.start_soon(hub.clock.drive)
         tasks.start_soon(hub.watch)
         hub.url = listener.url
         yield hub

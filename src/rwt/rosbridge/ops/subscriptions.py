@@ -11,6 +11,7 @@ from rwt.delivery.fanout import EncodedStream, Fanout
 from rwt.delivery.throttle import Room, Throttle
 from rwt.rosbridge.ops.qos import history_depth, qos_request
 from rwt.rosbridge.reply import Replies
+from rwt_graph.api import Sample
 from rwt_protocol import ops
 from rwt_protocol.codecs import Encoding
 from rwt_protocol.ops import Status
@@ -63,7 +64,7 @@ class ClientSubscription:
         self._flow = replies.sink.flow(name, on_drop=self._drops.dropped, time_ns=clock.time_ns)
         self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, room)
         self._encoding: Encoding | None = None
-        self._stream: EncodedStream | None = None
+        self._stream: EncodedStream[Sample] | None = None
 
     @property
     def is_empty(self) -> bool:
@@ -86,7 +87,7 @@ class ClientSubscription:
         if is_new:
             self._replay(stream, history_depth(op), startup=is_first)
 
-    def _replay(self, stream: EncodedStream, most: int | None, *, startup: bool) -> None:
+    def _replay(self, stream: EncodedStream[Sample], most: int | None, *, startup: bool) -> None:
         """Send latched samples, at most that many of the newest; None means all."""
         if most == 0:
             return
@@ -119,7 +120,7 @@ class ClientSubscription:
         self._leave()
         self._graph.unsubscribe(self.fanout, count)
 
-    def _apply(self) -> EncodedStream:
+    def _apply(self) -> EncodedStream[Sample]:
         requests = self._requests.values()
         encoding = max((encoding for _, encoding in requests), key=lambda encoding: encoding.precedence)
         self._throttle.cut_to(min((op.fragment_size for op, _ in requests if op.fragment_size), default=0))
@@ -127,7 +128,7 @@ class ClientSubscription:
         self._throttle.configure(rate, min(op.queue_length for op, _ in requests))
         self._apply_qos([op for op, _ in requests])
         if encoding is self._encoding and self._stream is not None:
-            self._stream.sort()
+            self._stream.changed(self._throttle)
             return self._stream
         self._leave()
         self._encoding = encoding

@@ -14,6 +14,15 @@ kind name     payload
 4    `CREDIT` number of bytes (4 bytes) that the other side may send on the stream in addition
 5    `ACCEPT` nothing: the robot has admitted the client
 6    `REFUSE` JSON of :class:`Refusal`: the robot has not; the stream has ended
+7    `FEED`   JSON of :class:`FeedHead`. A feed begins, or its period changes. Its number is in place of the
+              stream, as in `SAMPLE`.
+8    `JOIN`   JSON of :class:`Join`: the client of the stream is a member of a feed, or wants something else
+9    `LEAVE`  number of the feed (4 bytes) that the client of the stream leaves
+10   `SAMPLE` a part of a sample for the members of a feed. Flags as of `DATA`, and in its first part: bit 5
+              "for one": the payload begins with the stream of its only receiver (4 bytes); bit 6 "gap": then
+              comes the position (2 bytes) at which each member's own bytes are put in
+11   `DROPS`  feed (4 bytes), reason (1 byte) and number (2 bytes) of samples that the stream's client did not
+              get at the hub
 64   `HELLO`  JSON of :class:`Hello`; the first frame in each direction
 65   `ACK`    bytes of sequenced frames received so far (8 bytes)
 66   `PING`   anything; answered by a `PONG` with the same payload
@@ -30,6 +39,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 from struct import Struct
+from struct import error as StructError
 from typing import Annotated, Final, NamedTuple
 
 import msgspec
@@ -41,6 +51,9 @@ HEADER: Final = Struct(">BBI")
 _END: Final = Struct(">H")
 _CREDIT: Final = Struct(">I")
 _ACK: Final = Struct(">Q")
+_FEED: Final = Struct(">I")
+_GAP: Final = Struct(">H")
+_DROPS: Final = Struct(">IBH")
 
 MAX_FRAME_BYTES: Final = 128 * 1024
 """Maximum size of a frame."""
@@ -49,7 +62,10 @@ MAX_REASON_BYTES: Final = 1024
 """Maximum size of the reason of an `END`; longer ones are cut."""
 
 _UNSEQUENCED: Final = 64
-_LANE, _BINARY, _LAST = 0b111, 0b1000, 0b1_0000
+_LANE, _BINARY, _LAST, _FOR_ONE, _GAPPED = 0b111, 0b1000, 0b1_0000, 0b10_0000, 0b100_0000
+
+MAX_DROPS: Final = 1000
+"""Maximum number of samples that one `DROPS` reports."""
 
 
 class BadFrame(ValueError):
@@ -65,6 +81,11 @@ class Kind(IntEnum):
     CREDIT = 4
     ACCEPT = 5
     REFUSE = 6
+    FEED = 7
+    JOIN = 8
+    LEAVE = 9
+    SAMPLE = 10
+    DROPS = 11
     HELLO = 64
     ACK = 65
     PING = 66
@@ -84,6 +105,10 @@ class Lane(IntEnum):
     """Large samples."""
     BULK = 4
     """Large replies, files and pages."""
+
+
+SMALL_BYTES: Final = 16 * 1024
+"""Maximum size of samples and replies that go before large ones."""
 
 
 class Hello(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -107,6 +132,95 @@ class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
     status: Annotated[int, msgspec.Meta(ge=400, le=599)] = 403
     reason: Annotated[str, msgspec.Meta(max_length=MAX_REASON_BYTES)] = ""
     headers: dict[str, str] = {}
+
+
+_Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e12)]
+
+
+class FeedHead(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Samples of one topic in one form, which cross the uplink once for all clients that are members.
+
+    Attributes:
+        topic: name of the topic.
+        period: minimum seconds between two samples for all members; 0.0 if all samples are sent.
+    """
+
+    topic: Annotated[str, msgspec.Meta(max_length=4096)]
+    period: _Seconds = 0.0
+
+
+class Join(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What a client wants of a feed.
+
+    Attributes:
+        throttle: minimum seconds between two samples.
+        queue: samples that wait for the throttle; the newest stay.
+        depth: samples that wait for the connection; the newest stay. None: as many as there is room for.
+        keep_all: True if samples of topics without this are dropped first.
+        gap: bytes for the gap of each sample, in hexadecimal digits.
+        apart: True if the client gets only the samples that are for it alone.
+    """
+
+    feed: Annotated[int, msgspec.Meta(ge=1, lt=2**32)]
+    throttle: _Seconds = 0.0
+    queue: Annotated[int, msgspec.Meta(ge=0, le=2**31)] = 0
+    depth: Annotated[int, msgspec.Meta(ge=0, le=2**31)] | None = None
+    keep_all: bool = False
+    gap: Annotated[str, msgspec.Meta(max_length=32, pattern="^([0-9a-f]{2})*$")] = ""
+    apart: bool = False
+
+
+class DropCause(IntEnum):
+    """Reason why a hub did not deliver a sample, see :class:`~rwt_transports.endpoint.DropReason`."""
+
+    QUEUE = 1
+    BACKLOG = 2
+    SIZE = 3
+
+
+class FeedBegun(NamedTuple):
+    """Beginning or change of a feed."""
+
+    feed: int
+    head: FeedHead
+
+
+class Joined(NamedTuple):
+    """Membership of a client in a feed."""
+
+    stream: int
+    join: Join
+
+
+class Left(NamedTuple):
+    """End of a membership."""
+
+    stream: int
+    feed: int
+
+
+class SamplePart(NamedTuple):
+    """Part of a sample of a feed.
+
+    Attributes:
+        flags: those of the frame; :func:`split_first_part` needs them.
+    """
+
+    feed: int
+    lane: Lane
+    binary: bool
+    is_last: bool
+    flags: int
+    payload: memoryview
+
+
+class Drops(NamedTuple):
+    """Samples of a feed that the client of a stream did not get."""
+
+    stream: int
+    feed: int
+    cause: DropCause
+    samples: int
 
 
 class Data(NamedTuple):
@@ -177,11 +291,19 @@ class Skipped(NamedTuple):
     kind: int
 
 
-UplinkFrame = Data | Open | End | Credit | Accepted | Refused | Ack | Ping | Hello | Skipped
+FeedFrame = FeedBegun | Joined | Left | SamplePart
+"""Frames of a robot about its feeds."""
+
+UplinkFrame = (
+    Data | Open | End | Credit | Accepted | Refused | FeedFrame | Drops | Ack | Ping | Hello | Skipped
+)
 
 _hello: Final = msgspec.json.Decoder(Hello)
 _refusal: Final = msgspec.json.Decoder(Refusal)
+_feed_head: Final = msgspec.json.Decoder(FeedHead)
+_join: Final = msgspec.json.Decoder(Join)
 _LANES: Final = dict(enumerate(Lane))
+_CAUSES: Final = frozenset(DropCause)
 
 
 def is_sequenced(frame: bytes) -> bool:
@@ -221,6 +343,72 @@ def encode_refuse(stream: int, refusal: Refusal) -> bytes:
     return HEADER.pack(Kind.REFUSE, 0, stream) + msgspec.json.encode(refusal)
 
 
+def encode_feed(feed: int, head: FeedHead) -> bytes:
+    """Return a `FEED` frame."""
+    return HEADER.pack(Kind.FEED, 0, feed) + msgspec.json.encode(head)
+
+
+def encode_join(stream: int, join: Join) -> bytes:
+    """Return a `JOIN` frame."""
+    return HEADER.pack(Kind.JOIN, 0, stream) + msgspec.json.encode(join)
+
+
+def encode_leave(stream: int, feed: int) -> bytes:
+    """Return a `LEAVE` frame."""
+    return HEADER.pack(Kind.LEAVE, 0, stream) + _FEED.pack(feed)
+
+
+def encode_sample(
+    feed: int,
+    lane: Lane,
+    payload: memoryview,
+    *,
+    binary: bool,
+    is_last: bool,
+    to: int | None = None,
+    gap: int | None = None,
+) -> bytes:
+    """Return a `SAMPLE` frame.
+
+    Args:
+        to: stream of the only receiver; None for all members. Only of the first part.
+        gap: position of the gap; None without one. Only of the first part.
+    """
+    flags = lane | (_BINARY if binary else 0) | (_LAST if is_last else 0)
+    head = b""
+    if to is not None:
+        flags |= _FOR_ONE
+        head = _FEED.pack(to)
+    if gap is not None:
+        flags |= _GAPPED
+        head += _GAP.pack(gap)
+    return b"".join((HEADER.pack(Kind.SAMPLE, flags, feed), head, payload))
+
+
+def split_first_part(part: SamplePart) -> tuple[int | None, int | None, memoryview]:
+    """Return the only receiver of a sample, the position of its gap, and the rest of its first part.
+
+    Raises:
+        BadFrame: the part is shorter than its flags say.
+    """
+    payload, to, gap = part.payload, None, None
+    try:
+        if part.flags & _FOR_ONE:
+            (to,) = _FEED.unpack_from(payload)
+            payload = payload[_FEED.size :]
+        if part.flags & _GAPPED:
+            (gap,) = _GAP.unpack_from(payload)
+            payload = payload[_GAP.size :]
+    except StructError:
+        raise BadFrame("SAMPLE: too short for its flags") from None
+    return to, gap, payload
+
+
+def encode_drops(drops: Drops) -> bytes:
+    """Return a `DROPS` frame."""
+    return HEADER.pack(Kind.DROPS, 0, drops.stream) + _DROPS.pack(drops.feed, drops.cause, drops.samples)
+
+
 def encode_ack(received: int) -> bytes:
     """Return an `ACK` frame."""
     return HEADER.pack(Kind.ACK, 0, 0) + _ACK.pack(received)
@@ -247,6 +435,11 @@ def decode_frame(data: bytes) -> UplinkFrame:
         if lane is None:
             raise BadFrame(f"no lane {flags & _LANE}")
         return Data(stream, lane, bool(flags & _BINARY), bool(flags & _LAST), payload)
+    if kind == Kind.SAMPLE:
+        lane = _LANES.get(flags & _LANE)
+        if lane not in (Lane.SMALL, Lane.LARGE):
+            raise BadFrame(f"a sample in lane {flags & _LANE}")
+        return SamplePart(stream, lane, bool(flags & _BINARY), bool(flags & _LAST), flags, payload)
     if kind == Kind.ACK:
         return Ack(int(_number(_ACK, payload, "ACK")))
     if kind == Kind.CREDIT:
@@ -259,7 +452,15 @@ def decode_frame(data: bytes) -> UplinkFrame:
         return Ping(bytes(payload), kind == Kind.PONG)
     if kind == Kind.ACCEPT:
         return Accepted(stream)
+    if kind == Kind.LEAVE:
+        return Left(stream, int(_number(_FEED, payload, "LEAVE")))
+    if kind == Kind.DROPS:
+        return _drops(stream, payload)
     try:
+        if kind == Kind.FEED:
+            return FeedBegun(stream, _feed_head.decode(payload))
+        if kind == Kind.JOIN:
+            return Joined(stream, _join.decode(payload))
         if kind == Kind.REFUSE:
             return Refused(stream, _refusal.decode(payload))
         return _hello.decode(payload) if kind == Kind.HELLO else Skipped(kind)
@@ -272,6 +473,15 @@ def _number(form: Struct, payload: memoryview, name: str) -> int:
         raise BadFrame(f"{name}: expected {form.size} bytes, got {len(payload)}")
     (value,) = form.unpack(payload)
     return int(value)
+
+
+def _drops(stream: int, payload: memoryview) -> Drops:
+    if len(payload) != _DROPS.size:
+        raise BadFrame(f"DROPS: expected {_DROPS.size} bytes, got {len(payload)}")
+    feed, cause, count = _DROPS.unpack(payload)
+    if not 1 <= count <= MAX_DROPS or cause not in _CAUSES:
+        raise BadFrame(f"DROPS: {count} samples for reason {cause}")
+    return Drops(stream, feed, DropCause(cause), count)
 
 
 def _end(stream: int, payload: memoryview) -> End:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from time import time_ns
 from typing import TYPE_CHECKING, Final
 
+from rwt.extensions.hub.uplink.assembly import Assembly
+from rwt.extensions.hub.uplink.feeds import FeedMember
 from rwt.extensions.hub.uplink.frames import (
+    SMALL_BYTES,
     Data,
     Lane,
     Refusal,
@@ -20,7 +23,7 @@ from rwt.extensions.hub.uplink.frames import (
 )
 from rwt_protocol.frames import Burst, Frame
 from rwt_protocol.states import StateEnum
-from rwt_transports.api import HEAD_BYTES, FlowControlled, HoldingWire, OversizeAware
+from rwt_transports.api import FlowControlled, HoldingWire, OversizeAware
 from rwt_transports.background import ignore
 from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Traffic
@@ -34,9 +37,6 @@ if TYPE_CHECKING:
 
 CREDIT_BYTES: Final = 256 * 1024
 """Bytes of a stream that may arrive before its endpoint has taken the earlier ones."""
-
-SMALL_BYTES: Final = 16 * 1024
-"""Maximum size of samples and replies that go before large ones."""
 
 STOP_BYTES: Final = 4096
 """Maximum size of a message on the lane `STOP`."""
@@ -62,43 +62,46 @@ class _Begun:
         self.at = 0
 
 
-class _Arriving:
-    """Message of which a part has arrived.
+class _StreamFlow:
+    """Flow of one topic through a stream, or through a feed of the uplink.
 
-    Attributes:
-        size: bytes that have arrived, including those that were not kept.
+    Implements :class:`rwt_transports.endpoint.Flow` and :class:`rwt_transports.endpoint.FeedFlow`.
     """
 
-    __slots__ = ("data", "size")
+    __slots__ = ("_member", "_queue", "_stream", "_topic")
 
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.size = 0
-
-
-class _StreamFlow:
-    """Flow of one topic through a stream; implements :class:`rwt_transports.endpoint.Flow`."""
-
-    __slots__ = ("_queue", "_stream")
-
-    def __init__(self, stream: Stream, queue: TopicQueue) -> None:
+    def __init__(self, stream: Stream, topic: str, queue: TopicQueue) -> None:
         self._stream = stream
+        self._topic = topic
         self._queue = queue
+        self._member: FeedMember | None = None
+
+    def enter(self, key: Hashable, gap: bytes = b"") -> FeedMember | None:
+        queue = self._queue
+        self._member = self._stream.enter(self._topic, key, gap, queue)
+        return self._member
 
     def send(self, frame: Frame) -> None:
-        self._stream.send_sample(self._queue, (frame,))
+        self.send_message((frame,))
 
     def join(self, burst: Burst) -> bool:
         return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        self._stream.send_sample(self._queue, pieces, expires_ns)
+        if self._member is None:
+            self._stream.send_sample(self._queue, pieces, expires_ns)
+        else:
+            self._member.send(pieces, expires_ns)
 
     def configure(self, rules: FlowRules) -> None:
         self._stream.configure(self._queue, rules)
+        if self._member is not None:
+            self._member.configure(rules)
 
     def close(self) -> None:
         self._queue.on_drop = None
+        if self._member is not None:
+            self._member.on_drop = None
 
 
 class Stream:
@@ -127,14 +130,14 @@ class Stream:
     * Receiving: ``_arriving`` (by lane), ``_is_paused``, ``_held`` (messages for a paused endpoint that wants
       none), ``_held_end`` (the end behind them), ``_holds``, ``_taken`` (bytes for which no credit was given
       yet), ``_may_receive``.
-    * Counters: ``messages``, ``sent_bytes``.
+    * Counters: ``memberships`` (in feeds), ``messages``, ``sent_bytes``.
     """
 
     __slots__ = (
         "_arriving", "_begun", "_control", "_control_bytes", "_data", "_deadline", "_ending", "_endpoint",
         "_held", "_held_end", "_holder", "_holds", "_is_paused", "_may_receive", "_may_send", "_on_empty",
-        "_opening", "_state", "_stops", "_taken", "_uplink", "address", "messages", "number", "on_admission",
-        "sent_bytes",
+        "_opening", "_state", "_stops", "_taken", "_uplink", "address", "memberships", "messages", "number",
+        "on_admission", "sent_bytes",
     )  # fmt: skip
 
     def __init__(self, uplink: Uplink, number: int, address: str = "", opening: bytes = b"") -> None:
@@ -155,12 +158,13 @@ class Stream:
         self._ending: tuple[int, str] | None = None
         self._on_empty: Callable[[], None] | None = None
         self._deadline: float | None = None
-        self._arriving: dict[Lane, _Arriving] = {}
+        self._arriving = Assembly(uplink.limits.message_bytes)
         self._is_paused = self._holds = False
         self._held: deque[tuple[bytes, bool]] = deque()
         self._held_end: tuple[int, str] | None = None
         self._taken = 0
         self._may_receive = CREDIT_BYTES
+        self.memberships = 0
         self.messages = 0
         self.sent_bytes = 0
 
@@ -226,7 +230,14 @@ class Stream:
         time_ns: Callable[[], int] = time_ns,
     ) -> _StreamFlow:
         """See :class:`~rwt_transports.endpoint.Sink`."""
-        return _StreamFlow(self, TopicQueue(rules, on_drop, time_ns))
+        return _StreamFlow(self, topic, TopicQueue(rules, on_drop, time_ns))
+
+    def enter(self, topic: str, key: Hashable, gap: bytes, queue: TopicQueue) -> FeedMember | None:
+        """Return a new membership in a feed; None if there is no place for it, or at a hub."""
+        feeds = self._uplink.feeds
+        if feeds is None or self._state is not _StreamState.OPEN:
+            return None
+        return feeds.enter(self, topic, key, gap, queue.rules, queue.on_drop, queue.time_ns)
 
     def send_sample(self, queue: TopicQueue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue a sample of one topic."""
@@ -426,35 +437,14 @@ class Stream:
         return True
 
     def _collect(self, data: Data) -> None:
-        arriving = self._arriving.get(data.lane)
-        if arriving is None and data.is_last:
-            self._deliver(bytes(data.payload), data.binary, urgent=data.lane is Lane.STOP)
+        whole = self._arriving.add(data.lane, data.payload, is_last=data.is_last)
+        self._arriving.hold(self._uplink.buffers, self, self._holder)
+        if whole is None:
             return
-        if arriving is None:
-            arriving = self._arriving[data.lane] = _Arriving()
-        most = self._uplink.limits.message_bytes
-        arriving.size += len(data.payload)
-        if arriving.size <= most:
-            arriving.data += data.payload
-        elif len(arriving.data) > HEAD_BYTES:
-            del arriving.data[HEAD_BYTES:]
-        if not data.is_last:
-            self._hold()
-            return
-        del self._arriving[data.lane]
-        self._hold()
-        if arriving.size <= most:
-            self._deliver(bytes(arriving.data), data.binary)
+        if whole.is_complete:
+            self._deliver(whole.data, data.binary, urgent=data.lane is Lane.STOP)
         else:
-            self._oversized(arriving.size, bytes(arriving.data[:HEAD_BYTES]))
-
-    def _hold(self) -> None:
-        """Count incomplete messages in what all connections share."""
-        size = sum(len(arriving.data) for arriving in self._arriving.values())
-        if size:
-            self._uplink.buffers.hold(self, size, self._holder)
-        else:
-            self._uplink.buffers.release(self)
+            self._oversized(whole.size, whole.data)
 
     def _oversized(self, size: int, head: bytes) -> None:
         most = self._uplink.limits.message_bytes

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
+from rwt.extensions.hub.uplink.feeds import Feeds
 from rwt.extensions.hub.uplink.frames import (
     HEADER,
     Accepted,
@@ -13,12 +14,18 @@ from rwt.extensions.hub.uplink.frames import (
     BadFrame,
     Credit,
     Data,
+    Drops,
     End,
+    FeedBegun,
+    FeedFrame,
+    Joined,
     Kind,
     Lane,
+    Left,
     Open,
     Ping,
     Refused,
+    SamplePart,
     decode_frame,
     encode_ack,
     encode_end,
@@ -101,6 +108,8 @@ class Uplink:
 
     * ``limits``, ``buffers``: bounds of each stream, and of what all connections share.
     * ``streams``: open streams by number.
+    * ``feeds``: samples for several clients; None at a hub. ``_fed`` (takes the frames about them; None at a
+      robot).
     * ``session``: id of the session.
     * Connection: ``_state``, ``_wake`` (asks the carrier to call :meth:`take`), ``carrier_bytes`` (received
       by it), ``_window``, ``_since`` (monotonic time of the loss), ``_heard``, ``_probed``
@@ -116,6 +125,7 @@ class Uplink:
         opened: called with each stream that the other side opens, and its opening; None: it may not.
         closed: called once with each stream that has ended.
         wake: called when there may be something to take.
+        fed: at a hub, called with the frames about feeds; raises BadFrame.
     """
 
     def __init__(
@@ -128,12 +138,15 @@ class Uplink:
         repeats: bool,
         opened: Callable[[Stream, bytes], None] | None = None,
         closed: Callable[[Stream], None] = ignore,
+        fed: Callable[[FeedFrame], None] | None = None,
         now: float = 0.0,
     ) -> None:
         self.session = session
         self.limits = limits
         self.buffers = buffers
         self.streams: dict[int, Stream] = {}
+        self.feeds = Feeds(self) if repeats else None
+        self._fed = fed
         self._wake = wake
         self._repeats = repeats
         self._opened = opened
@@ -151,7 +164,7 @@ class Uplink:
         self.received = self._acked = 0
         self._urgent: deque[bytes] = deque()
         self._orders: deque[bytes] = deque()
-        self._ready: dict[Lane, deque[Stream]] = {lane: deque() for lane in ALL_LANES}
+        self._ready: dict[Lane, deque[Stream | Feeds]] = {lane: deque() for lane in ALL_LANES}
         self._is_ready: set[tuple[Lane, int]] = set()
         self._bulk_owed = 0
 
@@ -179,7 +192,7 @@ class Uplink:
         self.ready(stream, Lane.REPLIES)
         return stream
 
-    def ready(self, stream: Stream, lane: Lane) -> None:
+    def ready(self, stream: Stream | Feeds, lane: Lane) -> None:
         """Note that a stream may have something to send."""
         key = (lane, stream.number)
         if key not in self._is_ready:
@@ -295,7 +308,7 @@ class Uplink:
         frames = list(self._urgent)
         self._urgent.clear()
         part = min(max(int(self._window.rate * _PART_SECONDS), MIN_PART_BYTES), MAX_PART_BYTES)
-        served: dict[int, Stream] = {}
+        served: dict[int, Stream | Feeds] = {}
         while most > 0:
             frame = self._next_frame(part, served)
             if frame is None:
@@ -319,7 +332,7 @@ class Uplink:
             self._window.room > 0 and bool(self._again or self._orders or self._is_ready)
         )  # fmt: skip
 
-    def _next_frame(self, part: int, served: dict[int, Stream]) -> bytes | None:
+    def _next_frame(self, part: int, served: dict[int, Stream | Feeds]) -> bytes | None:
         # The emergency stop needs no room in the window.
         frame = self._from_lane(Lane.STOP, part, served)
         if frame is not None or self._window.room <= 0:
@@ -338,7 +351,7 @@ class Uplink:
                 break
         return frame
 
-    def _from_lane(self, lane: Lane, part: int, served: dict[int, Stream]) -> bytes | None:
+    def _from_lane(self, lane: Lane, part: int, served: dict[int, Stream | Feeds]) -> bytes | None:
         """Return the next frame of a lane: one of each stream in turn."""
         ready = self._ready[lane]
         while ready:
@@ -383,6 +396,14 @@ class Uplink:
             stream = self.streams.get(frame.stream)
             if stream is not None:
                 stream.ended(frame.code, frame.reason)
+        elif isinstance(frame, SamplePart | FeedBegun | Joined | Left):
+            if self._fed is None:
+                raise BadFrame("only a robot has feeds")
+            self._fed(frame)
+        elif isinstance(frame, Drops):
+            if self.feeds is None:
+                raise BadFrame("only a hub reports drops")
+            self.feeds.dropped(frame)
         elif isinstance(frame, Credit | Accepted | Refused):
             stream = self.streams.get(frame.stream)
             if stream is not None:

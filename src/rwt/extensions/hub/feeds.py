@@ -1,0 +1,327 @@
+"""Feeds of a robot at its hub: each sample arrives once, and goes to every client that wants it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from msgspec import Struct
+
+from rwt.delivery.counters import EncodingCounts
+from rwt.delivery.fanout import DeferredSamples, EncodedStream
+from rwt.delivery.feed_members import steps
+from rwt.delivery.gap_flow import GapFlow
+from rwt.delivery.throttle import Room, Throttle
+from rwt.extensions.hub.uplink.assembly import Assembly
+from rwt.extensions.hub.uplink.feeds import CAUSES, MAX_FEEDS, MAX_MEMBERSHIPS
+from rwt.extensions.hub.uplink.frames import (
+    MAX_DROPS,
+    BadFrame,
+    DropCause,
+    Drops,
+    FeedBegun,
+    FeedFrame,
+    FeedHead,
+    Join,
+    Joined,
+    Lane,
+    Left,
+    SamplePart,
+    encode_drops,
+    split_first_part,
+)
+from rwt.extensions.hub.uplink.uplink import Uplink
+from rwt_graph.clock import Clock
+from rwt_protocol.frames import Frame, GapFrame
+from rwt_transports.background import ignore
+from rwt_transports.endpoint import DropReason, Flow, FlowRules, Sink
+from rwt_transports.scheduler import Scheduler
+from rwt_transports.shared_pool import Holder
+
+if TYPE_CHECKING:
+    from rwt.extensions.hub.uplink.streams import Stream
+
+_CAUSE_OF: Final = {reason: cause for cause, reason in CAUSES.items()}
+
+
+class _Arrived(Struct, frozen=True, eq=False, gc=False):
+    """Sample as the robot has encoded it, and its own content.
+
+    Implements :class:`rwt.delivery.throttle.Deliverable`.
+    """
+
+    frame: Frame
+    stamp_ns: int = 0
+    expires_ns: int = 0
+    is_long: bool = False
+
+    @property
+    def payload(self) -> _Arrived:
+        """Content."""
+        return self
+
+    @property
+    def kept_size(self) -> int:
+        """Bytes that keeping it takes."""
+        return self.frame.size
+
+    def prepare(self, forms: object) -> Iterator[None]:
+        """No-op: it is encoded."""
+        return iter(())
+
+
+def _frame(sample: _Arrived) -> Frame:
+    return sample.frame
+
+
+class _Viewer:
+    """Client that may be a member of feeds.
+
+    Attributes:
+        room: bytes that may wait in its throttles.
+        feeds: numbers of the feeds that it is a member of.
+    """
+
+    __slots__ = ("feeds", "room", "sink")
+
+    def __init__(self, sink: Sink, room: Room) -> None:
+        self.sink = sink
+        self.room = room
+        self.feeds: set[int] = set()
+
+
+class _Member:
+    """Client in a feed.
+
+    Attributes:
+        flow: the client's flow, which fills the gaps of frames.
+        throttle: throttle in front of it.
+        join: what the client wants.
+    """
+
+    __slots__ = ("flow", "join", "throttle")
+
+    def __init__(self, flow: Flow, throttle: Throttle, join: Join) -> None:
+        self.flow = flow
+        self.throttle = throttle
+        self.join = join
+
+
+class _Feed:
+    """Feed of a robot.
+
+    Attributes:
+        members: members by the number of their stream.
+        encoded: those who get the common samples.
+    """
+
+    def __init__(self, head: FeedHead, encoded: EncodedStream[_Arrived]) -> None:
+        self.head = head
+        self.members: dict[int, _Member] = {}
+        self.encoded = encoded
+
+    def begin(self, head: FeedHead) -> None:
+        """Apply another period."""
+        self.head = head
+        for member in self.members.values():
+            self.configure(member)
+        self.encoded.arrange()
+
+    def configure(self, member: _Member) -> None:
+        """Let a member have what it wants of what arrives."""
+        join, period = member.join, self.head.period
+        member.flow.configure(FlowRules(join.depth, join.keep_all))
+        if not period:
+            member.throttle.configure(join.throttle, join.queue)
+        elif steps(join.throttle, period) <= 1:
+            member.throttle.configure(0.0, 0)
+        else:
+            # Half a period less, because samples arrive a little sooner or later than they were sent.
+            member.throttle.configure((steps(join.throttle, period) - 0.5) * period, join.queue)
+
+    def send_to(self, stream: int, frame: Frame, now: float) -> None:
+        """Send a sample to one member, behind what was sent to all."""
+        member = self.members.get(stream)
+        if member is not None:
+            self.encoded.end_burst()
+            member.flow.send(frame)
+            member.throttle.note_sent(now)
+
+
+class _Sending(NamedTuple):
+    """What the first part of a sample says about it."""
+
+    feed: int
+    to: int | None
+    gap: int | None
+
+
+class RobotFeeds:
+    """Feeds of one robot, and the clients that are their members.
+
+    Attributes by purpose: ``_viewers`` (by stream), ``_feeds`` (by number); ``_assembly`` and ``_begun``
+    (samples of which a part has arrived, by lane); ``_drops`` (not reported yet: by stream, feed and cause).
+
+    Args:
+        uplink: uplink of the robot.
+        holder: the robot, to which incomplete samples are charged.
+        clock: clock of the throttles.
+        scheduler: scheduler of the hub's messages.
+    """
+
+    def __init__(self, uplink: Uplink, holder: Holder, clock: Clock, scheduler: Scheduler) -> None:
+        self.bytes = 0
+        self._uplink = uplink
+        self._holder = holder
+        self._clock = clock
+        self._late = DeferredSamples(scheduler)
+        self._viewers: dict[int, _Viewer] = {}
+        self._feeds: dict[int, _Feed] = {}
+        self._assembly = Assembly(uplink.limits.message_bytes)
+        self._begun: dict[Lane, _Sending] = {}
+        self._drops: Counter[tuple[int, int, DropCause]] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._feeds)
+
+    # -- clients ---------------------------------------------------------------------------------------------
+
+    def admit(self, stream: int, sink: Sink) -> None:
+        """Note the connection of the client of a stream."""
+        self._viewers[stream] = _Viewer(sink, Room(self._uplink.limits.data_bytes))
+
+    def ended(self, stream: Stream) -> None:
+        """Remove the client of a stream from all feeds."""
+        viewer = self._viewers.pop(stream.number, None)
+        for number in tuple(viewer.feeds) if viewer is not None else ():
+            self._leave(stream.number, number)
+
+    # -- frames of the robot ---------------------------------------------------------------------------------
+
+    def receive(self, frame: FeedFrame) -> None:
+        """Process a frame; raises BadFrame."""
+        if isinstance(frame, SamplePart):
+            self._sample(frame)
+        elif isinstance(frame, Joined):
+            self._join(frame.stream, frame.join)
+        elif isinstance(frame, Left):
+            self._leave(frame.stream, frame.feed)
+        else:
+            self._begin(frame)
+
+    def _begin(self, frame: FeedBegun) -> None:
+        feed = self._feeds.get(frame.feed)
+        if feed is not None:
+            feed.begin(frame.head)
+            return
+        if len(self._feeds) >= MAX_FEEDS:
+            raise BadFrame(f"more than {MAX_FEEDS} feeds")
+        encoded = EncodedStream(_frame, EncodingCounts(), self._clock, self._late)
+        self._feeds[frame.feed] = _Feed(frame.head, encoded)
+
+    def _join(self, stream: int, join: Join) -> None:
+        feed, viewer = self._feeds.get(join.feed), self._viewers.get(stream)
+        if feed is None:
+            raise BadFrame(f"JOIN of feed {join.feed}, which was not begun")
+        if viewer is None:
+            return  # It has left meanwhile.
+        member = feed.members.get(stream)
+        if member is None:
+            if len(viewer.feeds) >= MAX_MEMBERSHIPS:
+                raise BadFrame(f"stream {stream} is a member of more than {MAX_MEMBERSHIPS} feeds")
+            member = self._member(stream, join, feed, viewer)
+            viewer.feeds.add(join.feed)
+            feed.members[stream] = member
+        elif not member.join.apart:
+            feed.encoded.remove(member.throttle)
+        member.join = join
+        feed.configure(member)
+        if not join.apart:
+            feed.encoded.add(member.throttle)
+
+    def _member(self, stream: int, join: Join, feed: _Feed, viewer: _Viewer) -> _Member:
+        on_drop = partial(self._dropped, stream, join.feed)
+        flow: Flow = viewer.sink.flow(feed.head.topic, on_drop=on_drop, time_ns=self._clock.time_ns)
+        if join.gap:
+            flow = GapFlow(flow, bytes.fromhex(join.gap))
+        return _Member(flow, Throttle(self._clock, flow, ignore, on_drop, viewer.room), join)
+
+    def _leave(self, stream: int, number: int) -> None:
+        feed, viewer = self._feeds.get(number), self._viewers.get(stream)
+        if viewer is not None:
+            viewer.feeds.discard(number)
+        member = feed.members.pop(stream, None) if feed is not None else None
+        if feed is None or member is None:
+            return
+        member.throttle.close()
+        member.flow.close()
+        if not member.join.apart:
+            feed.encoded.remove(member.throttle)
+        for cause in DropCause:
+            self._drops.pop((stream, number, cause), None)
+        if not feed.members:
+            del self._feeds[number]
+
+    # -- samples ---------------------------------------------------------------------------------------------
+
+    def _sample(self, part: SamplePart) -> None:
+        payload = part.payload
+        begun = self._begun.get(part.lane)
+        if begun is None:
+            to, gap, payload = split_first_part(part)
+            begun = _Sending(part.feed, to, gap)
+        elif begun.feed != part.feed:
+            raise BadFrame(f"a part of feed {part.feed} in the middle of a sample of feed {begun.feed}")
+        whole = self._assembly.add(part.lane, payload, is_last=part.is_last)
+        self._assembly.hold(self._uplink.buffers, self, self._holder)
+        if not part.is_last:
+            self._begun[part.lane] = begun
+            return
+        self._begun.pop(part.lane, None)
+        feed = self._feeds.get(part.feed)
+        if feed is None or whole is None:
+            return
+        self.bytes += whole.size
+        if not whole.is_complete:
+            for stream, member in feed.members.items():
+                if begun.to == stream or (begun.to is None and not member.join.apart):
+                    self._dropped(stream, part.feed, DropReason.SIZE)
+            return
+        frame = _framed(whole.data, begun.gap, feed, binary=part.binary)
+        if begun.to is None:
+            feed.encoded.deliver(_Arrived(frame))
+        else:
+            feed.send_to(begun.to, frame, self._clock.monotonic())
+
+    def give_up(self, reason: str) -> None:
+        """Drop the incomplete samples, which take too much of what all share."""
+        self._assembly.give_up()
+
+    # -- drops -----------------------------------------------------------------------------------------------
+
+    def _dropped(self, stream: int, feed: int, reason: DropReason) -> None:
+        cause = _CAUSE_OF.get(reason)
+        if cause is not None:
+            self._drops[stream, feed, cause] += 1
+
+    def report(self) -> None:
+        """Tell the robot which samples its clients did not get."""
+        if not self._drops or not self._uplink.is_carried:
+            return
+        drops, self._drops = self._drops, Counter()
+        for (stream, feed, cause), count in drops.items():
+            now = min(count, MAX_DROPS)
+            self._uplink.order(encode_drops(Drops(stream, feed, cause, now)))
+            if count > now:
+                self._drops[stream, feed, cause] = count - now
+
+
+def _framed(data: bytes, gap: int | None, feed: _Feed, *, binary: bool) -> Frame:
+    if gap is None:
+        return Frame(data, binary=binary)
+    if gap > len(data):
+        raise BadFrame(f"a gap at {gap} in a sample of {len(data)} bytes")
+    own = next((len(member.join.gap) // 2 for member in feed.members.values()), 0)
+    return GapFrame(data[:gap], own, memoryview(data)[gap:], binary=binary)

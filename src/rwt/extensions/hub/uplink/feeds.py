@@ -1,0 +1,361 @@
+"""Feeds of a robot: samples that cross the uplink once, for all clients that want them."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from time import time_ns
+from typing import TYPE_CHECKING, Final
+
+from rwt.extensions.hub.uplink.frames import (
+    SMALL_BYTES,
+    DropCause,
+    Drops,
+    FeedHead,
+    Join,
+    Lane,
+    encode_feed,
+    encode_join,
+    encode_leave,
+    encode_sample,
+)
+from rwt_protocol.frames import Burst, Frame, GapFrame
+from rwt_transports.data_lane import DataLane, TopicQueue
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
+
+if TYPE_CHECKING:
+    from rwt.extensions.hub.uplink.streams import Stream
+    from rwt.extensions.hub.uplink.uplink import Uplink
+
+MAX_FEEDS: Final = 4096
+"""Maximum number of feeds of an uplink."""
+
+MAX_MEMBERSHIPS: Final = 1024
+"""Maximum number of feeds of one stream."""
+
+CAUSES: Final = {
+    DropCause.QUEUE: DropReason.QUEUE,
+    DropCause.BACKLOG: DropReason.BACKLOG,
+    DropCause.SIZE: DropReason.SIZE,
+}
+
+
+class _FeedQueue(TopicQueue):
+    """Queue of a feed."""
+
+    __slots__ = ("feed",)
+
+    def __init__(self, feed: Feed, on_drop: Callable[[DropReason], None], time_ns: Callable[[], int]) -> None:
+        super().__init__(AS_MANY_AS_FIT, on_drop, time_ns)
+        self.feed = feed
+
+
+class _Sending:
+    """Frame of a sample, of which a part was sent.
+
+    Attributes:
+        gap: position of the gap; None without one.
+        ends: True if it is the last frame of its sample.
+    """
+
+    __slots__ = ("at", "binary", "data", "ends", "feed", "gap", "to")
+
+    def __init__(self, feed: Feed, frame: Frame, to: int | None) -> None:
+        self.feed = feed
+        self.to = to
+        self.gap = len(frame.parts[0]) if isinstance(frame, GapFrame) else None
+        self.data = memoryview(frame.data)
+        self.binary = frame.binary
+        self.ends = not feed.queue.begun
+        self.at = 0
+
+
+@dataclass(slots=True, eq=False)
+class FeedMember:
+    """Membership of a stream in a feed; implements :class:`rwt_transports.endpoint.Membership`.
+
+    Attributes:
+        rules: rules of the client's queue at the hub.
+        on_drop: called for each sample that the client did not get.
+    """
+
+    feed: Feed
+    stream: Stream
+    rules: FlowRules
+    gap: str
+    on_drop: Callable[[DropReason], None] | None
+    apart: bool = True
+    _told: Join | None = None
+    _throttle: float = 0.0
+    _queue: int = 0
+
+    def wish(self, throttle: float, queue: int, *, apart: bool) -> None:
+        """See :class:`~rwt_transports.endpoint.Membership`."""
+        self._throttle, self._queue, self.apart = throttle, queue, apart
+        self._tell()
+
+    def configure(self, rules: FlowRules) -> None:
+        """Change the rules of the client's queue."""
+        self.feed.count(self.rules, -1)
+        self.rules = rules
+        self.feed.count(rules, +1)
+        if self._told is not None:
+            self._tell()
+
+    def _tell(self) -> None:
+        rules = self.rules
+        join = Join(
+            self.feed.number,
+            self._throttle,
+            self._queue,
+            rules.depth,
+            rules.keep_all,
+            self.gap,
+            self.apart,
+        )
+        if join != self._told:
+            self._told = join
+            self.feed.announce(encode_join(self.stream.number, join))
+
+    def send(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        """Send a sample to this client only."""
+        self.feed.add(pieces, expires_ns, self.stream.number)
+
+    def leave(self) -> None:
+        """See :class:`~rwt_transports.endpoint.Membership`."""
+        self.feed.remove(self)
+
+
+class Feed:
+    """Samples of one topic in one form; implements :class:`rwt_transports.endpoint.Feed`.
+
+    Attributes by purpose:
+
+    * ``number``, ``topic``, ``members`` (by stream).
+    * Queue: ``queue``, ``_receivers`` (of each sample in it: a stream, or None for all), ``_receiver`` and
+      ``_is_begun`` (the same of the sample of which a frame was sent, and whether others follow), ``_rules``
+      (number of members with each).
+    * Order: announcements go between the samples before and after them. ``_added``, ``_done`` (samples so
+      far: queued; sent or dropped), ``_announcements`` (with the value of ``_added`` at their time).
+    """
+
+    def __init__(
+        self, feeds: Feeds, number: int, topic: str, key: Hashable, time_ns: Callable[[], int]
+    ) -> None:
+        self.number = number
+        self.topic = topic
+        self.key = key
+        self.members: dict[int, FeedMember] = {}
+        self.queue = _FeedQueue(self, self._dropped, time_ns)
+        self._feeds = feeds
+        self._receivers: deque[int | None] = deque()
+        self._receiver: int | None = None
+        self._is_begun = False
+        self._rules: Counter[FlowRules] = Counter()
+        self._added = self._done = 0
+        self._announcements: deque[tuple[int, bytes]] = deque()
+
+    def set_period(self, seconds: float) -> None:
+        """See :class:`~rwt_transports.endpoint.Feed`."""
+        self.announce(encode_feed(self.number, FeedHead(self.topic, seconds)))
+
+    def send(self, frame: Frame) -> None:
+        """Queue a sample for all members."""
+        self.add((frame,), 0, None)
+
+    def join(self, burst: Burst) -> bool:
+        """Return False: frames are sent separately."""
+        return False
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        """Queue a sample for all members."""
+        self.add(pieces, expires_ns, None)
+
+    def configure(self, rules: FlowRules) -> None:
+        """No-op: the rules are those of the members."""
+
+    def close(self) -> None:
+        """No-op: a feed ends with its last member."""
+
+    def add(self, pieces: Sequence[Frame], expires_ns: int, to: int | None) -> None:
+        """Queue a sample for one member, or for all."""
+        if any(frame.size > self._feeds.outgoing_bytes for frame in pieces):
+            self._lost(DropReason.SIZE, to)
+            return
+        self._added += 1
+        self._receivers.append(to)
+        self._feeds.add(self, pieces, expires_ns)
+
+    def begin(self, frame: Frame) -> _Sending:
+        """Begin to send a frame that was taken from the queue."""
+        if not self._is_begun:
+            self._receiver = self._receivers.popleft()
+        sending = _Sending(self, frame, self._receiver)
+        self._is_begun = not sending.ends
+        return sending
+
+    def done(self) -> None:
+        """Count a sample that was sent or dropped, and announce what waited for it."""
+        self._done += 1
+        while self._announcements and self._announcements[0][0] <= self._done:
+            self._feeds.announce(self._announcements.popleft()[1])
+
+    def announce(self, frame: bytes) -> None:
+        """Send a frame behind the samples that are queued now."""
+        if self._added == self._done:
+            self._feeds.announce(frame)
+        else:
+            self._announcements.append((self._added, frame))
+
+    def count(self, rules: FlowRules, by: int) -> None:
+        """Count a member with these rules; the loosest ones apply to the feed."""
+        self._rules[rules] += by
+        if not self._rules[rules]:
+            del self._rules[rules]
+        depths = [rules.depth for rules in self._rules]
+        depth = None if None in depths else max((each for each in depths if each is not None), default=None)
+        self._feeds.configure(self, FlowRules(depth, any(rules.keep_all for rules in self._rules)))
+
+    def remove(self, member: FeedMember) -> None:
+        """Remove a member; the feed ends with the last one."""
+        stream = member.stream
+        if self.members.pop(stream.number, None) is None:
+            return
+        self.count(member.rules, -1)
+        stream.memberships -= 1
+        if not stream.is_over:
+            self.announce(encode_leave(stream.number, self.number))
+        if not self.members:
+            self._feeds.end(self)
+
+    def _dropped(self, reason: DropReason) -> None:
+        self._lost(reason, self._receivers.popleft())
+        self.done()
+
+    def _lost(self, reason: DropReason, to: int | None) -> None:
+        receivers = self.members.values() if to is None else filter(None, (self.members.get(to),))
+        # A copy: a callback may end a membership.
+        for member in tuple(receivers):
+            if member.on_drop is not None and (to is not None or not member.apart):
+                member.on_drop(reason)
+
+
+class Feeds:
+    """All feeds of a robot's uplink, in the lanes `SMALL` and `LARGE`: one sample at a time in each.
+
+    Attributes by purpose: ``_by_key``, ``_by_number``, ``_count`` (number of the newest feed); ``_data``
+    (queues), ``_sending`` (by lane), ``_announcements`` (ready to be sent).
+    """
+
+    number: Final = 0
+
+    def __init__(self, uplink: Uplink) -> None:
+        self._uplink = uplink
+        self.outgoing_bytes = uplink.limits.outgoing_bytes
+        self._by_key: dict[Hashable, Feed] = {}
+        self._by_number: dict[int, Feed] = {}
+        self._count = 0
+        self._data = DataLane(uplink.limits)
+        self._sending: dict[Lane, _Sending] = {}
+        self._announcements: deque[bytes] = deque()
+
+    def __len__(self) -> int:
+        return len(self._by_key)
+
+    def enter(
+        self,
+        stream: Stream,
+        topic: str,
+        key: Hashable,
+        gap: bytes,
+        rules: FlowRules,
+        on_drop: Callable[[DropReason], None] | None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> FeedMember | None:
+        """Return a new member of the feed of that key; None if there is no place for it."""
+        feed = self._by_key.get(key)
+        if stream.memberships >= MAX_MEMBERSHIPS or (feed is None and len(self) >= MAX_FEEDS):
+            return None
+        if feed is None:
+            self._count += 1
+            feed = Feed(self, self._count, topic, key, time_ns)
+            self._by_key[key] = self._by_number[self._count] = feed
+            feed.set_period(0.0)
+        elif stream.number in feed.members:
+            return None
+        member = feed.members[stream.number] = FeedMember(feed, stream, rules, gap.hex(), on_drop)
+        feed.count(rules, +1)
+        stream.memberships += 1
+        return member
+
+    def end(self, feed: Feed) -> None:
+        """End a feed without members. What it has queued is for those who were members, and is dropped."""
+        del self._by_key[feed.key], self._by_number[feed.number]
+        self._data.cut(feed.queue, 0)
+
+    def add(self, feed: Feed, pieces: Sequence[Frame], expires_ns: int) -> None:
+        """Queue a sample of a feed."""
+        queue = feed.queue
+        self._data.add(queue, pieces, expires_ns)
+        self._uplink.ready(self, Lane.SMALL if queue.next_size() <= SMALL_BYTES else Lane.LARGE)
+
+    def configure(self, feed: Feed, rules: FlowRules) -> None:
+        """Change the rules of a feed's queue."""
+        feed.queue.rules = rules
+        if rules.depth is not None:
+            self._data.cut(feed.queue, max(rules.depth, 1))
+
+    def announce(self, frame: bytes) -> None:
+        """Send a frame before the samples that are queued."""
+        self._announcements.append(frame)
+        self._uplink.ready(self, Lane.SMALL)
+
+    def dropped(self, drops: Drops) -> None:
+        """Report samples that a client did not get at the hub."""
+        feed = self._by_number.get(drops.feed)
+        member = None if feed is None else feed.members.get(drops.stream)
+        for _ in range(drops.samples):
+            if member is not None and member.on_drop is not None:
+                member.on_drop(CAUSES[drops.cause])
+
+    def take(self, lane: Lane, most: int) -> bytes | None:
+        """Return the next frame of a lane, with at most `most` bytes of payload; None if there is none."""
+        if self._announcements:
+            return self._announcements.popleft()
+        sending = self._sending.pop(lane, None) or self._next(lane)
+        if sending is None:
+            return None
+        is_first = not sending.at
+        part = sending.data[sending.at : sending.at + most]
+        sending.at += len(part)
+        is_last = sending.at >= len(sending.data)
+        frame = encode_sample(
+            sending.feed.number,
+            lane,
+            part,
+            binary=sending.binary,
+            is_last=is_last,
+            to=sending.to if is_first else None,
+            gap=sending.gap if is_first else None,
+        )
+        if not is_last:
+            self._sending[lane] = sending
+        elif sending.ends:
+            sending.feed.done()
+        return frame
+
+    def _next(self, lane: Lane) -> _Sending | None:
+        other = self._sending.get(Lane.LARGE if lane is Lane.SMALL else Lane.SMALL)
+        busy = None if other is None else other.feed.queue
+        found = self._data.next_within(SMALL_BYTES if lane is Lane.SMALL else None, busy)
+        if found is None:
+            return None
+        queue, frame = found
+        if lane is Lane.LARGE and frame.size <= SMALL_BYTES:
+            self._uplink.ready(self, Lane.SMALL)
+        assert isinstance(queue, _FeedQueue)
+        return queue.feed.begin(frame)
+
+    def taken(self) -> None:
+        """No-op: nobody waits for feeds."""
