@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from contextlib import suppress
 
+from rwt.extensions.hub.feeds import RobotFeeds
 from rwt.extensions.hub.uplink.frames import BadFrame
 from rwt.extensions.hub.uplink.openings import BadOpening, decode_head, decode_opening
 from rwt.extensions.hub.uplink.streams import CREDIT_BYTES, Stream
 from rwt.extensions.hub.uplink.uplink import Uplink
+from rwt_graph import SimulatedClock
+from rwt_protocol.frames import Frame
 from rwt_transports import Limits
+from rwt_transports.background import ignore
+from rwt_transports.scheduler import MESSAGES, Scheduler
+from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
+ROBOT = Holder("192.0.2.9", "")
 LIMITS = Limits(message_bytes=20_000, incoming_bytes=100_000)
 STREAMS = 3
 """Streams that a hub has opened to its hostile robot."""
@@ -56,6 +63,10 @@ def uplink(data: bytes) -> None:
 def _opened(stream: Stream, opening: bytes) -> None:
     stream.admit()
     stream.begin(_Reader())
+    member = stream.flow("/topic", on_drop=ignore).enter("/topic")
+    if member is not None:
+        member.wish(0.0, 0, apart=bool(stream.number & 1))
+        member.feed.send(Frame(b"sample"))
 
 
 def _robot(pool: ReceiveBufferPool) -> Uplink:
@@ -63,10 +74,22 @@ def _robot(pool: ReceiveBufferPool) -> Uplink:
 
 
 def _hub(pool: ReceiveBufferPool) -> Uplink:
-    side = Uplink("s", LIMITS, pool, lambda: None, repeats=False)
+    # Clients of the hub are streams here, too: what they do not read is dropped.
+    screens = Uplink("screens", LIMITS, pool, lambda: None, repeats=False)
+    side = Uplink(
+        "s",
+        LIMITS,
+        pool,
+        lambda: None,
+        repeats=False,
+        closed=lambda stream: feeds.ended(stream),
+        fed=lambda frame: feeds.receive(frame),
+    )
+    feeds = RobotFeeds(side, ROBOT, SimulatedClock(), Scheduler.immediate(MESSAGES))
     for number in range(STREAMS):
         stream = side.open(b"{}", "192.0.2.1")
         stream.begin(_Reader())
+        feeds.admit(stream.number, screens.open(b"{}", "192.0.2.1"))
         if number:
             stream.pause()
     assert STREAMS * CREDIT_BYTES < 1 << 20

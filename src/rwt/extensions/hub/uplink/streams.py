@@ -259,6 +259,7 @@ class Stream:
         """See :class:`~rwt_transports.endpoint.Sink`."""
         if self._state is _StreamState.OPEN:
             self._state = self._state.become(_StreamState.CLOSING)
+            self._uplink.closing[self.number] = self
             self._ending = (code, reason)
             self._data.clear()
             for lane in (Lane.SMALL, Lane.LARGE):
@@ -405,9 +406,7 @@ class Stream:
             callback()
 
     def tick(self, now: float) -> None:
-        """End a stream that has been closing for `limits.close_seconds`."""
-        if self._state is not _StreamState.CLOSING:
-            return
+        """End a closing stream after `limits.close_seconds`."""
         if self._deadline is None:
             self._deadline = now + self._uplink.limits.close_seconds
         elif now >= self._deadline:

@@ -107,7 +107,7 @@ class Uplink:
     Attributes by purpose:
 
     * ``limits``, ``buffers``: bounds of each stream, and of what all connections share.
-    * ``streams``: open streams by number.
+    * ``streams``: streams by number; ``closing``: those that wait for their last messages to be sent.
     * ``feeds``: samples for several clients; None at a hub. ``_fed`` (takes the frames about them; None at a
       robot).
     * ``session``: id of the session.
@@ -145,6 +145,7 @@ class Uplink:
         self.limits = limits
         self.buffers = buffers
         self.streams: dict[int, Stream] = {}
+        self.closing: dict[int, Stream] = {}
         self.feeds = Feeds(self) if repeats else None
         self._fed = fed
         self._wake = wake
@@ -209,6 +210,7 @@ class Uplink:
         """Remove a stream from which nothing more arrives."""
         if self.streams.get(stream.number) is stream:
             del self.streams[stream.number]
+        self.closing.pop(stream.number, None)
 
     def over(self, stream: Stream) -> None:
         """Remove a stream that has ended."""
@@ -275,6 +277,7 @@ class Uplink:
         for stream in tuple(self.streams.values()):
             stream.ended(code, reason)
         self.streams.clear()
+        self.closing.clear()
         for frames in (self._again, self._orders, self._urgent):
             frames.clear()
         self._retained.clear()
@@ -284,7 +287,7 @@ class Uplink:
 
     def tick(self, now: float) -> bool:
         """Check the timeouts. Returns False if the connection, or the chance of another one, is lost."""
-        for stream in tuple(self.streams.values()):
+        for stream in tuple(self.closing.values()):
             stream.tick(now)
         if self._state is not _UplinkState.CARRIED:
             return self._state is _UplinkState.CUT and now - self._since < RESUME_SECONDS
