@@ -76,6 +76,7 @@ async def test_it_is_driven_by_keys_while_they_are_held(browser: Browser, distro
         speeds: list[float] = []
         served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.calm()  # Until the 3D view is loaded, the page is blocked again and again.
         grip = Grip(page, "key")
         await grip.drive_until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
         await grip.release()
