@@ -591,7 +591,7 @@ async def test_axe_finds_nothing(
         assert found == []
 
 
-#: Each animation stands in the middle of a run, where a text that fades is faintest; transitions are at their ends.
+#: Each animation stands where a text that fades is faintest; transitions are at their ends.
 HELD = """document.getAnimations().forEach((it) => {
   const { duration, iterations } = it.effect.getComputedTiming();
   if (it instanceof CSSTransition) it.finish();
