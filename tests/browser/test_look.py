@@ -9,6 +9,7 @@ import os
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import anyio
 import numpy as np
@@ -18,12 +19,17 @@ from PIL import Image
 from rwt import Server
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page, Picture
-from tests.browser.test_panels import KINDS, open_panels, violations
+from tests.browser.test_panels import KINDS, open_panels, texts, violations
 
 pytestmark = pytest.mark.anyio
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images" / "dashboard"
 SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
+PANEL_SIZE = (900, 560)
+#: Panels with images, in which black is a colour as any other.
+WITH_IMAGES = ("scene", "camera", "wall")
+#: Black pixels of a picture at most: what is drawn without a colour of the theme is black.
+MOST_BLACK = 20
 #: Pixels on a side of the squares that are compared: smaller details, such as numbers, change.
 SQUARE = 12
 #: Share of squares that may differ by more than this, of 255: the robot's camera and rates do.
@@ -112,23 +118,41 @@ async def test_the_page_looks_as_in_the_documentation(browser: Browser, size: st
             assert await violations(page) == []
 
 
+def behind(kind: str, title: str, front: str) -> dict[str, Any]:
+    """Return a dock with a panel in a tab behind another one."""
+    titles = {front: front.capitalize(), kind: title}
+    panels = {each: {"id": each, "contentComponent": each, "title": titles[each]} for each in titles}
+    width, height = PANEL_SIZE
+    leaf = {"type": "leaf", "data": {"id": "1", "views": [front, kind], "activeView": front}, "size": width}
+    root = {"type": "branch", "data": [leaf], "size": height}
+    grid = {"root": root, "width": width, "height": height, "orientation": "HORIZONTAL"}
+    return {"grid": grid, "panels": panels, "activeGroup": "1"}
+
+
 @pytest.mark.parametrize("theme", ["dark", "light"])
-async def test_every_panel_looks_as_in_the_documentation(browser: Browser, theme: str) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+async def test_every_panel_first_opens_as_in_the_documentation(
+    browser: Browser, kind: str, theme: str
+) -> None:
+    """In a browser that has never had the page, the panel comes to the front from behind another one."""
+    title = texts("en")[f"{kind}.title"]
     async with Server("ws://127.0.0.1:0", demo=True) as server:
         url = server.urls[0].replace("ws", "http", 1) + "/"
-        async with browser.page(f"{url}healthz", 780, 420) as page:
+        async with browser.page(f"{url}healthz", *PANEL_SIZE) as page:
             page.forgive(LEFT_MESH, LEFT_STREAM)
             await page.evaluate(
                 f"localStorage.setItem('rwt-theme', {theme!r}); localStorage.setItem('rwt-side', 'false')"
             )
-            for kind in KINDS:
-                await page.goto(f"{url}healthz")
-                await open_panels(page, url, [(kind, CONFIGS.get(kind, {}))])
-                await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
-                if kind == "scene":
-                    await page.wait(HAS_ROBOT)
-                async with satellites(server, page) if kind == "position" else nullcontext():
-                    await _before_recording(2)
-                    await page.wait(NO_OLD_IMAGE)
-                name = f"{kind}-{theme}"
-                await page.picture_when(f"look {name}", looks_like(IMAGES / f"{name}.png"))
+            front = "battery" if kind != "battery" else "log"
+            panels = [(front, {}), (kind, CONFIGS.get(kind, {}))]
+            await open_panels(page, url, panels, dock=behind(kind, title, front))
+            await page.click(f".dv-tab >> text='{title}'")
+            await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
+            if kind == "scene":
+                await page.wait(HAS_ROBOT)
+            async with satellites(server, page) if kind == "position" else nullcontext():
+                await _before_recording(2)
+                await page.wait(NO_OLD_IMAGE)
+            name = f"{kind}-{theme}"
+            picture = await page.picture_when(f"look {name}", looks_like(IMAGES / f"{name}.png"))
+            assert kind in WITH_IMAGES or picture.count((0, 0, 0), 2) < MOST_BLACK

@@ -81,13 +81,18 @@ async def panel(
 
 
 async def open_panels(
-    page: Page, url: str, panels: list[tuple[str, dict[str, object]]], *, robot: str = ""
+    page: Page,
+    url: str,
+    panels: list[tuple[str, dict[str, object]]],
+    *,
+    robot: str = "",
+    dock: dict[str, Any] | None = None,
 ) -> None:
-    """Have the page at a URL begin with these panels, for its own robot or another one."""
+    """Have the page at a URL begin with these panels, for its own robot or another one, docked as given."""
     layout = {
         "version": 1,
         "panels": [{"id": kind, "kind": kind, "config": config} for kind, config in panels],
-        "dock": None,
+        "dock": dock,
     }
     key = f"rwt-last-layout{robot or url.replace('http', 'ws', 1)}"
     await page.evaluate(f"localStorage.setItem({json.dumps(key)}, {json.dumps(json.dumps(layout))})")

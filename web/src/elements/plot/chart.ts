@@ -25,8 +25,13 @@ function fittingRange(least: number | null, greatest: number | null): [number, n
 
 /** Draw a plot's values in a place of it until the returned function is called. */
 export function drawChart(place: HTMLElement, element: PlotElement, series: Series[]): () => void {
-  const text = getComputedStyle(place).color;
-  const axis = { stroke: text, grid: { stroke: "#8884", width: 1 }, ticks: { stroke: "#8888", width: 1 } };
+  const style = getComputedStyle(place);
+  // The colour is read with each drawing: the theme of the page around it changes.
+  const axis = {
+    stroke: () => style.color,
+    grid: { stroke: "#8884", width: 1 },
+    ticks: { stroke: "#8888", width: 1 },
+  };
   const size = () => ({ width: Math.max(place.clientWidth, 100), height: place.clientHeight || HEIGHT });
   const chart = new UPlot(
     {

@@ -80,12 +80,12 @@ export function shortNumber(value: number): string {
 export function drawPlot(host: HTMLElement, drawing: Drawing): { redraw(): void; end(): void } {
   const { curves, x, marks, span, cursor } = drawing;
   const style = getComputedStyle(host);
+  // Read with each drawing: the panel may not be in the page yet, and the theme changes.
   const token = (name: string) => style.getPropertyValue(name).trim();
-  const ink = token("--text-3");
   const axis = {
-    stroke: ink,
+    stroke: () => token("--text-3"),
     font: FONT,
-    grid: { stroke: token("--line"), width: 1 },
+    grid: { stroke: () => token("--line"), width: 1 },
     ticks: { show: false },
     border: { show: false },
   };
