@@ -6,6 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum, auto
+from functools import partial
 from typing import Final, NamedTuple
 
 from rwt.delivery.throttle import Room, Throttle
@@ -17,8 +19,6 @@ TOLERANCE: Final = 1.05
 """Maximum factor by which a member's samples may be further apart than it asked for."""
 
 _MAX_DIVISOR: Final = 4
-_MAX_APART: Final = 8
-"""Maximum number of members with a wish that only a throttle of their own gives."""
 
 
 class Wish(NamedTuple):
@@ -46,16 +46,14 @@ def serving(wishes: Mapping[Wish, int]) -> Wish:
         return EVERY_SAMPLE
     if len(wishes) == 1:
         return next(iter(wishes))
-    fitting = [wish for wish in wishes if wish.queue <= 1]
-    if len(wishes) - len(fitting) and sum(n for wish, n in wishes.items() if wish.queue > 1) > _MAX_APART:
+    # The far end cannot tell how many of them would have been queued.
+    if any(wish.queue > 1 for wish in wishes):
         return EVERY_SAMPLE
-    shortest = min((wish.throttle for wish in fitting), default=0.0)
+    shortest = min(wish.throttle for wish in wishes)
     for divisor in range(1, _MAX_DIVISOR + 1):
         period = shortest / divisor
-        if period and all(
-            steps(wish.throttle, period) * period <= TOLERANCE * wish.throttle for wish in fitting
-        ):
-            return Wish(period, max(wish.queue for wish in fitting))
+        if all(steps(wish.throttle, period) * period <= TOLERANCE * wish.throttle for wish in wishes):
+            return Wish(period, max(wish.queue for wish in wishes))
     return EVERY_SAMPLE
 
 
@@ -64,23 +62,29 @@ def steps(throttle: float, period: float) -> int:
     return math.ceil(throttle / period - 1e-6)
 
 
-def fits(wish: Wish, line: Wish) -> bool:
-    """Return True if a member can be served from what crosses the line."""
-    return line.is_open or wish == line or (wish.queue <= 1 and line.queue <= 1)
+class _Service(Enum):
+    """How samples reach a member: through its own throttle here, or through that of the line.
+
+    It is JOINING while the line's throttle has samples queued that are older than its subscription. It gets
+    those behind them in common with the others.
+    """
+
+    APART = auto()
+    JOINING = auto()
+    SHARED = auto()
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Member:
     """Member of a feed.
 
     Attributes:
         wish: None if only its own throttle gives what it wants.
-        waits: True until samples have been delivered that are older than its subscription.
     """
 
     membership: Membership
     wish: Wish | None
-    waits: bool
+    service: _Service
 
 
 class FeedMembers:
@@ -114,19 +118,37 @@ class FeedMembers:
         return (self.line, *self.apart)
 
     def put(self, throttle: Throttle, membership: Membership, *, waits: bool = False) -> None:
-        """Add a member, or apply what it asks for now."""
+        """Add a member, or apply what it asks for now.
+
+        Args:
+            waits: True while samples are encoded that are older than its subscription.
+        """
         self._count(throttle, -1)
-        asked = throttle.asked
-        self._members[throttle] = _Member(membership, None if asked is None else Wish(*asked), waits)
+        member = self._members.get(throttle)
+        wish = None if throttle.asked is None else Wish(*throttle.asked)
+        if wish is None or waits:
+            member = _Member(membership, wish, _Service.APART)
+            self.apart[throttle] = None
+            self.line.forget(throttle)
+        elif member is None or member.service is _Service.APART:
+            member = _Member(membership, wish, _Service.JOINING)
+            self.apart.pop(throttle, None)
+            throttle.flush()
+        is_new = self._members.get(throttle) is not member
+        self._members[throttle] = member
+        member.wish = wish
         self._count(throttle, +1)
+        if is_new and member.service is _Service.JOINING:
+            self.line.call_behind(throttle, partial(self._share, member))
         if not self._arrange():
-            self._tell(throttle)
+            self._tell(member)
 
     def remove(self, throttle: Throttle) -> None:
         """Remove a member."""
         self._count(throttle, -1)
         self._members.pop(throttle).membership.leave()
         self.apart.pop(throttle, None)
+        self.line.forget(throttle)
         if self._members:
             self._arrange()
         else:
@@ -147,17 +169,15 @@ class FeedMembers:
         self._serving = chosen
         self.line.configure(*chosen)
         self._feed.set_period(chosen.throttle)
-        for throttle in self._members:
-            self._tell(throttle)
+        for member in self._members.values():
+            self._tell(member)
         return True
 
-    def _tell(self, throttle: Throttle) -> None:
-        member = self._members[throttle]
-        wish = member.wish
-        apart = wish is None or member.waits or not fits(wish, self._serving)
-        if apart:
-            self.apart[throttle] = None
-        else:
-            self.apart.pop(throttle, None)
-        chosen = wish or EVERY_SAMPLE
-        member.membership.wish(chosen.throttle, chosen.queue, apart=apart)
+    def _share(self, member: _Member) -> None:
+        """Let a member have the samples of the line."""
+        member.service = _Service.SHARED
+        self._tell(member)
+
+    def _tell(self, member: _Member) -> None:
+        wish = member.wish or EVERY_SAMPLE
+        member.membership.wish(wish.throttle, wish.queue, apart=member.service is not _Service.SHARED)

@@ -82,8 +82,8 @@ class Throttle:
     """
 
     __slots__ = (
-        "_clock", "_deadline", "_expired", "_flow", "_is_closed", "_last", "_lifespan_ns", "_piece", "_queue",
-        "_room", "_throttle", "_timer", "_withheld",
+        "_behind", "_clock", "_deadline", "_expired", "_flow", "_is_closed", "_last", "_lifespan_ns",
+        "_piece", "_queue", "_room", "_taken", "_throttle", "_timer", "_withheld",
     )  # fmt: skip
 
     def __init__(
@@ -104,6 +104,8 @@ class Throttle:
         self._lifespan_ns = 0
         self._deadline: DeadlineWatch | None = None
         self._queue: deque[tuple[Deliverable, _SendTo, int]] = deque(maxlen=0)
+        self._taken = 0
+        self._behind: dict[Hashable, tuple[int, Callable[[], None]]] = {}
         self._last = float("-inf")
         self._timer: Timer | None = None
         self._is_closed = False
@@ -156,8 +158,35 @@ class Throttle:
         while not queue and self._queue:
             self._pop()
         self._queue = deque(self._queue, maxlen=queue)
+        self._call_behind()
         if self._queue:
             self._start_timer()
+
+    def flush(self) -> None:
+        """Send what is queued, sooner than the throttle would."""
+        self._stop_timer()
+        while self._queue:
+            self._send(*self._pop())
+
+    def call_behind(self, key: Hashable, call: Callable[[], None]) -> None:
+        """Call a function once the samples that are queued now have been sent or dropped.
+
+        It replaces the function of that key. :meth:`forget` forgets it.
+        """
+        self.forget(key)
+        self._behind[key] = (self._taken + len(self._queue), call)
+        self._call_behind()
+
+    def forget(self, key: Hashable) -> None:
+        """Forget a function of :meth:`call_behind`."""
+        self._behind.pop(key, None)
+
+    def _call_behind(self) -> None:
+        for key, (taken, call) in tuple(self._behind.items()) if self._behind else ():
+            if taken > self._taken:
+                return
+            del self._behind[key]
+            call()
 
     def note_sent(self, at: float) -> None:
         """Note that the last sample bypassed the open throttle at the monotonic time `at` (THR-06)."""
@@ -191,6 +220,7 @@ class Throttle:
             self._pop()
             self._withheld(DropReason.QUEUE)
             full = False
+        self._call_behind()
         if self._room.left < size:
             self._withheld(DropReason.QUEUE)
             return
@@ -201,12 +231,14 @@ class Throttle:
 
     def _pop(self) -> tuple[Deliverable, _SendTo]:
         sample, send_to, size = self._queue.popleft()
+        self._taken += 1
         self._room.left += size
         return sample, send_to
 
     def close(self) -> None:
         """Drop queued samples, and those being encoded (THR-07)."""
         self._is_closed = True
+        self._behind.clear()
         self._stop_timer()
         while self._queue:
             self._pop()
@@ -218,6 +250,7 @@ class Throttle:
     def _send_due(self) -> None:
         while self._queue and self._due():
             self._send(*self._pop())
+            self._call_behind()
 
     def _send(self, sample: Deliverable, send_to: _SendTo) -> None:
         expires_ns = self._expiry(sample)

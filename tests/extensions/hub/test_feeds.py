@@ -519,6 +519,29 @@ def test_a_sample_that_is_too_large_for_the_hub_is_lost_alone() -> None:
     assert viewer.drops == [DropReason.SIZE]
 
 
+def test_who_leaves_gets_what_was_sent_before_and_nothing_of_later() -> None:
+    link = Link()
+    viewer = link.view()
+    link.publish(1, 2, size=50_000)
+    link.leave(viewer)
+    link.publish(3)
+    link.topic.add(viewer.throttle)
+    link.publish(4)
+    link.settle()
+    assert viewer.screen.numbers == [1, 2, 4]
+
+
+def test_who_leaves_behind_a_sample_that_expires_is_forgotten() -> None:
+    link = Link()
+    viewer = link.view()
+    viewer.throttle.watch(10**18, None)
+    link.topic.changed(viewer.throttle)
+    link.publish(1)
+    link.leave(viewer)
+    link.settle()
+    assert viewer.screen.numbers == [] and not len(link.feeds)
+
+
 def test_nothing_is_left_of_clients_that_have_gone() -> None:
     link = Link()
     viewers = [link.view() for _ in range(3)]
@@ -552,10 +575,15 @@ class FeedMachine(RuleBasedStateMachine):
         self.is_cut = False
 
     @precondition(lambda self: not self.is_cut)
-    @rule(throttle=st.sampled_from([0.0, 0.0, 0.1, 0.3, 1.0]), queue=st.integers(0, 3), piece=st.just(0))
-    def view(self, throttle: float, queue: int, piece: int) -> None:
-        viewer = self.link.view(throttle, queue, piece=piece)
+    @rule(
+        throttle=st.sampled_from([0.0, 0.0, 0.1, 0.3, 1.0]), queue=st.integers(0, 3), is_latched=st.booleans()
+    )
+    def view(self, throttle: float, queue: int, is_latched: bool) -> None:
+        viewer = self.link.view(throttle, queue)
         self.viewers[viewer] = []
+        if is_latched and self.published:
+            self.link.topic.replay(Sample(self.published), viewer.throttle)
+            self.viewers[viewer].append(self.published)
         if not throttle:
             self.every.add(viewer)
 
@@ -569,10 +597,16 @@ class FeedMachine(RuleBasedStateMachine):
         assert set(viewer.screen.numbers) <= set(expected)
 
     @precondition(lambda self: self.viewers)
-    @rule(data=st.data(), throttle=st.sampled_from([0.0, 0.1, 0.5]), queue=st.integers(0, 2))
-    def change(self, data: st.DataObject, throttle: float, queue: int) -> None:
+    @rule(
+        data=st.data(),
+        throttle=st.sampled_from([0.0, 0.1, 0.5]),
+        queue=st.integers(0, 2),
+        lifespan_ns=st.sampled_from([0, 10**18, 10**19]),
+    )
+    def change(self, data: st.DataObject, throttle: float, queue: int, lifespan_ns: int) -> None:
         viewer = data.draw(st.sampled_from(list(self.viewers)))
         viewer.throttle.configure(throttle, queue)
+        viewer.throttle.watch(lifespan_ns, None)
         self.link.topic.changed(viewer.throttle)
         self.every.discard(viewer)
 
@@ -628,5 +662,5 @@ class FeedMachine(RuleBasedStateMachine):
         assert not len(self.link.feeds)
 
 
-FeedMachine.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+FeedMachine.TestCase.settings = settings(max_examples=200, stateful_step_count=40, deadline=None)
 TestFeeds = FeedMachine.TestCase

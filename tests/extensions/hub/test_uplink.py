@@ -191,6 +191,17 @@ def test_small_samples_overtake_a_large_one_but_not_one_of_their_topic() -> None
     assert [heard[:11] for heard in end.heard] == [b"odometry", b"i" * 11, b"small image"]
 
 
+def test_a_large_sample_behind_a_small_one_is_sent() -> None:
+    sides = Sides()
+    end = sides.open()
+    sides.settle()
+    topic = sides.robots[1].stream.flow("/map")
+    topic.send(text(b"small"))
+    topic.send(text(bytes(SMALL_BYTES + 1)))
+    sides.settle()
+    assert list(map(len, end.heard)) == [5, SMALL_BYTES + 1]
+
+
 def test_the_stop_overtakes_everything_even_without_room_or_credit() -> None:
     sides = Sides()
     end = sides.open()

@@ -133,11 +133,11 @@ class Feed:
     Attributes by purpose:
 
     * ``number``, ``topic``, ``members`` (by stream).
-    * Queue: ``queue``, ``_receivers`` (of each sample in it: a stream, or None for all), ``_receiver`` and
-      ``_is_begun`` (the same of the sample of which a frame was sent, and whether others follow), ``_rules``
-      (number of members with each).
-    * Order: announcements go between the samples before and after them. ``_added``, ``_done`` (samples so
-      far: queued; sent or dropped), ``_announcements`` (with the value of ``_added`` at their time).
+    * Queue: ``queue``, ``_receivers`` (of each sample in it: a stream, or None for all), ``_rules`` (number
+      of members with each); ``_is_sending`` (True while a sample is being sent), ``_receiver`` (of that one).
+    * Order: announcements go between the samples before and after them. ``_added``, ``_gone`` (samples so
+      far that were queued, and that have left the queue), ``_announcements`` (with the value of ``_added`` at
+      their time).
     """
 
     def __init__(
@@ -151,9 +151,9 @@ class Feed:
         self._feeds = feeds
         self._receivers: deque[int | None] = deque()
         self._receiver: int | None = None
-        self._is_begun = False
+        self._is_sending = False
         self._rules: Counter[FlowRules] = Counter()
-        self._added = self._done = 0
+        self._added = self._gone = 0
         self._announcements: deque[tuple[int, bytes]] = deque()
 
     def set_period(self, seconds: float) -> None:
@@ -189,21 +189,30 @@ class Feed:
 
     def begin(self, frame: Frame) -> _Sending:
         """Begin to send a frame that was taken from the queue."""
-        if not self._is_begun:
+        if not self._is_sending:
             self._receiver = self._receivers.popleft()
-        sending = _Sending(self, frame, self._receiver)
-        self._is_begun = not sending.ends
-        return sending
+            self._gone += 1
+            self._is_sending = True
+        return _Sending(self, frame, self._receiver)
 
-    def done(self) -> None:
-        """Count a sample that was sent or dropped, and announce what waited for it."""
-        self._done += 1
-        while self._announcements and self._announcements[0][0] <= self._done:
+    def sent(self) -> None:
+        """Note that a sample was sent."""
+        self._is_sending = False
+        self._proceed()
+
+    @property
+    def _is_idle(self) -> bool:
+        return self._added == self._gone and not self._is_sending
+
+    def _proceed(self) -> None:
+        """Announce what was to follow samples that have been sent or dropped."""
+        while self._announcements and self._announcements[0][0] <= self._gone and not self._is_sending:
             self._feeds.announce(self._announcements.popleft()[1])
+        self._end_if_unused()
 
     def announce(self, frame: bytes) -> None:
         """Send a frame behind the samples that are queued now."""
-        if self._added == self._done:
+        if self._is_idle:
             self._feeds.announce(frame)
         else:
             self._announcements.append((self._added, frame))
@@ -218,7 +227,7 @@ class Feed:
         self._feeds.configure(self, FlowRules(depth, any(rules.keep_all for rules in self._rules)))
 
     def remove(self, member: FeedMember) -> None:
-        """Remove a member; the feed ends with the last one."""
+        """Remove a member, which still gets what is queued. The feed ends with the last one."""
         stream = member.stream
         if self.members.pop(stream.number, None) is None:
             return
@@ -226,12 +235,16 @@ class Feed:
         stream.memberships -= 1
         if not stream.is_over:
             self.announce(encode_leave(stream.number, self.number))
-        if not self.members:
+        self._end_if_unused()
+
+    def _end_if_unused(self) -> None:
+        if not self.members and self._is_idle:
             self._feeds.end(self)
 
     def _dropped(self, reason: DropReason) -> None:
+        self._gone += 1
         self._lost(reason, self._receivers.popleft())
-        self.done()
+        self._proceed()
 
     def _lost(self, reason: DropReason, to: int | None) -> None:
         receivers = self.members.values() if to is None else filter(None, (self.members.get(to),))
@@ -281,18 +294,18 @@ class Feeds:
             self._count += 1
             feed = Feed(self, self._count, topic, key, time_ns)
             self._by_key[key] = self._by_number[self._count] = feed
-            feed.set_period(0.0)
         elif stream.number in feed.members:
             return None
+        if not feed.members:
+            feed.set_period(0.0)  # The hub forgets a feed with its last member.
         member = feed.members[stream.number] = FeedMember(feed, stream, rules, gap.hex(), on_drop)
         feed.count(rules, +1)
         stream.memberships += 1
         return member
 
     def end(self, feed: Feed) -> None:
-        """End a feed without members. What it has queued is for those who were members, and is dropped."""
+        """End a feed that has neither members nor samples."""
         del self._by_key[feed.key], self._by_number[feed.number]
-        self._data.cut(feed.queue, 0)
 
     def add(self, feed: Feed, pieces: Sequence[Frame], expires_ns: int) -> None:
         """Queue a sample of a feed."""
@@ -324,6 +337,11 @@ class Feeds:
         if self._announcements:
             return self._announcements.popleft()
         sending = self._sending.pop(lane, None) or self._next(lane)
+        if self._announcements:
+            # Samples before this one have expired, and something was to follow them.
+            if sending is not None:
+                self._sending[lane] = sending
+            return self._announcements.popleft()
         if sending is None:
             return None
         is_first = not sending.at
@@ -342,7 +360,7 @@ class Feeds:
         if not is_last:
             self._sending[lane] = sending
         elif sending.ends:
-            sending.feed.done()
+            sending.feed.sent()
         return frame
 
     def _next(self, lane: Lane) -> _Sending | None:
@@ -350,6 +368,8 @@ class Feeds:
         busy = None if other is None else other.feed.queue
         found = self._data.next_within(SMALL_BYTES if lane is Lane.SMALL else None, busy)
         if found is None:
+            if lane is Lane.SMALL and self._data.messages:
+                self._uplink.ready(self, Lane.LARGE)  # Behind a small one in its queue.
             return None
         queue, frame = found
         if lane is Lane.LARGE and frame.size <= SMALL_BYTES:

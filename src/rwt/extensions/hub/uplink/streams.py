@@ -377,6 +377,8 @@ class Stream:
         busy = None if begun is None else begun.queue
         found = self._data.next_within(SMALL_BYTES if lane is Lane.SMALL else None, busy)
         if found is None:
+            if lane is Lane.SMALL and self._data.messages:
+                self._uplink.ready(self, Lane.LARGE)  # Behind a small one in its queue.
             return None
         queue, frame = found
         if lane is Lane.LARGE and frame.size <= SMALL_BYTES:

@@ -195,11 +195,14 @@ class Uplink:
 
     def ready(self, stream: Stream | Feeds, lane: Lane) -> None:
         """Note that a stream may have something to send."""
+        self._queue(stream, lane)
+        self._wake()
+
+    def _queue(self, stream: Stream | Feeds, lane: Lane) -> None:
         key = (lane, stream.number)
         if key not in self._is_ready:
             self._is_ready.add(key)
             self._ready[lane].append(stream)
-        self._wake()
 
     def order(self, frame: bytes) -> None:
         """Send a sequenced frame ahead of messages."""
@@ -359,12 +362,12 @@ class Uplink:
         ready = self._ready[lane]
         while ready:
             stream = ready.popleft()
+            # Before it is asked, which may make it ready anew.
+            self._is_ready.discard((lane, stream.number))
             frame = stream.take(lane, part)
             served[stream.number] = stream
-            if frame is None:
-                self._is_ready.discard((lane, stream.number))
-            else:
-                ready.append(stream)
+            if frame is not None:
+                self._queue(stream, lane)
                 return frame
         return None
 
