@@ -231,6 +231,38 @@ MUTANTS: Final = (
         "followKeys(here, drive,",
         "test_panels.py::test_letters_drive_from_anywhere_but_text_fields",
     ),
+    Mutant(
+        "pulse",
+        "the text of a panel that waits fades",
+        "src/app/style.css",
+        ".waiting::before {",
+        ".waiting { animation: pulse 1.4s 5; }\n.waiting::before {",
+        "test_panels.py::test_a_panel_that_waits_is_legible_at_every_moment",
+    ),
+    Mutant(
+        "axes",
+        "the axes of a plot that begins behind another panel are black",
+        "src/panels/view/plot_chart.ts",
+        'stroke: () => token("--text-3"),',
+        'stroke: token("--text-3"),',
+        "test_look.py::test_every_panel_first_opens_as_in_the_documentation[plot-dark]",
+    ),
+    Mutant(
+        "rate",
+        "the rate of a frame is that of its arrivals",
+        "src/robot/transforms.ts",
+        "const told = stamp > 0 ? stamp : now;",
+        "const told = now;",
+        "test_data_panels.py::test_frames_show_rates_by_stamps_and_the_faults_of_the_tree",
+    ),
+    Mutant(
+        "loop",
+        "loops of frames are missing",
+        "src/panels/graph/frames_panel.tsx",
+        "{[...roots, ...loops.map(([first]) => first as string)].map((root) => (",
+        "{[...roots, ...loops.slice(0, 0).map(([first]) => first as string)].map((root) => (",
+        "test_data_panels.py::test_frames_show_rates_by_stamps_and_the_faults_of_the_tree",
+    ),
 )
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import time
+from typing import Any
 
+import anyio
 import pytest
 
 from rwt import Server
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import Browser, Page
-from tests.browser.test_panels import open_panels, text, violations
+from tests.browser.test_panels import open_panels, panel, text, violations
 
 pytestmark = pytest.mark.anyio
 
@@ -136,4 +139,38 @@ async def test_the_node_graph_marks_dead_ends_and_zooms(browser: Browser) -> Non
         before = await page.evaluate(width)
         await page.click(".nodes >> text=Zoom in")
         await page.wait(f"{width} > 1.3 * {before}")
+        assert await violations(page) == []
+
+
+def transforms(stamp_s: float, *pairs: tuple[str, str]) -> dict[str, Any]:
+    """Return a message of transforms from parents to children."""
+    stamp = {"sec": int(stamp_s), "nanosec": int(stamp_s % 1 * 1e9)}
+    headers = [
+        {"header": {"stamp": stamp, "frame_id": parent}, "child_frame_id": child} for parent, child in pairs
+    ]
+    return {"transforms": [{**each, "transform": {"rotation": {"w": 1.0}}} for each in headers]}
+
+
+async def test_frames_show_rates_by_stamps_and_the_faults_of_the_tree(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "frames", robot=False, size=(900, 600)) as (served, page):
+        tf = served.node.advertise("/tf", "tf2_msgs/TFMessage")
+        shown = text(".panel-frames")
+        await page.wait(f"{shown}.includes('/tf')")
+        began = time.time()
+        number = 0
+        # Ten messages at a time: as a busy network hands them on.
+        while not await page.evaluate(f"{shown}.includes('wheel 50.0 Hz')"):
+            for _ in range(10):
+                number += 1
+                tf.publish(transforms(began + number / 50, ("base", "wheel")))
+            tf.publish(transforms(time.time(), ("map", "odom"), ("odom", "base"), ("a", "b"), ("b", "a")))
+            tf.publish(transforms(time.time(), ("world", "odom")))
+            await anyio.sleep(0.2)
+        for fault in (
+            "Loop: a \u2192 b \u2192 a",
+            "odom has several parents: map, world.",
+            "Published by /test",
+        ):
+            await page.wait(f"{shown}.includes({json.dumps(fault)})")
+        await page.wait("document.querySelector('.frames').textContent.includes('the loop begins again')")
         assert await violations(page) == []

@@ -15,8 +15,6 @@ export interface Frame {
   /** Stamp in seconds of the robot's clock. */
   stamp: number;
   isStatic: boolean;
-  /** Times a second, over the last ones. */
-  rate: number;
 }
 
 interface Transform {
@@ -169,14 +167,12 @@ export class Frames {
       const known = this.tree.get(child);
       if (!known && this.tree.size >= MOST_FRAMES) continue;
       if (known?.parent !== parent) isNew = true;
-      const since = known ? (now - known.at) / 1000 : 0;
       this.tree.set(child, {
         parent,
         matrix: new Matrix4().compose(new Vector3(p.x, p.y, p.z), turn.normalize(), new Vector3(1, 1, 1)),
         at: now,
         stamp: seconds(each.header.stamp),
         isStatic,
-        rate: known && since > 0 ? known.rate * 0.8 + 0.2 / since : 0,
       });
     }
     if (isNew) {
