@@ -263,6 +263,30 @@ MUTANTS: Final = (
         "{[...roots, ...loops.slice(0, 0).map(([first]) => first as string)].map((root) => (",
         "test_data_panels.py::test_frames_show_rates_by_stamps_and_the_faults_of_the_tree",
     ),
+    Mutant(
+        "lines",
+        "the log has no line breaks",
+        "src/app/style.css",
+        "white-space: pre-wrap;\n}\n.log-entries :is",
+        "}\n.log-entries :is",
+        "test_data_panels.py::test_the_log_has_milliseconds_lines_and_nodes",
+    ),
+    Mutant(
+        "milliseconds",
+        "the log has no milliseconds",
+        "src/panels/health/log.tsx",
+        "clockText(stamp * 1000, 3)",
+        "clockText(stamp * 1000)",
+        "test_data_panels.py::test_the_log_has_milliseconds_lines_and_nodes",
+    ),
+    Mutant(
+        "stale",
+        "stale diagnostics come before errors",
+        "src/panels/health/diagnostics.tsx",
+        '["ok", "warn", "stale", "error"]',
+        '["ok", "warn", "error", "stale"]',
+        "test_data_panels.py::test_diagnostics_that_are_errors_come_before_stale_ones",
+    ),
 )
 
 

@@ -174,3 +174,41 @@ async def test_frames_show_rates_by_stamps_and_the_faults_of_the_tree(browser: B
             await page.wait(f"{shown}.includes({json.dumps(fault)})")
         await page.wait("document.querySelector('.frames').textContent.includes('the loop begins again')")
         assert await violations(page) == []
+
+
+@pytest.mark.parametrize(("language", "written"), [("en-US", "13:04:05.006"), ("de-AT", "13:04:05,006")])
+async def test_the_log_has_milliseconds_lines_and_nodes(
+    browser: Browser, language: str, written: str
+) -> None:
+    async with (
+        Server("ws://127.0.0.1:0") as server,
+        browser.page(f"{address(server)}healthz", 900, 500, language=language) as page,
+    ):
+        log = server.node("robot").advertise("/rosout", "rcl_interfaces/Log", qos=LATCHED)
+        # By the browser's zone, whatever that is.
+        sec = int(await page.evaluate("new Date(2026, 4, 1, 13, 4, 5).getTime() / 1000"))
+        entry = {"stamp": {"sec": sec, "nanosec": 6_000_000}, "level": 40, "name": "planner"}
+        log.publish({**entry, "msg": "Traceback:\n    line 7\n      x = 1"})
+        await open_panels(page, address(server), [("log", {})])
+        await page.wait(f"{text('.log-entries')}.includes({written!r})")
+        line = "document.querySelector('.log-text')"
+        assert await page.evaluate(f"{line}.innerText.split('\\n').length") == 3
+        log.publish({**entry, "name": "driver", "msg": "hot"})
+        await page.wait(f"{text('.log-entries')}.includes('hot')")
+        await page.evaluate(
+            "((s) => { s.value = 'driver'; s.dispatchEvent(new Event('change', {bubbles: true})) })"
+            "([...document.querySelectorAll('.log select')].at(-1))"
+        )
+        await page.wait("document.querySelectorAll('.log-text').length === 1")
+        assert await page.evaluate(text(".log-entries .log-text")) == "hot"
+        assert await violations(page) == []
+
+
+async def test_diagnostics_that_are_errors_come_before_stale_ones(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "diagnostics", robot=False, size=(700, 500)) as (served, page):
+        array = served.node.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray", latch=True)
+        levels = {"a stale": 3, "b ok": 0, "c error": 2, "d warning": 1}
+        array.publish({"status": [{"level": level, "name": name} for name, level in levels.items()]})
+        names = "[...document.querySelectorAll('.diagnostics summary')].map((it) => it.textContent).join()"
+        await page.wait(f"/error.*stale.*warning.*ok/.test({names})")
+        assert (await page.evaluate(text(".diagnostics [role=status]"))).startswith("Error")

@@ -2,6 +2,7 @@
 
 import { stopText } from "../forms/gate";
 import { ReleaseButton } from "../forms/release";
+import { clockText } from "../i18n/formats";
 import { t } from "../i18n/text";
 import { now } from "../panels/component";
 import type { App } from "./state";
@@ -88,7 +89,7 @@ function Senders({ app }: { app: App }) {
             client,
             role,
             topic,
-            since: new Date(since * 1000).toLocaleTimeString(),
+            since: clockText(since * 1000),
           })}
         </p>
       ))}

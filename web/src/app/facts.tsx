@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { Activity, BatteryMedium, Clock, ArrowDown as Down, LifeBuoy as Wheel } from "lucide";
 import { Icon } from "../forms/icon";
+import { clockText } from "../i18n/formats";
 import { t } from "../i18n/text";
 import { now, useMessages } from "../panels/component";
 import { sizeText } from "../panels/health/recorder";
@@ -93,7 +94,7 @@ export function ClockFact({ session }: { session: RobotSession }) {
   return (
     <div class="fact clock">
       <div>
-        <b>{new Date(session.robotTime).toLocaleTimeString()}</b>
+        <b>{clockText(session.robotTime)}</b>
         <small>{t("fact.robot_time")}</small>
       </div>
     </div>

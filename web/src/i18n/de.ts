@@ -381,6 +381,7 @@ export const de: Record<TextKey, string> = {
   "log.level": "Ab",
   "log.none": "Noch wurde nichts gesagt.",
   "log.follow": "Mitlaufen",
+  "log.nodes": "Alle Knoten",
   "log.debug": "Debug",
   "log.info": "Info",
   "log.warning": "Warnung",

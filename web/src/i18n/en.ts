@@ -371,6 +371,7 @@ export const en = {
   "log.level": "Level",
   "log.none": "No messages yet.",
   "log.follow": "Follow",
+  "log.nodes": "All nodes",
   "log.debug": "Debug",
   "log.info": "Info",
   "log.warning": "Warning",

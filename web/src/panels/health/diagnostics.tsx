@@ -7,6 +7,8 @@ import { componentPanel, now, useMessages } from "../component";
 import { hasTopics, type PanelContext, type PanelKind } from "../registry";
 
 const LEVELS = ["ok", "warn", "error", "stale"] as const;
+/** The levels by their urgency, the least first: what is known to be broken comes before what is not known. */
+const URGENCY = ["ok", "warn", "stale", "error"] as const;
 /** Seconds after which what is no longer told is stale. */
 const STALE = 10;
 const MOST = 2000;
@@ -68,19 +70,21 @@ function DiagnosticsPanel({ context }: { context: PanelContext }) {
     }
     known.value = next;
   });
-  const levelOf = (status: Status) => ((now.value - status.at) / 1000 > STALE ? 3 : status.level);
+  const levelOf = ({ at, level }: Status) =>
+    (now.value - at) / 1000 > STALE ? "stale" : (LEVELS[level] ?? "ok");
+  const urgency = (status: Status) => URGENCY.indexOf(levelOf(status));
   const all = [...known.value.values()].sort(
-    (one, other) => levelOf(other) - levelOf(one) || (one.name < other.name ? -1 : 1),
+    (one, other) => urgency(other) - urgency(one) || (one.name < other.name ? -1 : 1),
   );
   if (!all.length) return <p class="faint">{t("panel.waiting", { name: "diagnostics" })}</p>;
-  const worst = LEVELS[Math.max(...all.map(levelOf))] ?? "ok";
+  const worst = levelOf(all[0] as Status);
   return (
     <div class="diagnostics">
       <p class={`level level-${worst}`} role="status">
         {t(`diagnostics.${worst}`)} · {t("diagnostics.count", { count: all.length })}
       </p>
       {all.map((status) => {
-        const level = LEVELS[levelOf(status)] ?? "ok";
+        const level = levelOf(status);
         return (
           <details key={status.name}>
             <summary>

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Check, Choice, Search } from "../../forms/inputs";
+import { clockText } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
 import { componentPanel, useMessages } from "../component";
@@ -12,6 +13,8 @@ const TYPES = ["rcl_interfaces/Log", "rosgraph_msgs/Log"];
 const LEVELS = ["debug", "info", "warning", "error", "fatal"] as const;
 const MOST = 2000;
 const MOST_SHOWN = 400;
+/** Nodes among which one can be chosen. */
+const MOST_NODES = 500;
 /** Milliseconds between two drawings: a log can be a flood. */
 const REDRAW = 150;
 
@@ -48,8 +51,10 @@ function LogPanel({ context }: { context: PanelContext }) {
   const list = useRef<HTMLDivElement>(null);
   const least = Number(config.value.level ?? 1);
   const count = useRef(0);
+  const names = useRef(new Set<string>());
   useMessages(session, topic, (message) => {
     const stamp = seconds(message.stamp ?? (message.header as { stamp?: unknown } | undefined)?.stamp);
+    if (names.current.size < MOST_NODES) names.current.add(String(message.name));
     entries.current.push({
       number: ++count.current,
       stamp,
@@ -67,8 +72,13 @@ function LogPanel({ context }: { context: PanelContext }) {
   }, [shown]);
   shown.value;
   const wanted = search.value.toLowerCase();
+  const node = String(config.value.node ?? "");
+  const nodes = [...new Set([...names.current, ...(node ? [node] : [])])].sort();
   const found = entries.current.filter(
-    (each) => each.level >= least && `${each.name} ${each.text}`.toLowerCase().includes(wanted),
+    (each) =>
+      each.level >= least &&
+      (!node || each.name === node) &&
+      `${each.name} ${each.text}`.toLowerCase().includes(wanted),
   );
   useEffect(() => {
     if (follow.value && list.current) list.current.scrollTop = list.current.scrollHeight;
@@ -83,6 +93,15 @@ function LogPanel({ context }: { context: PanelContext }) {
           options={LEVELS.map((name, at) => [String(at), t(`log.${name}`)])}
           onChoose={(level) => {
             config.value = { ...config.value, level: Number(level) };
+          }}
+        />
+        <Choice
+          label={t("parameters.node")}
+          quiet
+          chosen={node}
+          options={[["", t("log.nodes")], ...nodes.map((name) => [name, name] as const)]}
+          onChoose={(name) => {
+            config.value = { ...config.value, node: name };
           }}
         />
         <Search text={search} />
@@ -100,10 +119,9 @@ function LogPanel({ context }: { context: PanelContext }) {
         {entries.current.length === 0 && <p class="faint">{t("log.none")}</p>}
         {found.slice(-MOST_SHOWN).map(({ number, stamp, level, name, text }) => (
           <p key={number} class={`log-${LEVELS[level]}`}>
-            <span class="faint">
-              {Number.isFinite(stamp) ? new Date(stamp * 1000).toLocaleTimeString() : ""}
-            </span>{" "}
-            <b>{t(`log.${LEVELS[level] ?? "info"}`)}</b> <span class="faint">{name}</span> {text}
+            <span class="faint">{clockText(stamp * 1000, 3)}</span>{" "}
+            <b>{t(`log.${LEVELS[level] ?? "info"}`)}</b> <span class="faint">{name}</span>{" "}
+            <span class="log-text">{text}</span>
           </p>
         ))}
       </div>

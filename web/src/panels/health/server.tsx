@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Problem } from "../../forms/problem";
+import { clockText } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
@@ -160,7 +161,7 @@ function ServerPanel({ context }: { context: PanelContext }) {
             {clients.value.map(({ ip_address, connection_time }) => (
               <tr key={`${ip_address} ${seconds(connection_time)}`}>
                 <td>{ip_address}</td>
-                <td>{new Date(seconds(connection_time) * 1000).toLocaleTimeString()}</td>
+                <td>{clockText(seconds(connection_time) * 1000)}</td>
               </tr>
             ))}
           </tbody>

@@ -2,6 +2,7 @@
 
 import type { Signal } from "@preact/signals";
 import UPlot from "uplot";
+import { clockText } from "../../i18n/formats";
 import type { Extent, Series } from "./series";
 
 /** Shown seconds since 1970. */
@@ -59,10 +60,7 @@ export function roomy(extents: readonly Extent[]): Extent {
 }
 
 function timeText(seconds: number, step: number): string {
-  const date = new Date(seconds * 1000);
-  const digits = step >= 1 ? 0 : step >= 0.1 ? 1 : step >= 0.01 ? 2 : 3;
-  const rest = digits ? `.${String(date.getMilliseconds()).padStart(3, "0").slice(0, digits)}` : "";
-  return date.toLocaleTimeString([], { hour12: false }) + rest;
+  return clockText(seconds * 1000, step >= 1 ? 0 : step >= 0.1 ? 1 : step >= 0.01 ? 2 : 3);
 }
 
 /** A number for an axis or a table. */
