@@ -16,6 +16,10 @@ from typing import Literal
 from rosbridge_conformance.wire.data_channels import DataChannels
 from rosbridge_conformance.wire.dialing import dialer
 from rosbridge_conformance.wire.wires import Dial, StreamWire, Wire
+from rwt.extensions.hub.hub import open_hub
+from rwt.extensions.hub.uplink.dial import dial
+from rwt.extensions.hub.uplink.openings import ROBOTS
+from rwt_graph.clock import Clock
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.endpoint import Accept
 from rwt_transports.http.addresses import AddressCount
@@ -27,14 +31,17 @@ from rwt_webrtc.transport.ice_servers import IceServer
 from rwt_webrtc.transport.peer import PeerTerms
 from rwt_webrtc.transport.signalling import PeerBounds, data_routes, open_peers
 from tests.page_readers import NobodyInParticular
+from tests.waiting import until
 
-Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc"]
+Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc", "hub"]
 
 _LIMITS = Limits(message_bytes=64 * 1024 * 1024)
 
 
 @asynccontextmanager
-async def served(accept: Accept, transport: Transport, folder: Path) -> AsyncIterator[tuple[str, Dial]]:
+async def served(
+    accept: Accept, transport: Transport, folder: Path, clock: Clock
+) -> AsyncIterator[tuple[str, Dial]]:
     """Serve over one transport until the block is left; its URL, and what connects to it."""
     if transport == "stdio":
         pipes = Pipes(accept)
@@ -46,6 +53,14 @@ async def served(accept: Accept, transport: Transport, folder: Path) -> AsyncIte
             channels = DataChannels(url)
             yield url, channels.dial
             await channels.close()
+        return
+    if transport == "hub":
+        async with (
+            open_hub("ws://127.0.0.1:0", limits=_LIMITS, clock=clock) as hub,
+            dial(f"{hub.url}{ROBOTS}rosie", accept, limits=_LIMITS),
+        ):
+            await until(lambda: hub.robots, "the robot does not dial in")
+            yield f"{hub.url}/rosie", dialer(f"{hub.url}/rosie")
         return
     url = f"unix://{folder}/rwt" if transport == "unix" else f"{transport}://127.0.0.1:0"
     async with listen(url, accept, limits=_LIMITS) as listener:

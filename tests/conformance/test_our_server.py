@@ -115,7 +115,10 @@ async def _over(transport: Transport, distro: str, folder: Path) -> Run:
         # SCTP sends no more than is acknowledged: a thousand messages take many turns of the event loop, in
         # each of which the simulated time goes on. `tests.conformance.transports` plays it in real time.
         cases = tuple(case for case in cases if case.id not in OF_A_THOUSAND)
-    async with memory_server(distro) as server, served(server.accept, transport, folder) as (url, dial):
+    async with (
+        memory_server(distro) as server,
+        served(server.accept, transport, folder, server.clock) as (url, dial),
+    ):
         return await server.play(cases, target, url, dial)
 
 
@@ -123,7 +126,11 @@ async def _over(transport: Transport, distro: str, folder: Path) -> Run:
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ("transport", "distro"),
-    [("ws", "jazzy"), ("ws", "noetic"), *((other, "jazzy") for other in ("tcp", "unix", "stdio", "webrtc"))],
+    [
+        ("ws", "jazzy"),
+        ("ws", "noetic"),
+        *((other, "jazzy") for other in ("tcp", "unix", "stdio", "webrtc", "hub")),
+    ],
 )
 def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:
     """Second distribution over one transport only, as transports do not depend on it."""

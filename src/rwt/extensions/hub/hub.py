@@ -128,7 +128,7 @@ class Hub:
         scheduler: scheduler of the messages that are passed on, shared by all connections.
         writing: scheduler of the frames that are sent.
         max_robots: maximum number of robots.
-        clock: clock of the throttles of clients; the caller drives it.
+        clock: clock of the throttles of clients; the caller drives it. By default, time that never jumps.
 
     Attributes:
         url: URL at which it listens, with the actual port; empty until it is open.
@@ -442,6 +442,7 @@ async def open_hub(
     waiting_bytes: int = ADDRESS_BYTES,
     page_seconds: float = PAGE_SECONDS,
     max_robots: int = MAX_ROBOTS,
+    clock: Clock | None = None,
 ) -> AsyncIterator[Hub]:
     """Connect robots and clients at `url` within the block; leaving it closes all with 1001.
 
@@ -456,6 +457,7 @@ async def open_hub(
         waiting_bytes: limit per client address, see :class:`Hub`.
         page_seconds: timeout of the head of a robot's page.
         max_robots: maximum number of robots.
+        clock: clock of the throttles of clients; by default, time that never jumps.
 
     Raises:
         BadUrl: the URL is not one to listen on.
@@ -472,6 +474,7 @@ async def open_hub(
         scheduler=Scheduler.of_loop(MESSAGES),
         writing=Scheduler.of_loop(WRITING),
         max_robots=max_robots,
+        clock=clock,
     )
     async with (
         listen(
