@@ -1,8 +1,8 @@
 """Hub for dial-out: robots behind a NAT dial in, and clients reach each under its own path.
 
 A robot has one connection (:mod:`rwt.extensions.hub.uplink`), on which each client and each request for a
-page is a stream. Messages, refusals and close codes pass end to end. A side that reads slowly holds back the
-other, so the robot's own queue rules decide what is dropped.
+page is a stream. Messages, refusals and close codes pass end to end. Samples for several clients arrive once
+(:mod:`rwt.extensions.hub.feeds`), and the queue rules of each client decide what it loses.
 """
 
 from __future__ import annotations
