@@ -9,8 +9,10 @@ Callbacks and handlers run in that thread; see :mod:`rwt_participant.blocking`.
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, Self, TypeVar, Unpack
@@ -23,12 +25,15 @@ from rwt_client.endpoints.publisher import RemotePublisher
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.subscriptions import RemoteSubscription
 from rwt_client.endpoints.transforms import RemoteTransforms
-from rwt_client.errors import ConnectionClosed
+from rwt_client.errors import ConnectionClosed, MessageRejected
 from rwt_client.events import ConnectionEvent
 from rwt_client.robot import Robot
 from rwt_client.rosapi import RosApi
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType
 from rwt_participant.blocking import (
     Blocking,
+    BlockingGoal,
     BlockingHandle,
     BlockingPublisher,
     BlockingSubscription,
@@ -36,10 +41,17 @@ from rwt_participant.blocking import (
     BlockingVerbs,
     LoopThread,
     holds,
+    iterate,
+    runs,
     waits,
 )
-from rwt_participant.errors import WrongThread
+from rwt_participant.errors import RobotError, WrongThread
+from rwt_participant.messages import MessageLike, check_arguments
+from rwt_participant.outbox import Outbox
+from rwt_participant.timers import RobotClock
 from rwt_transports.endpoint import Accept
+
+logger = logging.getLogger("rwt_client")
 
 T = TypeVar("T")
 
@@ -54,6 +66,7 @@ class _PortalThread(LoopThread):
     def __init__(self, portal: BlockingPortal) -> None:
         self._portal = portal
         self._thread = portal.call(threading.get_ident)
+        self._loop = portal.call(asyncio.get_running_loop)
         self.closed = False
 
     @property
@@ -69,6 +82,19 @@ class _PortalThread(LoopThread):
 
         return self.wait(run)
 
+    def post(self, function: Callable[[], None]) -> None:
+        def run() -> None:
+            try:
+                function()
+            except RobotError as error:
+                logger.warning("a message was not published: %s", error)
+
+        try:
+            # Not the portal: it waits until the loop has started a task.
+            self._loop.call_soon_threadsafe(run)
+        except RuntimeError:
+            raise self._closed_error() from None
+
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
         if self.here:
             raise WrongThread("a blocking call in a callback would wait for itself: use a coroutine function")
@@ -77,8 +103,12 @@ class _PortalThread(LoopThread):
         except RuntimeError:
             if not self.closed:
                 raise
-            raise ConnectionClosed("the connection was closed by this program") from None
+            raise self._closed_error() from None
         return pending.result()
+
+    @staticmethod
+    def _closed_error() -> ConnectionClosed:
+        return ConnectionClosed("the connection was closed by this program")
 
 
 class BlockingApi(Blocking[RosApi]):
@@ -120,6 +150,21 @@ class BlockingClientSubscription(BlockingSubscription):
         """Number of received messages."""
         return self._inner.received
 
+    @property
+    def received_bytes(self) -> int:
+        """Size of the received messages on the connection, in bytes."""
+        return self._inner.received_bytes
+
+    @property
+    def invalid(self) -> int:
+        """Number of messages that did not fit the type."""
+        return self._inner.invalid
+
+    @property
+    def type(self) -> MessageType:
+        """Type of the topic. Raises UnknownType until the robot has answered: call `ready` first."""
+        return self._inner.type
+
     def __next__(self) -> Any:
         try:
             return super().__next__()
@@ -131,6 +176,47 @@ class BlockingClientPublisher(BlockingPublisher):
     """Publisher of one topic; see :class:`rwt_client.endpoints.publisher.RemotePublisher`."""
 
     _inner: RemotePublisher
+
+    def __init__(self, loop: LoopThread, inner: RemotePublisher) -> None:
+        super().__init__(loop, inner)
+        self._outbox: Outbox[MessageLike] = Outbox(inner.name, inner.publish, loop.post)
+
+    def publish(self, message: MessageLike) -> None:
+        """Publish one message; see :meth:`RemotePublisher.publish`.
+
+        It does not wait for the connection's thread. While that is held, the newest messages are kept, and
+        :attr:`dropped` counts the others.
+        """
+        if self._loop.here:
+            self._inner.publish(message)
+            return
+        checked = self._inner.checked(message)
+        self._outbox.put(checked, checked.kept_size if isinstance(checked, Payload) else 0)
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages that were dropped for newer ones: here, or because the network was too slow."""
+        return self._inner.dropped + self._outbox.dropped
+
+    @property
+    def type(self) -> MessageType:
+        """Type of the topic. Raises UnknownType until the robot has answered: call `ready` first."""
+        return self._inner.type
+
+    @property
+    def sent(self) -> int:
+        """Number of messages published."""
+        return self._inner.sent
+
+    @property
+    def error(self) -> RobotError | None:
+        """Reason that :meth:`publish` rejects every message; None while messages are accepted."""
+        return self._inner.error
+
+    @property
+    def rejection(self) -> MessageRejected | None:
+        """First rejection since the last :meth:`confirm`, which raises it."""
+        return self._inner.rejection
 
     drain = waits(RemotePublisher.drain)
     confirm = waits(RemotePublisher.confirm)
@@ -147,6 +233,14 @@ class BlockingRemoteTransforms(BlockingTransforms):
     start_compact = waits(RemoteTransforms.start_compact)
 
 
+class BlockingClientClock(Blocking[RobotClock]):
+    """Clock of this computer; see :class:`~rwt_participant.timers.RobotClock`."""
+
+    monotonic = runs(RobotClock.monotonic)
+    call_later = runs(RobotClock.call_later)
+    sleep = waits(RobotClock.sleep)
+
+
 class BlockingRobot(BlockingVerbs[Robot]):
     """Connection to a robot, with the methods of :class:`rwt_client.robot.Robot`.
 
@@ -154,6 +248,8 @@ class BlockingRobot(BlockingVerbs[Robot]):
         api: queries of rosapi.
         params: parameters of all nodes.
         tf: transforms between frames.
+        clock: clock of this computer.
+        url: URL of the connection.
     """
 
     def __init__(self, loop: _PortalThread, inner: Robot, connection: ExitStack) -> None:
@@ -162,13 +258,34 @@ class BlockingRobot(BlockingVerbs[Robot]):
         self._connection = connection
         self.api = BlockingApi(loop, inner.api)
         self.tf = BlockingRemoteTransforms(loop, inner.tf)
+        self.clock = BlockingClientClock(loop, inner.clock)
+        self.url = inner.url
+        self._publishers: dict[str, BlockingClientPublisher] = {}
 
+    def publish(
+        self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
+    ) -> BlockingClientPublisher:
+        """Publish one message. The first one waits until the topic is advertised, later ones do not wait.
+
+        See :meth:`RobotApi.publish`.
+        """
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            publisher = self._publishers[topic] = self._advertised(topic, message, type, latch=latch)
+            return publisher
+        if type is not None:
+            check_arguments("publish(topic, message, type)", type)
+        publisher.publish(message)
+        return publisher
+
+    _advertised = holds(Robot.publish, BlockingClientPublisher)
     advertise = holds(Robot.advertise, BlockingClientPublisher)
-    publish = holds(Robot.publish, BlockingClientPublisher)
-    subscribe = holds(Robot.subscribe, BlockingHandle)
+    subscribe = holds(Robot.subscribe, BlockingClientSubscription)
     topic = holds(Robot.topic, BlockingClientSubscription)
     once = waits(Robot.once)
     call = waits(Robot.call)
+    send_goal = holds(Robot.send_goal, BlockingGoal)
+    identify = waits(Robot.identify)
     advertise_action = holds(Robot.advertise_action, BlockingHandle)
     drain = waits(Robot.drain)
     wait_connected = waits(Robot.wait_connected)
@@ -186,6 +303,10 @@ class BlockingRobot(BlockingVerbs[Robot]):
     def run(self, function: Callable[..., Awaitable[T]], *args: Any) -> T:
         """Run a coroutine function on the robot's event loop and wait for it."""
         return self._loop.wait(partial(function, *args))
+
+    def events(self) -> Iterator[ConnectionEvent]:
+        """Return the events of the connection from now on, as an iterator that waits for them."""
+        return iterate(self._loop, self._loop.run(self._inner.events))
 
     def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
         """Call `callback`, in the robot's thread, with each event of the connection."""
@@ -207,7 +328,7 @@ class BlockingRobot(BlockingVerbs[Robot]):
 def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> BlockingRobot:
     """Connect to a robot, as :func:`rwt_client.connect`; use it in a `with` block, or close it when done."""
     with ExitStack() as stack:
-        portal = stack.enter_context(start_blocking_portal())
+        portal = stack.enter_context(start_blocking_portal("asyncio"))
         connecting = portal.wrap_async_context_manager(connection.connect(target, **options))
         robot = stack.enter_context(connecting)
         return BlockingRobot(_PortalThread(portal), robot, stack.pop_all())

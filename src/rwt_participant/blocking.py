@@ -9,13 +9,13 @@ from __future__ import annotations
 import functools
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
 from rwt_participant.api import Parameters, RobotApi
 from rwt_participant.goals import Goal, GoalStatus
 from rwt_participant.handles import Handle, Publisher, Subscription
-from rwt_participant.messages import Message
+from rwt_participant.messages import Message, MessageLike
 from rwt_participant.timers import PeriodicTimer, ResettableTimer
 from rwt_participant.transforms import Transforms
 
@@ -37,6 +37,10 @@ class LoopThread(ABC):
     @abstractmethod
     def run(self, function: Callable[[], T]) -> T:
         """Run a plain function there and return its result; at once on its thread."""
+
+    @abstractmethod
+    def post(self, function: Callable[[], None]) -> None:
+        """Run a plain function there, soon and in order; does not wait."""
 
     @abstractmethod
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
@@ -95,6 +99,19 @@ def runs(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Block
     return run
 
 
+def passes(
+    method: Callable[Concatenate[Any, P], T], face: Callable[[LoopThread, T], Face]
+) -> Callable[Concatenate[Blocking[Any], P], Face]:
+    """Return a method that calls the same plain method in the caller's thread, and wraps its handle."""
+    name = method.__name__
+
+    @_named_as(method)
+    def call(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
+        return face(self._loop, getattr(self._inner, name)(*args, **kwargs))
+
+    return call
+
+
 def holds(
     method: Callable[Concatenate[Any, P], Awaitable[T]], face: Callable[[LoopThread, T], Face]
 ) -> Callable[Concatenate[Blocking[Any], P], Face]:
@@ -118,6 +135,19 @@ def holds(
     return hold
 
 
+_END: Any = object()
+
+
+def iterate(loop: LoopThread, values: AsyncIterator[T]) -> Iterator[T]:
+    """Yield what an asynchronous iterator of the loop yields."""
+
+    async def take() -> T:
+        return await anext(values, _END)
+
+    while (value := loop.wait(take)) is not _END:
+        yield value
+
+
 class BlockingTimer(Blocking[PeriodicTimer], ResettableTimer):
     """Timer with a callback in the loop's thread; see :class:`~rwt_participant.timers.PeriodicTimer`."""
 
@@ -128,6 +158,7 @@ class BlockingTimer(Blocking[PeriodicTimer], ResettableTimer):
 class BlockingHandle(Blocking[Handle]):
     """Subscription with a callback, or a service or action of this program; see :class:`Handle`."""
 
+    ready = waits(Handle.ready)
     close = runs(Handle.close)
 
     @property
@@ -145,10 +176,11 @@ class BlockingHandle(Blocking[Handle]):
 class BlockingPublisher(BlockingHandle):
     """Publisher of one topic; see :class:`~rwt_participant.handles.Publisher`."""
 
-    publish = runs(Publisher.publish)
+    _inner: Publisher
 
-
-_END: Any = object()
+    def publish(self, message: MessageLike) -> None:
+        """Publish one message; does not wait. See :meth:`Publisher.publish`."""
+        self._inner.publish(message)
 
 
 class BlockingSubscription(BlockingHandle):
@@ -167,13 +199,7 @@ class BlockingSubscription(BlockingHandle):
         return self
 
     def __next__(self) -> Message:
-        async def take() -> Message:
-            return await anext(self._inner, _END)
-
-        message = self._loop.wait(take)
-        if message is _END:
-            raise StopIteration
-        return message
+        return next(iterate(self._loop, self._inner))
 
 
 class BlockingGoal(Blocking[Goal]):
@@ -182,6 +208,11 @@ class BlockingGoal(Blocking[Goal]):
     result = waits(Goal.result)
     cancel = runs(Goal.cancel)
     abandon = runs(Goal.abandon)
+
+    @property
+    def action(self) -> str:
+        """Name of the action."""
+        return self._inner.action
 
     @property
     def id(self) -> str:
@@ -198,14 +229,17 @@ class BlockingGoal(Blocking[Goal]):
         """True if it has ended."""
         return self._inner.done
 
+    @property
+    def reason(self) -> str:
+        """Reason that the server gave for the end of the goal; empty while it runs or if there is none."""
+        return self._inner.reason
+
+    def feedback(self) -> Iterator[Message]:
+        """Yield the feedback until the goal ends; see :meth:`Goal.feedback`."""
+        return iterate(self._loop, self._inner.feedback())
+
     def __iter__(self) -> Iterator[Message]:
-        feedback = self._inner.feedback()
-
-        async def take() -> Message:
-            return await anext(feedback, _END)
-
-        while (message := self._loop.wait(take)) is not _END:
-            yield message
+        return self.feedback()
 
 
 class BlockingParameters(Blocking[Parameters]):
@@ -252,7 +286,6 @@ class BlockingVerbs(Blocking[Robot], Generic[Robot]):
     interface = waits(RobotApi.interface)
     subscribe_raw = holds(RobotApi.subscribe_raw, BlockingHandle)
     advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
-    send_goal = holds(RobotApi.send_goal, BlockingGoal)
     cancel_goal = runs(RobotApi.cancel_goal)
     time_ns = waits(RobotApi.time_ns)
 

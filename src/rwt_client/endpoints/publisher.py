@@ -12,6 +12,7 @@ from rwt_client.endpoints.remote_handle import ClientConnection, RemoteHandle
 from rwt_client.endpoints.services import call_service
 from rwt_client.errors import ConnectionLost, MessageRejected, ServerRefused
 from rwt_client.events import ConnectionEvent
+from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, ProviderNotFound, RobotError, ServiceFailed
 from rwt_participant.future import USUAL, Timeout
@@ -102,18 +103,28 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
             HandleClosed: this publisher was closed.
             ConnectionClosed: the connection was closed.
         """
-        if self.error is not None:
-            raise self.error
-        if self._flow is not None:
-            self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
+        checked = self.checked(message)
+        if self._flow is not None and isinstance(checked, Payload):
+            self._flow.send(publish_frame(self._prefix, checked.json()))
             self.sent += 1
             return
-        if self._type is not None:
-            raise self._session.not_connected()
         if len(self._pending) == _MOST_PENDING:
             self._pending.popleft()
             self.dropped += 1
         self._pending.append(message)
+
+    def checked(self, message: MessageLike) -> MessageLike:
+        """Return the message as a payload, or unchanged while the topic's type is unknown.
+
+        Safe from any thread. Raises what :meth:`publish` raises.
+        """
+        if self.error is not None:
+            raise self.error
+        if self._type is None:
+            return message
+        if self._flow is None:
+            raise self._session.not_connected()
+        return to_payload(self._message_type, message)
 
     async def ready(self) -> None:
         """Wait until the type is known and earlier messages were sent; see :class:`Handle`.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from rwt_graph.clock import Clock
+from rwt_graph.nodes.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.nodes.node import Node
+from rwt_interfaces.structs import MessageType
 from rwt_participant.blocking import (
     Blocking,
+    BlockingGoal,
     BlockingHandle,
     BlockingPublisher,
     BlockingSubscription,
@@ -16,6 +19,7 @@ from rwt_participant.blocking import (
     BlockingVerbs,
     LoopThread,
     holds,
+    passes,
     runs,
     waits,
 )
@@ -36,8 +40,43 @@ class _GraphThread(LoopThread):
     def run(self, function: Callable[[], T]) -> T:
         return self._node.run(function)
 
+    def post(self, function: Callable[[], None]) -> None:
+        self._node.graph.run_on_graph(function)
+
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
         return self._node.run_blocking(function)
+
+
+class BlockingTopicPublisher(BlockingPublisher):
+    """Publisher of one topic; see :class:`~rwt_graph.nodes.endpoints.TopicPublisher`."""
+
+    _inner: TopicPublisher
+
+    @property
+    def type(self) -> MessageType:
+        """Type of the topic."""
+        return self._inner.type
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages that were dropped for newer ones: the graph's thread was held."""
+        return self._inner.dropped
+
+    @property
+    def subscriber_count(self) -> int:
+        """Number of known subscribers; all clients of one server count as one."""
+        return self._inner.subscriber_count
+
+
+class BlockingTopicSubscription(BlockingSubscription):
+    """Messages of a topic, or a subscription with a callback; see :class:`TopicSubscription`."""
+
+    _inner: TopicSubscription
+
+    @property
+    def type(self) -> MessageType | None:
+        """Type of the topic; None while it is unknown."""
+        return self._inner.type
 
 
 class BlockingClock(Blocking[Clock]):
@@ -45,7 +84,14 @@ class BlockingClock(Blocking[Clock]):
 
     time_ns = runs(Clock.time_ns)
     monotonic = runs(Clock.monotonic)
+    boottime = runs(Clock.boottime)
+    call_later = runs(Clock.call_later)
     sleep = waits(Clock.sleep)
+
+    @property
+    def is_real(self) -> bool:
+        """False for a simulated clock."""
+        return self._inner.is_real
 
 
 class BlockingGraphNode(BlockingVerbs[Node]):
@@ -74,14 +120,20 @@ class BlockingGraphNode(BlockingVerbs[Node]):
         self.distro = node.distro
         self.registry = node.registry
 
-    advertise = holds(Node.advertise, BlockingPublisher)
-    publish = holds(Node.publish, BlockingPublisher)
-    subscribe = holds(Node.subscribe, BlockingHandle)
-    topic = holds(Node.topic, BlockingSubscription)
+    advertise = holds(Node.advertise, BlockingTopicPublisher)
+    publish = passes(Node.publish, BlockingTopicPublisher)
+    subscribe = holds(Node.subscribe, BlockingTopicSubscription)
+    topic = holds(Node.topic, BlockingTopicSubscription)
     once = waits(Node.once)
     call = waits(Node.call)
+    send_goal = holds(Node.send_goal, BlockingGoal)
     advertise_action = holds(Node.advertise_action, BlockingHandle)
     serve_over_topics = holds(Node.serve_over_topics, BlockingHandle)
-    subscribe_samples = holds(Node.subscribe_samples, BlockingHandle)
+    subscribe_samples = holds(Node.subscribe_samples, BlockingTopicSubscription)
     resolve = runs(Node.resolve)
     close = runs(Node.close)
+
+    @property
+    def blocking(self) -> Self:
+        """This node: functions that get a node or a blocking one can use its blocking verbs."""
+        return self

@@ -8,6 +8,7 @@ from time import perf_counter
 
 from rwt_graph import api
 from rwt_graph.api import Graph, Sample
+from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed
 from rwt_participant.handles import Publisher, Subscription
@@ -19,6 +20,7 @@ from rwt_participant.messages import (
     to_payload,
     warn_of_held_loop,
 )
+from rwt_participant.outbox import Outbox
 
 
 class TopicPublisher(Publisher):
@@ -30,12 +32,14 @@ class TopicPublisher(Publisher):
         self._graph = graph
         self._publisher = publisher
         self.now_ns = graph.clock.time_ns
+        self._outbox: Outbox[Payload] = Outbox(self.name, publisher.publish, graph.run_on_graph)
 
     def publish(self, message: MessageLike) -> None:
         """Publish one message; see :meth:`Publisher.publish`.
 
-        The message is checked in the caller's thread, then passed to the graph's; messages of one thread stay
-        in order.
+        The message is checked in the caller's thread, then queued for the graph's; messages of one thread
+        stay in order. While the graph's thread is held, the newest messages are kept, and :attr:`dropped`
+        counts the others.
         """
         if self._publisher.is_closed:
             raise HandleClosed(f"the publisher on {self.name} was closed")
@@ -43,10 +47,16 @@ class TopicPublisher(Publisher):
         if self._graph.on_graph_thread():
             self._publisher.publish(payload)
         else:
-            self._graph.run_on_graph(partial(self._publisher.publish, payload))
+            self._outbox.put(payload, payload.kept_size)
+
+    @property
+    def dropped(self) -> int:
+        """Messages of other threads that were dropped for newer ones: the graph's thread was held."""
+        return self._outbox.dropped
 
     @property
     def subscriber_count(self) -> int:
+        """Number of known subscribers; all clients of one server count as one."""
         return self._publisher.subscriber_count
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -18,7 +19,8 @@ from rwt_client.endpoints import subscriptions
 from rwt_graph import NotRunning
 from rwt_graph.nodes import endpoints
 from rwt_participant import messages, timers
-from rwt_participant.errors import NotFound, ServiceFailed, TimedOut, WrongThread
+from rwt_participant.errors import InvalidMessage, NotFound, ServiceFailed, TimedOut, WrongThread
+from rwt_participant.outbox import OUTBOX_MESSAGES
 from tests.waiting import wait_until
 
 URL = "ws://127.0.0.1:0"
@@ -52,9 +54,7 @@ def test_a_script_is_a_robot(loop: Loop) -> None:
 def test_a_blocking_node_has_everything_that_a_node_has() -> None:
     with Server(URL) as robot:
         has = {name for name in dir(robot.node) if not name.startswith("_")}
-        assert has - set(dir(robot)) == {"graph", "blocking", "run", "run_blocking"}, (
-            "for the loop's own thread"
-        )
+        assert has - set(dir(robot)) == {"graph", "run", "run_blocking"}, "for the loop's own thread"
         robot.log.info("ready")
         robot.parameters.declare("speed", 1.0)
         assert robot.params.get(f"{robot.name}:speed") == 1.0
@@ -111,6 +111,64 @@ def test_what_goes_wrong_is_raised_where_it_was_asked_for() -> None:
         assert list(messages) == []
     with pytest.raises(NotRunning):
         robot.call("/fail")
+
+
+def test_publishing_from_a_thread_does_not_wait_for_a_held_loop(caplog: pytest.LogCaptureFixture) -> None:
+    """Each of these would wait for ever: the loop is released only after them."""
+    held, released = threading.Event(), threading.Event()
+    heard: list[float] = []
+
+    def hold(request: object) -> None:
+        held.set()
+        released.wait()
+
+    with Server(URL) as robot:
+        robot.advertise_service("/hold", "std_srvs/Empty", hold)
+        robot.subscribe("/speed", lambda message: heard.append(message.data), "std_msgs/Float64")
+        speeds = robot.advertise("/speed", "std_msgs/Float64")
+        robot.publish("/other", {"data": 0.0}, "std_msgs/Float64")
+        call = threading.Thread(target=robot.call, args=("/hold",))
+        call.start()
+        held.wait()
+        for number in range(OUTBOX_MESSAGES + 500):
+            speeds.publish({"data": number})
+        robot.publish("/other", {"data": 1.0})
+        robot.log.warning("the loop is held")
+        released.set()
+        call.join()
+        robot.clock.sleep(0.0)
+        assert heard == list(range(500, OUTBOX_MESSAGES + 500))
+        assert (speeds.dropped, speeds.subscriber_count) == (500, 1)
+    assert caplog.text.count("messages of /speed are dropped") == 1
+
+
+def test_publishing_by_a_blocking_client_does_not_wait_for_a_held_loop() -> None:
+    held, released = threading.Event(), threading.Event()
+    heard: list[float] = []
+
+    async def hold() -> None:
+        held.set()
+        released.wait()
+
+    with Server(URL) as robot, connect(robot.server.urls[0]) as client:
+        robot.subscribe("/speed", lambda message: heard.append(message.data), "std_msgs/Float64")
+        speeds = client.advertise("/speed", "std_msgs/Float64")
+        client.publish("/other", {"data": 0.0}, "std_msgs/Float64")
+        waiting = threading.Thread(target=client.run, args=(hold,))
+        waiting.start()
+        held.wait()
+        for number in range(OUTBOX_MESSAGES + 500):
+            speeds.publish({"data": number})
+        client.publish("/other", {"data": 1.0})
+        with pytest.raises(InvalidMessage, match="expected float64"):
+            speeds.publish({"data": "fast"})
+        released.set()
+        waiting.join()
+        speeds.drain()
+        speeds.confirm()
+        assert speeds.dropped + len(heard) == OUTBOX_MESSAGES + 500
+        assert speeds.dropped >= 500
+        assert heard[-1] == OUTBOX_MESSAGES + 499
 
 
 WAITS: dict[str, Callable[[BlockingNode], object]] = {
