@@ -202,6 +202,36 @@ async def test_a_token_of_one_robot_lets_nobody_else_in() -> None:
 # -- at the robot ------------------------------------------------------------------------------------------
 
 
+EXTREMES = (2**31, 2**31 + 1, 2**53, 2**63 - 1, 2**63, 10**30, -1, 1e12, 1e15, 1e16, 1e300, 0.5)
+
+
+@pytest.mark.parametrize("member", ["queue_length", "throttle_rate", "fragment_size", "depth", "deadline"])
+async def test_no_number_of_a_viewer_ends_the_uplink_of_the_others(member: str) -> None:
+    async with hub_with_robot() as (hub, _), client(hub, "/rosie") as other:
+        await _ask(other)
+        for number in EXTREMES:
+            given: dict[str, object] = {member: number, **({"throttle_rate": 5} if member[0] == "q" else {})}
+            if member in ("depth", "deadline"):
+                given = {"qos": given}
+            subscribe = {"op": "subscribe", "topic": "/odom", "type": "std_msgs/String", **given}
+            async with client(hub, "/rosie") as viewer:
+                viewer.sink.send(Frame(json.dumps(subscribe).encode()))
+                await _ask(viewer)
+                assert viewer.ending is None, number
+        await _ask(other)
+        assert other.ending is None
+
+
+async def test_a_session_that_one_side_rejects_is_not_resumed() -> None:
+    async with hub_with_robot() as (hub, server):
+        rejected = hub.robots[0]
+        assert rejected.carrier is not None
+        rejected.carrier.give_up(1002, "not understood")
+        await until(lambda: hub.robots and hub.robots[0] is not rejected and hub.robots[0].is_reachable)
+        async with client(hub, "/rosie") as viewer:
+            await _ask(viewer)
+
+
 async def test_clients_through_a_hub_count_towards_their_address() -> None:
     async with hub_with_robot(limits={"connections_per_address": 2}) as (hub, _), AsyncExitStack() as opened:
         for _ in range(2):

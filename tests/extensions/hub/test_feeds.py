@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
@@ -28,11 +28,13 @@ from rwt.extensions.hub.uplink.frames import (
     Lane,
     SamplePart,
     decode_frame,
+    encode_ack,
     encode_drops,
     encode_feed,
     encode_join,
     encode_leave,
     encode_sample,
+    is_sequenced,
 )
 from rwt.extensions.hub.uplink.streams import Stream
 from rwt.extensions.hub.uplink.uplink import Uplink
@@ -137,6 +139,15 @@ class Screen:
 
     def count_for(self, holder: Holder) -> None:
         raise AssertionError("not expected")
+
+
+class Several(Screen):
+    """Connection of a viewer with several topics, which drops everything."""
+
+    def flow(self, *given: Any, **named: Any) -> Flow:
+        screen = Screen(stalls=True)
+        screen.flow(*given, **named)
+        return screen
 
 
 class Peer:
@@ -292,6 +303,33 @@ class Link:
             self.publish(number)
             self.settle()
             self.clock.advance(began + (number + 1) / rate - self.now)
+
+
+def test_drops_of_very_many_memberships_are_reported_as_fast_as_the_robot_takes_them() -> None:
+    link, streams, topics = Link(), 20, 1000
+    for feed in range(1, topics + 1):
+        link.hub.receive(encode_feed(feed, FeedHead(f"/topic{feed}")), link.now)
+    for _ in range(streams):
+        stream = link.hub.open(b"{}", "192.0.2.1")
+        stream.begin(Peer())
+        link.feeds.admit(stream.number, Several())
+        for feed in range(1, topics + 1):
+            link.hub.receive(encode_join(stream.number, Join(feed)), link.now)
+    for feed in range(1, topics + 1):
+        sample = encode_sample(feed, Lane.SMALL, memoryview(b"1"), binary=False, is_last=True)
+        link.hub.receive(sample, link.now)
+    reported = arrived = 0
+    for _ in range(streams * topics):
+        link.feeds.report()
+        link.feeds.report()
+        sent = link.hub.take(3000, link.now)
+        link.clock.advance(0.01)
+        arrived += sum(len(frame) for frame in sent if is_sequenced(frame))
+        link.hub.receive(encode_ack(arrived), link.now)  # Raises if too many answers wait.
+        reported += sum(isinstance(decode_frame(frame), Drops) for frame in sent)
+        if reported == streams * topics:
+            return
+    raise AssertionError(f"{reported} reports")
 
 
 # -- one crossing ----------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from rwt.extensions.hub.uplink.frames import (
     MAX_FRAME_BYTES,
+    MAX_QUEUE,
     MAX_REASON_BYTES,
     Accepted,
     Ack,
@@ -109,6 +110,26 @@ VECTORS = {
     "PING": (encode_ping(b"1"), "42 00 00000000 31", Ping(b"1", False)),
     "PONG": (encode_ping(b"1", is_answer=True), "43 00 00000000 31", Ping(b"1", True)),
 }
+
+
+LARGE = st.one_of(st.integers(0, 2**63 - 1), st.integers(2**31 - 1, 2**31 + 1))
+SECONDS = st.floats(0, allow_nan=False, allow_infinity=True)
+
+
+@given(
+    LARGE, st.none() | LARGE, SECONDS, SECONDS, st.text() | st.builds("x".__mul__, st.integers(1000, 5000))
+)
+def test_whatever_a_client_asks_for_is_accepted_by_the_other_side(
+    queue: int, depth: int | None, throttle: float, period: float, reason: str
+) -> None:
+    join = decode_frame(encode_join(3, Join(2, throttle=throttle, queue=queue, depth=depth)))
+    assert isinstance(join, Joined)
+    assert join.join.queue == min(queue, MAX_QUEUE)
+    assert isinstance(decode_frame(encode_feed(2, FeedHead("/odom", period))), FeedBegun)
+    refused = decode_frame(encode_refuse(3, Refusal(403, reason)))
+    assert isinstance(refused, Refused)
+    assert reason.startswith(refused.refusal.reason)
+    assert isinstance(decode_frame(encode_end(3, 1008, reason)), End)
 
 
 @pytest.mark.parametrize("name", VECTORS)

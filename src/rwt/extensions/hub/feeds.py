@@ -43,6 +43,9 @@ from rwt_transports.shared_pool import Holder
 if TYPE_CHECKING:
     from rwt.extensions.hub.uplink.streams import Stream
 
+_MAX_REPORTS: Final = 256
+"""Maximum number of reports of drops that wait to be sent."""
+
 _CAUSE_OF: Final = {reason: cause for cause, reason in CAUSES.items()}
 
 
@@ -307,15 +310,19 @@ class RobotFeeds:
             self._drops[stream, feed, cause] += 1
 
     def report(self) -> None:
-        """Tell the robot which samples its clients did not get."""
-        if not self._drops or not self._uplink.is_carried:
+        """Tell the robot which samples its clients did not get, as far as it takes the reports.
+
+        The rest is counted until the next call: reports are as many as memberships, and the robot may be slow.
+        """
+        if not self._uplink.is_carried:
             return
-        drops, self._drops = self._drops, Counter()
-        for (stream, feed, cause), count in drops.items():
+        for _ in range(min(len(self._drops), _MAX_REPORTS - self._uplink.waiting_orders)):
+            stream, feed, cause = key = next(iter(self._drops))
+            count = self._drops.pop(key)
             now = min(count, MAX_DROPS)
             self._uplink.order(encode_drops(Drops(stream, feed, cause, now)))
             if count > now:
-                self._drops[stream, feed, cause] = count - now
+                self._drops[key] = count - now  # Behind the others.
 
 
 def _framed(data: bytes, gap: int | None, feed: _Feed, *, binary: bool) -> Frame:

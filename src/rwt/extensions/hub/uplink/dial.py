@@ -257,6 +257,9 @@ class _Robot:
             await carrier.over.wait()
             self._carrier = None
             self._ended = carrier.code
+        if carrier.code == PROTOCOL_ERROR:
+            # A resumed session would repeat the frames that one side has rejected.
+            self._end_session("the hub and the robot do not understand each other")
         if self._is_leaving:
             await anyio.sleep_forever()
         lasted = time.monotonic() - opened

@@ -67,6 +67,12 @@ _LANE, _BINARY, _LAST, _FOR_ONE, _GAPPED = 0b111, 0b1000, 0b1_0000, 0b10_0000, 0
 MAX_DROPS: Final = 1000
 """Maximum number of samples that one `DROPS` reports."""
 
+MAX_QUEUE: Final = 2**31
+"""Maximum length of a queue in a `JOIN`; longer ones are as long as this."""
+
+MAX_SECONDS: Final = 1e12
+"""Maximum period of a feed, and throttle of a member."""
+
 
 class BadFrame(ValueError):
     """The frame breaks the rules of the uplink; the text gives the reason."""
@@ -134,7 +140,7 @@ class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
     headers: dict[str, str] = {}
 
 
-_Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e12)]
+_Seconds = Annotated[float, msgspec.Meta(ge=0, le=MAX_SECONDS)]
 
 
 class FeedHead(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -163,8 +169,8 @@ class Join(msgspec.Struct, frozen=True, omit_defaults=True):
 
     feed: Annotated[int, msgspec.Meta(ge=1, lt=2**32)]
     throttle: _Seconds = 0.0
-    queue: Annotated[int, msgspec.Meta(ge=0, le=2**31)] = 0
-    depth: Annotated[int, msgspec.Meta(ge=0, le=2**31)] | None = None
+    queue: Annotated[int, msgspec.Meta(ge=0, le=MAX_QUEUE)] = 0
+    depth: Annotated[int, msgspec.Meta(ge=0, le=MAX_QUEUE)] | None = None
     keep_all: bool = False
     gap: Annotated[str, msgspec.Meta(max_length=32, pattern="^([0-9a-f]{2})*$")] = ""
     apart: bool = False
@@ -324,8 +330,11 @@ def encode_open(stream: int, opening: bytes) -> bytes:
 
 def encode_end(stream: int, code: int, reason: str) -> bytes:
     """Return an `END` frame; a long reason is cut."""
-    text = reason.encode()[:MAX_REASON_BYTES].decode("utf-8", "ignore").encode()
-    return HEADER.pack(Kind.END, 0, stream) + _END.pack(code) + text
+    return HEADER.pack(Kind.END, 0, stream) + _END.pack(code) + _cut(reason).encode()
+
+
+def _cut(reason: str) -> str:
+    return reason.encode("utf-8", "replace")[:MAX_REASON_BYTES].decode("utf-8", "ignore")
 
 
 def encode_credit(stream: int, count: int) -> bytes:
@@ -339,18 +348,26 @@ def encode_accept(stream: int) -> bytes:
 
 
 def encode_refuse(stream: int, refusal: Refusal) -> bytes:
-    """Return a `REFUSE` frame."""
-    return HEADER.pack(Kind.REFUSE, 0, stream) + msgspec.json.encode(refusal)
+    """Return a `REFUSE` frame; a long reason is cut."""
+    short = msgspec.structs.replace(refusal, reason=_cut(refusal.reason))
+    return HEADER.pack(Kind.REFUSE, 0, stream) + msgspec.json.encode(short)
 
 
 def encode_feed(feed: int, head: FeedHead) -> bytes:
-    """Return a `FEED` frame."""
-    return HEADER.pack(Kind.FEED, 0, feed) + msgspec.json.encode(head)
+    """Return a `FEED` frame; a long period is cut."""
+    bounded = msgspec.structs.replace(head, period=min(head.period, MAX_SECONDS))
+    return HEADER.pack(Kind.FEED, 0, feed) + msgspec.json.encode(bounded)
 
 
 def encode_join(stream: int, join: Join) -> bytes:
-    """Return a `JOIN` frame."""
-    return HEADER.pack(Kind.JOIN, 0, stream) + msgspec.json.encode(join)
+    """Return a `JOIN` frame. Large numbers of a client, which the other side rejects, are cut."""
+    bounded = msgspec.structs.replace(
+        join,
+        throttle=min(join.throttle, MAX_SECONDS),
+        queue=min(join.queue, MAX_QUEUE),
+        depth=None if join.depth is None else min(join.depth, MAX_QUEUE),
+    )
+    return HEADER.pack(Kind.JOIN, 0, stream) + msgspec.json.encode(bounded)
 
 
 def encode_leave(stream: int, feed: int) -> bytes:

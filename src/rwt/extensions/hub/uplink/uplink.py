@@ -184,6 +184,11 @@ class Uplink:
         """Bytes per second that arrived at the other side lately."""
         return self._window.rate
 
+    @property
+    def waiting_orders(self) -> int:
+        """Number of sequenced frames of the uplink itself that wait."""
+        return len(self._orders)
+
     # -- streams ---------------------------------------------------------------------------------------------
 
     def open(self, opening: bytes, address: str) -> Stream:
