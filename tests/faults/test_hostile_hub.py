@@ -223,7 +223,7 @@ async def test_no_number_of_a_viewer_ends_the_uplink_of_the_others(member: str) 
 
 
 async def test_a_session_that_one_side_rejects_is_not_resumed() -> None:
-    async with hub_with_robot() as (hub, server):
+    async with hub_with_robot() as (hub, _):
         rejected = hub.robots[0]
         assert rejected.carrier is not None
         rejected.carrier.give_up(1002, "not understood")

@@ -312,7 +312,8 @@ class RobotFeeds:
     def report(self) -> None:
         """Tell the robot which samples its clients did not get, as far as it takes the reports.
 
-        The rest is counted until the next call: reports are as many as memberships, and the robot may be slow.
+        The rest is counted until the next call: there may be as many as memberships, and the robot may be
+        slow.
         """
         if not self._uplink.is_carried:
             return
