@@ -13,10 +13,10 @@ from rwt.errors import ServerError
 from rwt.server import LOOPS, Loop, Server, exit_of
 from rwt.signals import Stopped
 from rwt_graph.errors import NotRunning
-from rwt_graph.memory.runtime import call_soon_threadsafe
 from rwt_graph.nodes.blocking import BlockingGraphNode
 from rwt_graph.nodes.node import Node
 from rwt_participant.errors import WrongThread
+from rwt_participant.threads.pool import call_soon_threadsafe
 
 _WAIT_SECONDS: Final = 1.0
 """Maximum duration of one wait: some systems deliver Ctrl-C to a waiting thread only after it."""

@@ -47,7 +47,7 @@ from rwt_participant.blocking import (
 )
 from rwt_participant.errors import RobotError, WrongThread
 from rwt_participant.messages import MessageLike, check_arguments
-from rwt_participant.outbox import Outbox
+from rwt_participant.threads.outbox import Outbox
 from rwt_participant.timers import RobotClock
 from rwt_transports.endpoint import Accept
 

@@ -39,7 +39,7 @@ from rwt_participant.errors import (
     UnknownType,
 )
 from rwt_participant.future import USUAL, Future, Timeout
-from rwt_participant.goals import Execute, Goal
+from rwt_participant.goals import BlockingExecute, Execute, Goal, check_execute
 from rwt_participant.messages import (
     Message,
     MessageCallback,
@@ -51,6 +51,7 @@ from rwt_participant.messages import (
     type_of,
 )
 from rwt_participant.rosapi_parameters import UNANSWERED, RosapiParameters
+from rwt_participant.threads.pool import HandlerThreads
 from rwt_participant.timers import PeriodicTimer, RobotClock, Timer
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import MalformedPayload
@@ -92,6 +93,7 @@ class Robot(RobotApi):
         types: types of the robot.
         api: queries of rosapi.
         params: parameters of all nodes.
+        handler_threads: threads for handlers that block (`threaded=True`).
     """
 
     def __init__(
@@ -122,6 +124,7 @@ class Robot(RobotApi):
         self._actions: Offered[ActionServer] = Offered()
         self._publishers: dict[str, RemotePublisher] = {}
         self._clock = _ClientClock(tasks)
+        self.handler_threads = HandlerThreads()
         session.dispatcher = self._dispatcher()
 
     @property
@@ -244,6 +247,8 @@ class Robot(RobotApi):
         topic: str,
         callback: MessageCallback,
         type: str | None = None,
+        *,
+        threaded: bool = False,
         **options: Unpack[SubscribeOptions],
     ) -> RemoteSubscription:
         """Call `callback` with each message of a topic; see :meth:`RobotApi.subscribe`.
@@ -252,6 +257,8 @@ class Robot(RobotApi):
             options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
         check_arguments("subscribe(topic, callback, type)", type, callback)
+        if threaded:
+            callback = self.handler_threads.coroutine(callback)
         return self._subscribe(topic, callback, type, options)
 
     def _subscribe(
@@ -353,8 +360,12 @@ class Robot(RobotApi):
             raise ProviderNotFound(f"{error}{await self.types.meant('service', service)}") from None
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
+    def advertise_service(
+        self, service: str, type: str, handler: ServiceHandler, *, threaded: bool = False
+    ) -> ServiceServer:
         check_arguments("advertise_service(service, type, handler)", type, handler)
+        if threaded:
+            handler = self.handler_threads.coroutine(handler)
         server = ServiceServer(self._connection, service, self._services, handler)
         return server.open(self.types.known_service(type), partial(self.types.service, type))
 
@@ -393,14 +404,22 @@ class Robot(RobotApi):
         else:
             self._session.send(CancelActionGoal(id=goal_id, action=action))
 
-    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
+    def advertise_action(
+        self, action: str, type: str, execute: Execute | BlockingExecute, *, threaded: bool = False
+    ) -> ActionServer:
         check_arguments("advertise_action(action, type, execute)", type, execute)
-        server = ActionServer(self._connection, action, self._actions, execute)
+        if threaded:
+            execute = self.handler_threads.coroutine(execute)
+        server = ActionServer(self._connection, action, self._actions, check_execute(action, execute))
         return server.open(self.types.known_action(type), partial(self.types.action, type))
 
     # -- time ------------------------------------------------------------------------------------------------
 
-    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
+    def create_timer(
+        self, period: float, callback: Callable[[], Awaitable[None] | None], *, threaded: bool = False
+    ) -> PeriodicTimer:
+        if threaded:
+            callback = self.handler_threads.coroutine(callback)
         timer = PeriodicTimer(self._clock, self._clock, period, callback)
         timer.start()
         return timer

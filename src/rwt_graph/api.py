@@ -38,6 +38,7 @@ from rwt_graph.problems import Problems
 from rwt_participant.api import EndpointInfo as EndpointInfo
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_participant.threads.pool import HandlerThreads
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
@@ -552,6 +553,11 @@ class Graph(GraphListings):
     @cached_property
     def observers(self) -> set[OnConnection]:
         return set()
+
+    @cached_property
+    def handler_threads(self) -> HandlerThreads:
+        """Threads for the handlers of its nodes that block (`threaded=True`)."""
+        return HandlerThreads()
 
     @cached_property
     def problems(self) -> Problems:

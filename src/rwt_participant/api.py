@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_participant.future import USUAL, Timeout
-from rwt_participant.goals import Execute, Goal
+from rwt_participant.goals import BlockingExecute, Execute, Goal
 from rwt_participant.handles import Handle, Publisher, Subscription
 from rwt_participant.messages import (
     Message,
@@ -200,6 +200,7 @@ class RobotApi(Protocol):
         qos: QoS | None = None,
         queue_size: int = ...,
         queue_bytes: int = ...,
+        threaded: bool = False,
     ) -> Handle:
         """Call `callback` with each message of a topic.
 
@@ -211,10 +212,13 @@ class RobotApi(Protocol):
             type: None uses the topic's own: a node takes it as soon as the topic has one; a client asks the
                 robot, which must know the topic.
             qos: by default whatever the publishers offer.
+            threaded: True runs a plain function in a thread, so that it may block, with one message after the
+                other as for a coroutine function. The threads are those of a bounded pool.
 
         Raises:
             UnknownType: there is no such message; of a client, when awaited.
             NotFound: of a client, when awaited: no type is given, and the topic does not exist.
+            TypeError: `threaded`, and `callback` is a coroutine function.
         """
 
     def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> Handle:
@@ -281,7 +285,9 @@ class RobotApi(Protocol):
             UnknownType: there is no such service type.
         """
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> Handle:
+    def advertise_service(
+        self, service: str, type: str, handler: ServiceHandler, *, threaded: bool = False
+    ) -> Handle:
         """Offer a service; replaces a provider of the same name in this program.
 
         Args:
@@ -289,12 +295,13 @@ class RobotApi(Protocol):
                 :data:`~rwt_participant.messages.MessageLike`, or None for a response of defaults. Raises
                 :exc:`~rwt_participant.errors.ServiceFailed` to tell the caller the reason of a failure; any
                 other exception is logged, and fails the call as well. A plain function runs on the thread of
-                the graph or the connection; use a coroutine function for slow work, with
-                `anyio.to_thread.run_sync` for code that blocks. Calls may overlap.
+                the graph or the connection; use a coroutine function for slow work, or `threaded` for code
+                that blocks. Calls may overlap.
+            threaded: True runs a plain function in a thread of a bounded pool.
 
         Raises:
             UnknownType: there is no such service type; of a client, when awaited.
-            TypeError: `handler` is not a function.
+            TypeError: `handler` is not a function, or a coroutine function with `threaded`.
         """
 
     # -- actions ---------------------------------------------------------------------------------------------
@@ -326,22 +333,28 @@ class RobotApi(Protocol):
     def cancel_goal(self, action: str, goal_id: str) -> None:
         """Request the cancellation of a goal of any sender, by its id; an unknown one is ignored."""
 
-    def advertise_action(self, action: str, type: str, execute: Execute) -> Handle:
+    def advertise_action(
+        self, action: str, type: str, execute: Execute | BlockingExecute, *, threaded: bool = False
+    ) -> Handle:
         """Offer an action; replaces a server of the same name in this program.
 
         Args:
             execute: coroutine function that works on one goal and returns its result. Goals run
                 concurrently, each in a task. It raises GoalCanceled or GoalAborted to end a goal other than
                 by success; any other exception aborts it. Cancelled when the action is withdrawn.
+            threaded: True runs a plain function in a thread of a bounded pool; it has the same goal, whose
+                methods work there. `cancel_requested` is also true when the action is withdrawn.
 
         Raises:
             UnknownType: there is no such action type; of a client, when awaited.
-            TypeError: of a node: `execute` is not a coroutine function.
+            TypeError: `execute` is not a coroutine function; with `threaded`, not a plain function.
         """
 
     # -- time ------------------------------------------------------------------------------------------------
 
-    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
+    def create_timer(
+        self, period: float, callback: Callable[[], Awaitable[None] | None], *, threaded: bool = False
+    ) -> PeriodicTimer:
         """Call `callback` every `period` seconds of :attr:`clock`, first after one period.
 
         A coroutine function runs as a task; a tick that is due while it still runs is skipped. Missed ticks
@@ -349,6 +362,7 @@ class RobotApi(Protocol):
 
         Args:
             period: from a microsecond to some thirty years.
+            threaded: True runs a plain function in a thread of a bounded pool, as a task.
 
         Raises:
             ValueError: `period` is out of range.

@@ -289,7 +289,9 @@ class BlockingVerbs(Blocking[Robot], Generic[Robot]):
     cancel_goal = runs(RobotApi.cancel_goal)
     time_ns = waits(RobotApi.time_ns)
 
-    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> BlockingTimer:
+    def create_timer(
+        self, period: float, callback: Callable[[], Awaitable[None] | None], *, threaded: bool = False
+    ) -> BlockingTimer:
         """Call `callback` periodically in the loop's thread; see :meth:`RobotApi.create_timer`."""
-        make = functools.partial(self._inner.create_timer, period, callback)
+        make = functools.partial(self._inner.create_timer, period, callback, threaded=threaded)
         return BlockingTimer(self._loop, self._loop.run(make))

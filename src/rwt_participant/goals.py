@@ -6,14 +6,14 @@ import logging
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable
 from enum import IntEnum
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, cast
 
 import anyio
 
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.future import Future, Within
 from rwt_participant.handles import QUEUE_BYTES, MessageQueue
-from rwt_participant.messages import Message, MessageLike
+from rwt_participant.messages import Message, MessageLike, is_coroutine_function
 
 logger = logging.getLogger(__name__)
 
@@ -213,6 +213,24 @@ class ReceivedGoal:
 #: Executes a goal in a task of its own. Returns the result of a goal that succeeded, None for one of
 #: defaults; raises GoalCanceled or GoalAborted to end it otherwise.
 Execute: TypeAlias = Callable[[ReceivedGoal], Awaitable["MessageLike | None"]]
+
+
+#: Executes a goal as :data:`Execute` does, in a thread (`threaded=True`).
+BlockingExecute: TypeAlias = Callable[[ReceivedGoal], "MessageLike | None"]
+
+
+def check_execute(action: str, execute: Execute | BlockingExecute) -> Execute:
+    """Return an action's function, checked to be a coroutine function.
+
+    Raises:
+        TypeError: it is not.
+    """
+    if not is_coroutine_function(execute):
+        raise TypeError(
+            f"the function that executes {action} must be a coroutine function (async def); pass"
+            " `threaded=True` with a plain function"
+        )
+    return cast(Execute, execute)
 
 
 async def run_goal(execute: Execute, goal: ReceivedGoal) -> tuple[GoalStatus, object, str]:

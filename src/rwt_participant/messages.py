@@ -126,8 +126,8 @@ def check_arguments(verb: str, type: object = None, function: object = len) -> N
 def warn_of_held_loop(callback: object, what: str, took: float) -> None:
     """Log a warning about a callback, named by `what`, that took at least :data:`HELD_SECONDS`."""
     logger.warning(
-        "%s %s took %.1f s and held the event loop: make it an `async def` function, and await"
-        " `anyio.to_thread.run_sync(…)` for work that blocks",
+        "%s %s took %.1f s and held the event loop: pass `threaded=True` with it, or make it an `async def`"
+        " function that awaits what is slow",
         what,
         getattr(callback, "__qualname__", None) or repr(callback),
         took,

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rwt.gateways.base import ConnectedClient, Gateway
     from rwt.rosbridge.bridge import Bridge
     from rwt_graph.clock import Clock
+    from rwt_participant.threads.pool import HandlerThreads
     from rwt_transports.endpoint import Traffic
     from rwt_transports.http.routes import HttpExtension, MetricFamily
 
@@ -61,6 +62,7 @@ class ServerMetrics:
         page.single("rwt_action_goals_running", "gauge", "Goals of rosbridge clients under way.", goals)
         help_ = "Lines that the log could not take."
         page.single("rwt_lost_log_lines_total", "counter", help_, bridge.access.audit.dropped_lines)
+        _write_threads(page, bridge.shared.graph.handler_threads)
         _write_work(page, bridge)
         if bridge.access.gate is not None:
             _write_gate(page, bridge.access.gate)
@@ -124,6 +126,15 @@ _OF_GATEWAY: Final[tuple[tuple[str, str, Callable[[GatewayCounts], int]], ...]] 
     ("rwt_service_calls_pending", "Calls of connected clients under way.",
      lambda it: sum(client.graph.calls_in_flight for client, _ in it.clients)),
 )  # fmt: skip
+
+
+def _write_threads(page: PrometheusText, threads: HandlerThreads) -> None:
+    help_ = "Threads that run handlers of the robot's program."
+    page.single("rwt_handler_threads", "gauge", help_, threads.busy)
+    help_ = "Calls of handlers that wait for a thread."
+    page.single("rwt_handler_threads_waiting", "gauge", help_, threads.waiting)
+    help_ = "Calls of handlers that have had to wait for a thread."
+    page.single("rwt_handler_thread_waits_total", "counter", help_, threads.waits)
 
 
 def _write_totals(page: PrometheusText, gateways: list[GatewayCounts]) -> None:

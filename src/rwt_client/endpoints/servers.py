@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import threading
 from abc import abstractmethod
+from collections.abc import Callable
 from functools import partial
 from typing import Self, TypeVar
 
@@ -15,6 +17,8 @@ from rwt_interfaces.structs import ActionType, ServiceType
 from rwt_participant.errors import InvalidMessage, RobotError, ServiceFailed
 from rwt_participant.goals import Execute, GoalStatus, ReceivedGoal, run_goal
 from rwt_participant.messages import MessageLike, ServiceHandler, call_handler, to_payload
+from rwt_participant.threads.outbox import Outbox
+from rwt_participant.threads.pool import call_soon_threadsafe
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -165,7 +169,7 @@ class ActionServer(RemoteServer[ActionType]):
             request = request_of(self.type.goal, op.args)
         except InvalidMessage as error:
             raise ServiceFailed(f"not {self.type.goal.name}: {error}") from None
-        goal = self._goals[op.id] = ReceivedGoal(op.id, request, partial(self._send_feedback, op.id))
+        goal = self._goals[op.id] = ReceivedGoal(op.id, request, self._feedback(op.id))
         self._connection.tasks.start_soon(self._run, goal)
 
     def on_cancel(self, op: CancelActionGoal) -> None:
@@ -174,10 +178,25 @@ class ActionServer(RemoteServer[ActionType]):
         if goal is not None:
             goal.cancel_event.set()
 
-    def _send_feedback(self, id: str | int | None, message: MessageLike) -> None:
-        values = RawJson(to_payload(self.type.feedback, message).json())
-        if id in self._goals:
-            self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
+    def _feedback(self, id: str | int | None) -> Callable[[MessageLike], None]:
+        """Return a function that sends feedback from any thread."""
+        loop = threading.get_ident()
+
+        def send(payload: Payload) -> None:
+            if id in self._goals:
+                values = RawJson(payload.json())
+                self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
+
+        outbox = Outbox(f"{self.name}, feedback", send, call_soon_threadsafe())
+
+        def publish(message: MessageLike) -> None:
+            payload = to_payload(self.type.feedback, message)
+            if threading.get_ident() == loop:
+                send(payload)
+            else:
+                outbox.put(payload, payload.kept_size)
+
+        return publish
 
     async def _run(self, goal: ReceivedGoal) -> None:
         try:
@@ -189,6 +208,9 @@ class ActionServer(RemoteServer[ActionType]):
             reason = str(error) if isinstance(error, RobotError) else EXECUTE_FAILED
             status = GoalStatus.ABORTED
             op = ActionResult(action=self.name, values=reason, status=int(status), result=False, id=goal.id)
+        finally:
+            # A function in a thread is not cancelled with this task: it looks at `cancel_requested`.
+            goal.cancel_event.set()
         # The connection on which the goal was received may be gone.
         if self._goals.get(goal.id) is goal:
             del self._goals[goal.id]

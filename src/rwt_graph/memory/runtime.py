@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import threading
 from collections import deque
@@ -17,6 +16,7 @@ import anyio.abc
 
 from rwt_graph.clock import Clock
 from rwt_graph.errors import NotRunning
+from rwt_participant.threads.pool import CallSoon, call_soon_threadsafe
 
 logger = logging.getLogger(__name__)
 
@@ -24,19 +24,6 @@ Task = Callable[[], Awaitable[None]]
 
 Spawned = tuple[Task, str, Context, int]
 """A task to start, with its name, the context of its caller, and the ID of that thread."""
-
-CallSoon = Callable[[Callable[[], object]], object]
-"""Runs a call on the event loop's thread, soon."""
-
-
-def call_soon_threadsafe() -> CallSoon:
-    """Return the thread-safe `call_soon` of the running event loop, asyncio's or trio's."""
-    try:
-        return asyncio.get_running_loop().call_soon_threadsafe
-    except RuntimeError:
-        import trio  # Available only in programs that run on trio.
-
-        return trio.lowlevel.current_trio_token().run_sync_soon
 
 
 class _RuntimeState(Enum):

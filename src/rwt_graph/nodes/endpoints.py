@@ -20,7 +20,7 @@ from rwt_participant.messages import (
     to_payload,
     warn_of_held_loop,
 )
-from rwt_participant.outbox import Outbox
+from rwt_participant.threads.outbox import Outbox
 
 
 class TopicPublisher(Publisher):

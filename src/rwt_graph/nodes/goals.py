@@ -16,8 +16,18 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import ActionType
 from rwt_participant.errors import CallFailed, InvalidMessage
 from rwt_participant.future import Future
-from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal, run_goal
-from rwt_participant.messages import Message, MessageLike, is_coroutine_function, to_payload
+from rwt_participant.goals import (
+    BlockingExecute,
+    Execute,
+    Goal,
+    GoalResult,
+    GoalStatus,
+    ReceivedGoal,
+    check_execute,
+    run_goal,
+)
+from rwt_participant.messages import Message, MessageLike, to_payload
+from rwt_participant.threads.outbox import Outbox
 
 logger = logging.getLogger(__name__)
 
@@ -30,14 +40,17 @@ class ActionFunction:
     """Runs a coroutine function for each goal, in a task of its own."""
 
     def __init__(
-        self, graph: Graph, action: str, interface: ActionType, execute: Execute, accept: AcceptGoal | None
+        self,
+        graph: Graph,
+        action: str,
+        interface: ActionType,
+        execute: Execute | BlockingExecute,
+        accept: AcceptGoal | None,
     ) -> None:
-        if not is_coroutine_function(execute):
-            raise TypeError(f"the function that executes {action} must be a coroutine function (async def)")
         self._graph = graph
         self._action = action
         self._interface = interface
-        self._execute = execute
+        self._execute = check_execute(action, execute)
         self._accept = accept
 
     def __call__(self, goal: ServerGoal) -> None:
@@ -71,9 +84,7 @@ class ActionFunction:
             goal.on_end = lambda _gone: scope.cancel()
             if goal.status.is_terminal:
                 return
-            running = ReceivedGoal(
-                goal.id, request, partial(self._publish_feedback, goal), lambda: goal.feedback_wanted
-            )
+            running = ReceivedGoal(goal.id, request, self._feedback(goal), lambda: goal.feedback_wanted)
             goal.on_cancel = running.cancel_event.set
             if goal.cancel_requested:
                 running.cancel_event.set()
@@ -82,9 +93,23 @@ class ActionFunction:
             except Exception as error:
                 logger.exception("action %s failed", self._action)
                 self._finish(goal, GoalStatus.ABORTED, None, failure_text(error))
+            finally:
+                # A function in a thread is not cancelled with this task: it looks at `cancel_requested`.
+                running.cancel_event.set()
 
-    def _publish_feedback(self, goal: ServerGoal, feedback: MessageLike) -> None:
-        goal.feedback(to_payload(self._interface.feedback, feedback, self._graph.clock.time_ns))
+    def _feedback(self, goal: ServerGoal) -> Callable[[MessageLike], None]:
+        """Return a function that sends feedback from any thread."""
+        graph, kind = self._graph, self._interface.feedback
+        outbox = Outbox(f"{self._action}, feedback", goal.feedback, graph.run_on_graph)
+
+        def publish(feedback: MessageLike) -> None:
+            payload = to_payload(kind, feedback, graph.clock.time_ns)
+            if graph.on_graph_thread():
+                goal.feedback(payload)
+            else:
+                outbox.put(payload, payload.kept_size)
+
+        return publish
 
     def _finish(self, goal: ServerGoal, status: GoalStatus, result: object, reason: str) -> None:
         if goal.status.is_terminal:

@@ -29,7 +29,7 @@ from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.api import Listed, RobotApi
 from rwt_participant.errors import NotFound, ProviderNotFound, TimedOut, UnknownType
 from rwt_participant.future import USUAL, Future, Timeout
-from rwt_participant.goals import Execute, Goal
+from rwt_participant.goals import BlockingExecute, Execute, Goal
 from rwt_participant.handles import QUEUE_BYTES, Handle
 from rwt_participant.messages import (
     Message,
@@ -235,8 +235,11 @@ class GraphVerbs(RobotApi):
         qos: QoS | None = None,
         queue_size: int = 10,
         queue_bytes: int = QUEUE_BYTES,
+        threaded: bool = False,
     ) -> TopicSubscription:
         check_arguments("subscribe(topic, callback, type)", type, callback)
+        if threaded:
+            callback = self.graph.handler_threads.coroutine(callback)
         return self._subscribe(topic, type, qos, queue_size, queue_bytes, callback=callback)
 
     def subscribe_samples(
@@ -300,8 +303,12 @@ class GraphVerbs(RobotApi):
 
     # Services
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> GraphServer:
+    def advertise_service(
+        self, service: str, type: str, handler: ServiceHandler, *, threaded: bool = False
+    ) -> GraphServer:
         check_arguments("advertise_service(service, type, handler)", type, handler)
+        if threaded:
+            handler = self.graph.handler_threads.coroutine(handler)
         name, interface = self.resolve(service), self.registry.service(type)
         function = ServiceFunction(self.graph, name, interface.response, handler)
         return self.run(
@@ -334,7 +341,13 @@ class GraphVerbs(RobotApi):
     # Actions
 
     def advertise_action(
-        self, action: str, type: str, execute: Execute, *, accept: AcceptGoal | None = None
+        self,
+        action: str,
+        type: str,
+        execute: Execute | BlockingExecute,
+        *,
+        accept: AcceptGoal | None = None,
+        threaded: bool = False,
     ) -> GraphServer:
         """Offer an action, on ROS 1 over topics too (ALB-01); see :meth:`RobotApi.advertise_action`.
 
@@ -342,6 +355,8 @@ class GraphVerbs(RobotApi):
             accept: function that checks the goal's message first: True accepts, False or a reason rejects.
         """
         check_arguments("advertise_action(action, type, execute)", type, execute)
+        if threaded:
+            execute = self.graph.handler_threads.coroutine(execute)
         name, interface = self.resolve(action), self.registry.action(type)
         function = ActionFunction(self.graph, name, interface, execute, accept)
         return self.run(lambda: GraphServer(self.graph, name, *self._offer_action(name, interface, function)))
@@ -360,7 +375,11 @@ class GraphVerbs(RobotApi):
     async def time_ns(self) -> int:
         return self.clock.time_ns()
 
-    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
+    def create_timer(
+        self, period: float, callback: Callable[[], Awaitable[None] | None], *, threaded: bool = False
+    ) -> PeriodicTimer:
+        if threaded:
+            callback = self.graph.handler_threads.coroutine(callback)
         timer = PeriodicTimer(self.clock, self.graph, period, callback, self._timers.discard)
         self._timers.add(timer)
         self.run(timer.start)

@@ -32,8 +32,8 @@ class ServiceFunction:
     """Handler of a service as a callback of the graph; its exceptions are the caller's :exc:`ServiceFailed`.
 
     A plain handler runs on the graph's thread and blocks it: slow work belongs in an `async def` handler,
-    with `anyio.to_thread.run_sync` for code that blocks. Each call of a coroutine handler is a task; calls
-    may overlap.
+    code that blocks in a thread (`threaded=True`). Each call of a coroutine handler is a task; calls may
+    overlap.
     """
 
     def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:

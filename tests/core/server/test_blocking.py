@@ -20,7 +20,7 @@ from rwt_graph import NotRunning
 from rwt_graph.nodes import endpoints
 from rwt_participant import messages, timers
 from rwt_participant.errors import InvalidMessage, NotFound, ServiceFailed, TimedOut, WrongThread
-from rwt_participant.outbox import OUTBOX_MESSAGES
+from rwt_participant.threads.outbox import OUTBOX_MESSAGES
 from tests.waiting import wait_until
 
 URL = "ws://127.0.0.1:0"
