@@ -16,8 +16,9 @@ PARTS: Mapping[str, str] = {
     "table1": "bench.paper.table1",
     "table2": "bench.paper.table2",
     "table3": "bench.paper.table3",
+    "table4": "bench.paper.table4",
 }
-"""Each part of the paper and the module that has its `measure()`."""
+"""Each part of the paper, a table of today's messages after it, and the module that has its `measure()`."""
 
 PLOTS = Path("build/paper")
 

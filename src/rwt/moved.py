@@ -13,6 +13,7 @@ from typing import Final
 
 MOVED: Final[Mapping[str, str]] = MappingProxyType(
     {
+        "rwt.extensions.depth_cloud.point_cloud": "rwt_interfaces.point_clouds.records",
         "rwt.gateways.foxglove": "rwt.extensions.foxglove",
         "rwt.gateways.http": "rwt.extensions.http",
         "rwt.gateways.mcp": "rwt.extensions.mcp",
@@ -20,6 +21,7 @@ MOVED: Final[Mapping[str, str]] = MappingProxyType(
         "rwt.hub": "rwt.extensions.hub",
         "rwt.media.webrtc": "rwt_webrtc.media",
         "rwt.nodes.demo": "rwt.extensions.demo",
+        "rwt.nodes.depth_cloud.point_cloud": "rwt_interfaces.point_clouds.records",
         "rwt.nodes.depth_cloud": "rwt.extensions.depth_cloud",
         "rwt.nodes.interactive_markers": "rwt.extensions.markers",
         "rwt.nodes.mesh_files": "rwt.extensions.meshes.mesh_files",

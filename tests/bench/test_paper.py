@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench.paper import __main__ as program
-from bench.paper import table2, table3
+from bench.paper import table2, table3, table4
 from bench.paper.arm_robot import LINKS, MINUTE, ROOT
 from bench.paper.counting import header_size
 from bench.paper.depth_scene import drive
@@ -200,3 +200,20 @@ def test_the_figure_is_drawn(tmp_path: Path, played: dict[str, Viewer]) -> None:
 
     draw(list(played.values()), tmp_path / "fig3.png")
     assert (tmp_path / "fig3.png").read_bytes().startswith(b"\x89PNG")
+
+
+# -- Table IV ----------------------------------------------------------------------------------------------
+
+
+def test_clouds_are_as_small_and_exact_as_promised() -> None:
+    ways = {(way.message, way.name): way for way in table4.clouds(1)}
+    for key, bound in table4.PROMISED.items():
+        assert ways[key].ratio >= bound.ratio, key
+    assert 0 < ways["LiDAR, by ring", "planes, 1 mm"].error <= 0.001
+    assert ways["LiDAR, by firing", "planes, lossless"].error == 0
+    slow = table4.Way("LiDAR, by ring", "planes, 1 mm", 160, 20, 11.0, 1.0, 0.001)
+    large = table4.Way("LiDAR, no order", "planes, 1 mm, sorted", 160, 80, 11.0, 1.0, 0.001)
+    assert table4.out_of_bounds([slow, large, *ways.values()])[:2] == [
+        "LiDAR, by ring, planes, 1 mm: 8.00:1 in 11.0 ms",
+        "LiDAR, no order, planes, 1 mm, sorted: 2.00:1 in 11.0 ms",
+    ]

@@ -23,11 +23,11 @@ def test_public_names_can_be_imported(module: str) -> None:
 
 
 def test_an_alias_is_the_module_itself_and_warns(monkeypatch: pytest.MonkeyPatch) -> None:
-    from rwt.extensions.depth_cloud import point_cloud
+    from rwt.extensions.depth_cloud import depth_image
 
-    monkeypatch.delitem(sys.modules, "rwt.nodes.depth_cloud.point_cloud", raising=False)
-    with pytest.warns(DeprecationWarning, match=r"has moved to rwt\.extensions\.depth_cloud\.point_cloud"):
-        alias = importlib.import_module("rwt.nodes.depth_cloud.point_cloud")
-    assert alias is point_cloud
-    assert point_cloud.__spec__ is not None
-    assert point_cloud.__spec__.name == "rwt.extensions.depth_cloud.point_cloud"
+    monkeypatch.delitem(sys.modules, "rwt.nodes.depth_cloud.depth_image", raising=False)
+    with pytest.warns(DeprecationWarning, match=r"has moved to rwt\.extensions\.depth_cloud\.depth_image"):
+        alias = importlib.import_module("rwt.nodes.depth_cloud.depth_image")
+    assert alias is depth_image
+    assert depth_image.__spec__ is not None
+    assert depth_image.__spec__.name == "rwt.extensions.depth_cloud.depth_image"

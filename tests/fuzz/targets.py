@@ -12,6 +12,7 @@ from tests.fuzz import (
     admission_targets,
     agent_targets,
     asgi_targets,
+    cloud_targets,
     file_targets,
     foxglove_targets,
     gate_targets,
@@ -42,6 +43,7 @@ TARGETS: Mapping[str, Target] = {
         admission_targets.admission, admission_targets.settings, agent_targets.agent,
         http_targets.http_resources, gate_targets.gate, asgi_targets.asgi, rclpy_targets.ros_arguments,
         rclpy_targets.content_filter, ros1_targets.tcpros, ros1_targets.xml_rpc, hub_targets.uplink,
+        cloud_targets.compressed_cloud,
     )
 }  # fmt: skip
 

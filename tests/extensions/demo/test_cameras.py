@@ -16,7 +16,7 @@ from rwt.extensions.demo.world.lens import MATRICES, Lens
 from rwt.extensions.demo.world.map import Box, Pillar, Pose, World, house, walled
 from rwt.extensions.demo.world.view import FARTHEST, View
 from rwt.extensions.depth_cloud.depth_image import decode_image, square
-from rwt.extensions.depth_cloud.point_cloud import read_points
+from rwt_interfaces.point_clouds.records import read_points
 
 HEIGHT = 0.3
 #: Straight ahead is a wall at 3 m, and the pillar's nearest point is at 1.5 m, 45 degrees to the left.

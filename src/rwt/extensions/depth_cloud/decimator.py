@@ -66,7 +66,7 @@ class CloudDecimator(Node):
 
     def _thin(self, payload: Payload) -> Mapping[str, object]:
         """Decimate one cloud. Runs in a worker thread; numpy is loaded with the first subscriber."""
-        from rwt.extensions.depth_cloud.point_cloud import cloud_of, every, one_per_voxel, read_points
+        from rwt_interfaces.point_clouds.records import cloud_of, every, one_per_voxel, read_points
 
         cloud = payload.value()
         points = every(read_points(cloud), self._stride)

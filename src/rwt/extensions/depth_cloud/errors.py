@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class DepthCloudError(ValueError):
-    """An image or a cloud cannot be read: its shape, encoding, fields or size; the text gives the reason."""
+    """An image cannot be read: its shape, encoding or size; the text gives the reason."""

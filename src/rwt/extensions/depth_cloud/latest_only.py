@@ -12,6 +12,7 @@ import anyio.to_thread
 from rwt.extensions.depth_cloud.errors import DepthCloudError
 from rwt.media.errors import ImageUnreadable
 from rwt_graph import Node, TopicPublisher
+from rwt_interfaces.point_clouds.errors import InvalidCloud
 from rwt_participant.handles import Handle
 
 T = TypeVar("T")
@@ -62,7 +63,7 @@ class LatestOnly(Generic[T]):
     async def _publish(self, item: T) -> None:
         try:
             message = await anyio.to_thread.run_sync(partial(self.work, item))
-        except (DepthCloudError, ImageUnreadable) as error:
+        except (DepthCloudError, ImageUnreadable, InvalidCloud) as error:
             self._complain(str(error))
             return
         self.topic.publish(message)

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rwt.extensions.depth_cloud.errors import DepthCloudError
-from rwt.extensions.depth_cloud.point_cloud import cloud_of, every, one_per_voxel, read_points
+from rwt_interfaces.point_clouds.errors import InvalidCloud
+from rwt_interfaces.point_clouds.records import cloud_of, every, one_per_voxel, read_points
 
 #: `sensor_msgs/PointField`'s constants and the letters of Python's struct.
 LETTERS = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 8: "d"}
@@ -144,7 +144,7 @@ def test_whatever_comes_is_read_or_refused(cloud: Cloud) -> None:
     try:
         points = read_points(cloud)
         cloud_of(one_per_voxel(every(points, 2), 0.1), cloud)
-    except DepthCloudError as error:
+    except InvalidCloud as error:
         assert str(error)
 
 
@@ -166,7 +166,7 @@ def test_whatever_comes_is_read_or_refused(cloud: Cloud) -> None:
 def test_bad_clouds_are_refused(change: dict[str, Any], reason: str) -> None:
     good = _cloud([(1, 2, 3), (4, 5, 6)])
     assert read_points(good)["y"].tolist() == [[2, 5]]
-    with pytest.raises(DepthCloudError, match=reason.replace("(", r"\(")):
+    with pytest.raises(InvalidCloud, match=reason.replace("(", r"\(")):
         read_points(replace(good, **change))
 
 
@@ -196,7 +196,7 @@ def test_points_without_a_place_are_left_out() -> None:
 
 def test_what_has_no_place_cannot_be_thinned_by_cubes() -> None:
     for fields in ([Field("x", 0), Field("y", 4)], [Field("x", 0), Field("y", 4), Field("z", 8, 1, 2)]):
-        with pytest.raises(DepthCloudError, match="the points have no field z of one number"):
+        with pytest.raises(InvalidCloud, match="the points have no field z of one number"):
             one_per_voxel(read_points(_cloud([(1, 2, 3)], fields)), 0.1)
 
 

@@ -1,17 +1,19 @@
-"""Decimation of `sensor_msgs/PointCloud2`. Points are records that keep every field."""
+"""Points of `sensor_msgs/PointCloud2` as records that keep every field, and fewer of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.extensions.depth_cloud.errors import DepthCloudError
-from rwt_participant.messages import Message
+from rwt_interfaces.point_clouds.errors import InvalidCloud
 
-Records = NDArray[np.void]
+Records: TypeAlias = NDArray[np.void]
+
+Message: TypeAlias = Any
+"""Message with the fields of its definition, which are known at run time."""
 
 _DATATYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """numpy's types for the constants of `sensor_msgs/PointField`, without byte order."""
@@ -28,15 +30,15 @@ def read_points(cloud: Message) -> Records:
     """Return the points of a `sensor_msgs/PointCloud2` as records, rows x columns: a view of its bytes.
 
     Raises:
-        DepthCloudError: the fields do not fit the step, their names are not unique, or there are too few
+        InvalidCloud: the fields do not fit the step, their names are not unique, or there are too few
             bytes.
     """
     step, columns, rows = cloud.point_step, cloud.width, cloud.height
-    record = _record(cloud)
+    record = record_of(cloud)
     row_step = cloud.row_step or step * columns
     needed = row_step * (rows - 1) + step * columns if rows and columns else 0
     if row_step < step * columns or len(cloud.data) < needed:
-        raise DepthCloudError(
+        raise InvalidCloud(
             f"{len(cloud.data)} bytes are no cloud of {columns}x{rows} points of {step} bytes, "
             f"{cloud.row_step} a row"
         )
@@ -45,20 +47,21 @@ def read_points(cloud: Message) -> Records:
     return np.ndarray((rows, columns), record, cloud.data, strides=(row_step, step))
 
 
-def _record(cloud: Message) -> np.dtype[np.void]:
+def record_of(cloud: Message) -> np.dtype[np.void]:
+    """Return the type of a cloud's points. Raises InvalidCloud."""
     order, step = ">" if cloud.is_bigendian else "<", cloud.point_step
     if not 0 < step <= _LONGEST_POINT:
-        raise DepthCloudError(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
+        raise InvalidCloud(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
     formats: dict[str, str] = {}
     for field in cloud.fields:
         kind, count = _DATATYPES.get(field.datatype), max(1, field.count)
         if kind is None:
-            raise DepthCloudError(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
+            raise InvalidCloud(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
         end = field.offset + np.dtype(kind).itemsize * count
         if end > step:
-            raise DepthCloudError(f"field {field.name} ends at byte {end} of points of {step} bytes")
+            raise InvalidCloud(f"field {field.name} ends at byte {end} of points of {step} bytes")
         if not field.name or field.name in formats:
-            raise DepthCloudError(f'a field is called "{field.name}": names are not empty, and occur once')
+            raise InvalidCloud(f'a field is called "{field.name}": names are not empty, and occur once')
         formats[field.name] = order + kind if count == 1 else f"({count},){order}{kind}"
     offsets = [field.offset for field in cloud.fields]
     return np.dtype(
@@ -69,6 +72,24 @@ def _record(cloud: Message) -> np.dtype[np.void]:
 def every(points: Records, stride: int) -> Records:
     """Return every `stride`-th point; in an organised cloud every `stride`-th row and column."""
     return points[::stride, ::stride] if points.shape[0] > 1 else points[:, ::stride]
+
+
+def within(points: Records, box: Sequence[float]) -> Records:
+    """Return the points inside a box in their order, as one row.
+
+    Args:
+        box: smallest x, y and z, then the largest.
+
+    Raises:
+        InvalidCloud: a field is missing, or is an array.
+    """
+    _check_axes(points)
+    flat = _as_bytes(points).reshape(-1)
+    fields = flat.view(points.dtype)
+    inside = np.ones(len(flat), np.bool_)
+    for axis, least, most in zip(_AXES, box[:3], box[3:], strict=True):
+        inside &= (fields[axis] >= least) & (fields[axis] <= most)
+    return flat[inside].reshape(1, -1).view(points.dtype)
 
 
 def one_per_voxel(points: Records, size: float) -> Records:
@@ -82,11 +103,9 @@ def one_per_voxel(points: Records, size: float) -> Records:
         The remaining points in their order, as one row.
 
     Raises:
-        DepthCloudError: a field is missing, or is an array.
+        InvalidCloud: a field is missing, or is an array.
     """
-    for axis in _AXES:
-        if axis not in (points.dtype.names or ()) or points.dtype[axis].shape:
-            raise DepthCloudError(f"the points have no field {axis} of one number")
+    _check_axes(points)
     flat = _as_bytes(points).reshape(-1)
     fields = flat.view(points.dtype)
     places = np.stack([fields[axis].astype(np.float64) for axis in _AXES])
@@ -98,6 +117,12 @@ def one_per_voxel(points: Records, size: float) -> Records:
     _, first = np.unique(keys, return_index=True)
     kept = np.flatnonzero(inside)[np.sort(first)]
     return flat[kept].reshape(1, -1).view(points.dtype)
+
+
+def _check_axes(points: Records) -> None:
+    for axis in _AXES:
+        if axis not in (points.dtype.names or ()) or points.dtype[axis].shape:
+            raise InvalidCloud(f"the points have no field {axis} of one number")
 
 
 def _as_bytes(points: Records) -> Records:
