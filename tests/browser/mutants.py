@@ -287,6 +287,30 @@ MUTANTS: Final = (
         '["ok", "warn", "error", "stale"]',
         "test_data_panels.py::test_diagnostics_that_are_errors_come_before_stale_ones",
     ),
+    Mutant(
+        "menu",
+        "Escape in a menu stops although nothing moves",
+        "src/app/shell.tsx",
+        "app.mayBeMoving() ||",
+        "true ||",
+        "test_safety.py::test_escape_only_closes_a_menu_while_nothing_moves",
+    ),
+    Mutant(
+        "moving",
+        "Escape in a menu does not stop a goal",
+        "src/robot/commands.ts",
+        "return this.goals > 0 ||",
+        "return",
+        "test_safety.py::test_escape_in_a_menu_stops_a_goal",
+    ),
+    Mutant(
+        "bidi",
+        "characters of a name turn the text",
+        "src/i18n/plain.ts",
+        "props.children = plainChildren(props.children);",
+        "",
+        "test_panels.py::test_characters_that_turn_or_hide_text_are_shown_as_their_codes",
+    ),
 )
 
 

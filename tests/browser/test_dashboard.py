@@ -225,7 +225,7 @@ async def test_names_texts_and_numbers_from_the_robot_are_shown_and_not_believed
             await page.wait(f"{text('.panel-topics .tree')}.includes('more')")
             for fault in (
                 "/map: the map's width is 100000",
-                "/odom: the pose is no place",
+                "/odom: the pose has NaN or infinite numbers",
                 "/robot_description: the",
             ):
                 await page.wait(f"{text('.scene-problems')}.includes({json.dumps(fault)})")

@@ -891,6 +891,54 @@ async def test_the_side_draws_topics_opens_them_and_searches(browser: Browser) -
         assert await violations(page) == []
 
 
+#: A name that is read from the right from its third letter on, with what hides a letter in it.
+TURNED = "/go\u202egnp.\u200b"
+
+
+async def test_characters_that_turn_or_hide_text_are_shown_as_their_codes(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        node = server.node("robot")
+        log = node.advertise("/rosout", "rcl_interfaces/Log", qos=LATCHED)
+        log.publish({"level": 20, "name": TURNED, "msg": f"at {TURNED}\x1b[2J"})
+        tf = node.advertise("/tf_static", "tf2_msgs/TFMessage", qos=LATCHED)
+        tf.publish({"transforms": [{"header": {"frame_id": "map"}, "child_frame_id": TURNED}]})
+        described = node.advertise("/robot_description", "std_msgs/String", qos=LATCHED)
+        described.publish({"data": f'<robot name="{TURNED}"><link name="a"/></robot>'})
+        diagnostics = node.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray", qos=LATCHED)
+        diagnostics.publish({"status": [{"name": TURNED, "message": TURNED}]})
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 1300, 800) as page:
+            for kind in ("log", "frames", "diagnostics", "topics"):
+                await page.goto(f"{url}healthz")
+                await open_panels(page, url, [(kind, {"topic": "/diagnostics"})])
+                await page.wait(rf"{text(f'.panel-{kind}')}.includes('go\\u202egnp.\\u200b')")
+                shown = await page.evaluate(f"document.title + {ALL_TEXTS} + document.body.textContent")
+                assert not re.search(r"[\u200b-\u200f\u202a-\u202e\u2066-\u2069\x1b]", shown)
+
+
+async def test_an_empty_panel_says_what_it_needs(browser: Browser) -> None:
+    needs = {
+        "camera": "sensor_msgs/CompressedImage",
+        "wall": "sensor_msgs/CompressedImage",
+        "teleop": "geometry_msgs/Twist",
+        "joints": "trajectory_msgs/JointTrajectory",
+        "goal": "navigate_to_pose",
+        "position": "sensor_msgs/NavSatFix",
+        "diagnostics": "diagnostic_msgs/DiagnosticArray",
+        "battery": "sensor_msgs/BatteryState",
+        "player": "rosbag2",
+    }
+    async with (
+        stand("jazzy", browser.built, robot=False) as served,
+        browser.page(f"{served.url}healthz", 900, 600) as page,
+    ):
+        for kind, needed in needs.items():
+            await page.goto(f"{served.url}healthz")
+            await open_panels(page, served.url, [(kind, {})])
+            await page.wait(f"/needs/.test({text(f'.panel-{kind}')})")
+            assert needed in await page.evaluate(text(f".panel-{kind}")), kind
+
+
 async def test_a_closed_panel_comes_back_by_undo(browser: Browser) -> None:
     async with Server("ws://127.0.0.1:0", demo=True) as server:
         url = server.urls[0].replace("ws", "http", 1) + "/"

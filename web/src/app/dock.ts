@@ -1,6 +1,7 @@
 /** Panels side by side and in tabs, as people drag them. */
 
 import { effect, untracked } from "@preact/signals";
+import { plain } from "../i18n/plain";
 import "dockview-core/style.css";
 import {
   createDockview,
@@ -31,7 +32,7 @@ export function dockPanels(app: App, element: HTMLElement): () => void {
       return {
         element,
         init: ({ title }) => {
-          element.textContent = title;
+          element.textContent = plain(title);
         },
       };
     },

@@ -5,6 +5,7 @@ import "./style.css";
 import { effect } from "@preact/signals";
 import { render } from "preact";
 import "../panels/all";
+import { plain } from "../i18n/plain";
 import { chooseLanguage, speak, t } from "../i18n/text";
 import type { WorkerPort } from "../robot/transport";
 import { Shell } from "./shell";
@@ -45,7 +46,7 @@ let endTitle: (() => void) | undefined;
 function show(app: App): void {
   endTitle?.();
   endTitle = effect(() => {
-    document.title = `${app.name.value} · ${title}`;
+    document.title = plain(`${app.name.value} · ${title}`);
   });
   render(null, place);
   render(<Shell app={app} />, place);

@@ -1,6 +1,7 @@
 /** One panel in its place: made, shown, hidden and ended, wherever it is docked. */
 
 import { effect, type ReadonlySignal, signal } from "@preact/signals";
+import { plain } from "../i18n/plain";
 import { t } from "../i18n/text";
 import { now } from "../panels/component";
 import { panelKind } from "../panels/registry";
@@ -44,7 +45,7 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
     const text = document.createElement("p");
     text.className = "problem";
     text.setAttribute("role", "alert");
-    text.textContent = words;
+    text.textContent = plain(words);
     element.replaceChildren(text);
   };
   const fail = (error: unknown) => {

@@ -22,13 +22,18 @@ import type { App } from "./state";
 import { Tabs } from "./tabs";
 import { Timeline } from "./timeline";
 
+/** What unfolds over the page and is folded by Escape. */
+const OPEN_MENU = ".dropdown[open], .menu:popover-open, .suggest-list:popover-open, .marker-menu";
+
 export function Shell({ app }: { app: App }) {
   const narrow = useNarrow();
   const isDropping = useSignal(false);
   useLayoutEffect(() => {
     if (app.recording) return undefined;
     const key = (event: KeyboardEvent) => {
-      if (event.key === "Escape") app.stop.stop();
+      if (event.key !== "Escape") return;
+      // An open menu only closes, by its own listener, while this page can have nothing in motion.
+      if (app.mayBeMoving() || !document.querySelector(OPEN_MENU)) app.stop.stop();
     };
     // Before every other control: whatever has the focus, a menu or a tool, the robot stops.
     addEventListener("keydown", key, { capture: true });

@@ -216,6 +216,18 @@ export class App {
     return { version: 1, panels, dock: null };
   }
 
+  /** False only if this page knows that nothing moves by its commands, and that it could not begin to unseen. */
+  mayBeMoving(): boolean {
+    const { session, stop, navigation } = this;
+    const { client, holders } = stop.gate;
+    return (
+      !session.isAnswering ||
+      session.commands.isActing ||
+      navigation.progress.peek()?.outcome === "sent" ||
+      [...holders.peek().values()].some(({ name }) => name !== "" && [name, ""].includes(client.peek()))
+    );
+  }
+
   get layout(): Layout {
     return { version: 1, panels: this.panels.value, dock: this.dock.value };
   }

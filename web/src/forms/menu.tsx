@@ -26,8 +26,16 @@ export function Menu(props: {
     const outside = (event: Event) => {
       if (!details.current?.contains(event.target as Node)) close();
     };
+    const fold = ({ key }: KeyboardEvent) => {
+      if (key === "Escape") close();
+    };
     addEventListener("pointerdown", outside);
-    return () => removeEventListener("pointerdown", outside);
+    // Wherever the keyboard is.
+    addEventListener("keydown", fold);
+    return () => {
+      removeEventListener("pointerdown", outside);
+      removeEventListener("keydown", fold);
+    };
   });
   return (
     <details
@@ -35,11 +43,6 @@ export function Menu(props: {
       ref={details}
       onToggle={() => {
         open.value = details.current?.open ?? false;
-      }}
-      onKeyDown={(event) => {
-        if (event.key !== "Escape" || !open.value) return;
-        event.stopPropagation();
-        close();
       }}
       onFocusOut={({ relatedTarget }) => {
         const next = relatedTarget as Node | null;

@@ -93,7 +93,7 @@ export const de: Record<TextKey, string> = {
   "panel.narrower": "Schmaler",
   "panel.taller": "Höher",
   "panel.shorter": "Niedriger",
-  "panel.nothing": "Der Roboter hat nichts für dieses Feld.",
+  "panel.needs": "Dieses Feld braucht ein Topic eines dieser Typen, das Sie nutzen dürfen: {types}.",
   "panel.unknown":
     "Diese Fassung der Seite kennt das Feld {kind} nicht. Seine Einstellungen bleiben erhalten.",
   "part.late": "Ein Teil der Seite ist noch nicht da. Wenn er nicht kommt, die Seite neu laden.",
@@ -295,7 +295,8 @@ export const de: Record<TextKey, string> = {
   "scene.quality.low": "niedrig",
   "scene.quality.high": "hoch",
   "goal.title": "Ziel",
-  "goal.none": "Der Roboter lässt sich von Ihnen nirgendwohin schicken.",
+  "goal.none":
+    "Dieses Feld braucht eine Aktion navigate_to_pose oder move_base, oder ein Topic /goal_pose, die Sie nutzen dürfen.",
   "goal.direction": "Richtung (°)",
   "goal.frame": "Koordinatensystem",
   "goal.ahead": "{step} m vor",
@@ -439,7 +440,7 @@ export const de: Record<TextKey, string> = {
   "server.dropped": "Für langsame Clients verworfene Nachrichten",
   "server.closed": "Seine Kennzahlen sind nicht lesbar: {reason}",
   "player.title": "Abspielen und aufnehmen",
-  "player.none": "Hier nimmt nichts über Dienste auf, und nichts spielt ab.",
+  "player.none": "Dieses Feld braucht die Dienste eines Players von rosbag2 oder den Rekorder des Servers.",
   "player.resume": "Weiter",
   "player.next": "Nächste Nachricht",
   "player.stop": "Beenden",

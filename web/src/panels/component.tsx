@@ -11,7 +11,7 @@ import { t } from "../i18n/text";
 import type { Act } from "../robot/permissions";
 import type { RobotSession } from "../robot/session";
 import type { Message } from "../robot/subscriptions";
-import type { PanelContext } from "./registry";
+import type { PanelContext, PanelKind } from "./registry";
 
 /** The `init` of a panel that is one component. A fault in it is said on the panel. */
 export function componentPanel(View: ComponentType<{ context: PanelContext }>) {
@@ -52,6 +52,11 @@ export function laterPanel(load: () => Promise<PanelModule>) {
 export function Refusal({ context, act, name }: { context: PanelContext; act: Act; name: string }) {
   const role = context.session.permissions.value.role;
   return <p class="refusal">{t("role.refused", { role, act: t(`act.${act}`), name })}</p>;
+}
+
+/** What a panel is missing. */
+export function Needs({ kind }: { kind: Pick<PanelKind, "supportedTypes"> }) {
+  return <p class="blank">{t("panel.needs", { types: kind.supportedTypes.join(", ") })}</p>;
 }
 
 /**

@@ -39,6 +39,8 @@ const BLOCKS: Record<Refused, string> = {
 };
 
 const SET_PARAM = "/rosapi/set_param";
+/** Milliseconds for which the robot may still move by a message: more than any controller waits for the next one. */
+const MOVES_ON = 5000;
 
 /** A topic that this page publishes on. */
 export interface RobotPublisher {
@@ -68,6 +70,9 @@ export class Commands {
   private readonly publishers = new Map<string, { topic: Topic<Message>; users: number }>();
   private blockedCount = 0;
   private samples = 0;
+  private publishedAt = Number.NEGATIVE_INFINITY;
+  /** Goals that have not ended. */
+  private goals = 0;
 
   constructor(
     private readonly session: RobotSession,
@@ -100,11 +105,13 @@ export class Commands {
     return {
       publish: (message) => {
         if (!held || !this.mayCommand(name, "publish")) return false;
+        this.publishedAt = performance.now();
         mine.topic.publish(message);
         return true;
       },
       publishFresh: (msg) => {
         if (!held || !this.mayCommand(name, "publish")) return false;
+        this.publishedAt = performance.now();
         this.sendFresh({ op: "publish", id: `publish:${name}:${++this.samples}`, topic: name, msg });
         return true;
       },
@@ -159,7 +166,15 @@ export class Commands {
     this.require(action, "goals");
     const handle = sendGoal(this.ros, this.session.version.peek(), action, type, goal, options);
     this.session.abandonWithConnection(handle);
+    this.goals++;
+    const end = () => this.goals--;
+    void handle.outcome.then(end, end);
     return handle;
+  }
+
+  /** True if the robot may move by what this page has sent: a message of the last seconds, or a goal that has not ended. */
+  get isActing(): boolean {
+    return this.goals > 0 || performance.now() - this.publishedAt < MOVES_ON;
   }
 
   private require(name: string, act: Act): void {

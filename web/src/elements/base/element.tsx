@@ -4,6 +4,7 @@ import { effect, type Signal, signal } from "@preact/signals";
 import { type ComponentType, render } from "preact";
 import { Guard, Problem } from "../../forms/problem";
 import { Language, useTexts } from "../../i18n/context";
+import "../../i18n/plain";
 import type { RobotSession } from "../../robot/session";
 import type { Stop } from "../../robot/stop";
 import { type Attributes, AttributeValues, attributeName, type PropertiesOf, text } from "./attributes";

@@ -13,7 +13,7 @@ import { hearDescription } from "../../robot/description";
 import { driveTopics } from "../../robot/drive";
 import { Jog, type Joint, jointsOf, TRAJECTORY, trajectoryTopics, undescribed } from "../../robot/jog";
 import type { Message } from "../../robot/subscriptions";
-import { componentPanel, now, Refusal, TopicChoice, useMessages } from "../component";
+import { componentPanel, Needs, now, Refusal, TopicChoice, useMessages } from "../component";
 import { logLevel } from "../health/log";
 import type { PanelContext, PanelKind } from "../registry";
 
@@ -46,7 +46,7 @@ function JointsPanel({ context }: { context: PanelContext }) {
   const topic = String(config.value.topic ?? topics[0] ?? "");
   const measured = useStates(context);
   const known = useJoints(context, topic, measured);
-  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  if (!topic) return <Needs kind={joints} />;
   return (
     <div class="joints">
       {topics.length > 1 && <TopicChoice context={context} topics={topics} scan chosen={topic} />}

@@ -14,7 +14,7 @@ import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { cameraTopics } from "../../robot/camera";
 import { Drive, driveTopics } from "../../robot/drive";
-import { componentPanel, now, Refusal, TopicChoice } from "../component";
+import { componentPanel, Needs, now, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { View } from "../view/camera";
 
@@ -39,7 +39,7 @@ function TeleopPanel({ context }: { context: PanelContext }) {
   const topic = String(config.value.topic ?? topics[0] ?? "");
   const camera = cameraTopics(session)[0];
   const narrow = useNarrow();
-  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  if (!topic) return <Needs kind={teleop} />;
   // Where there is room for one panel, the camera is behind the controls.
   const feed = narrow && context.visible.value && session.hasAsked ? camera : undefined;
   return (

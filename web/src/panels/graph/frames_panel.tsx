@@ -4,8 +4,9 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { t } from "../../i18n/text";
 import { type Transform, TransformTree, type TreeFault } from "../../robot/transforms";
-import { now, useMessages } from "../component";
+import { Needs, now, useMessages } from "../component";
 import type { PanelContext } from "../registry";
+import { frames } from "./frames";
 
 /** Milliseconds between two drawings, and seconds after which a moving frame is old. */
 const REDRAW = 500;
@@ -21,7 +22,7 @@ export function Panel({ context }: { context: PanelContext }) {
   const drawn = useSignal(0);
   const isVisible = visible.value;
   const robotTime = useRef(0);
-  useMessages(
+  const isThere = useMessages(
     session,
     ["/tf", "/tf_static"],
     ({ transforms, $time }, topic) => {
@@ -39,6 +40,7 @@ export function Panel({ context }: { context: PanelContext }) {
     return () => clearInterval(timer);
   }, [isVisible, drawn]);
   drawn.value;
+  if (!tree.frames.size && !isThere) return <Needs kind={frames} />;
   if (!tree.frames.size) return <p class="faint">{t("panel.waiting", { name: "/tf" })}</p>;
   const { children, faults, loops, roots } = tree;
   const time = session.isRecording ? robotTime.current : session.robotTime / 1000;

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
-import { componentPanel, now, useMessages } from "../component";
+import { componentPanel, Needs, now, useMessages } from "../component";
 import { hasTopics, type PanelContext, type PanelKind } from "../registry";
 
 const LEVELS = ["ok", "warn", "error", "stale"] as const;
@@ -46,15 +46,16 @@ function useTopics(
   kind: PanelKind,
   take: Parameters<typeof useMessages>[2],
 ) {
-  useMessages(session, session.topicsOf(...kind.supportedTypes), take, {
+  return useMessages(session, session.topicsOf(...kind.supportedTypes), take, {
     throttle: 200,
     isOn: visible.value,
   });
 }
 
 function DiagnosticsPanel({ context }: { context: PanelContext }) {
+  const { session } = context;
   const known = useSignal(new Map<string, Status>());
-  useTopics(context, diagnostics, (message) => {
+  const isThere = useTopics(context, diagnostics, (message) => {
     const next = new Map(known.value);
     for (const each of (message.status as Record<string, unknown>[] | undefined) ?? []) {
       const name = String(each.name);
@@ -76,7 +77,13 @@ function DiagnosticsPanel({ context }: { context: PanelContext }) {
   const all = [...known.value.values()].sort(
     (one, other) => urgency(other) - urgency(one) || (one.name < other.name ? -1 : 1),
   );
-  if (!all.length) return <p class="faint">{t("panel.waiting", { name: "diagnostics" })}</p>;
+  if (!all.length && !isThere) return <Needs kind={diagnostics} />;
+  if (!all.length)
+    return (
+      <p class="faint">
+        {t("panel.waiting", { name: session.topicsOf(...diagnostics.supportedTypes).join(", ") })}
+      </p>
+    );
   const worst = levelOf(all[0] as Status);
   return (
     <div class="diagnostics">
@@ -111,11 +118,18 @@ function DiagnosticsPanel({ context }: { context: PanelContext }) {
 const CHARGING = ["unknown", "charging", "discharging", "still", "full"] as const;
 
 function BatteryPanel({ context }: { context: PanelContext }) {
+  const { session } = context;
   const known = useSignal(new Map<string, Message>());
-  useTopics(context, battery, (message, topic) => {
+  const isThere = useTopics(context, battery, (message, topic) => {
     known.value = new Map(known.value).set(topic, message);
   });
-  if (!known.value.size) return <p class="faint">{t("panel.waiting", { name: "battery" })}</p>;
+  if (!known.value.size && !isThere) return <Needs kind={battery} />;
+  if (!known.value.size)
+    return (
+      <p class="faint">
+        {t("panel.waiting", { name: session.topicsOf(...battery.supportedTypes).join(", ") })}
+      </p>
+    );
   return (
     <div class="battery">
       {[...known.value].map(([topic, state]) => {

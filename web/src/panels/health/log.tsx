@@ -6,7 +6,7 @@ import { Check, Choice, Search } from "../../forms/inputs";
 import { clockText } from "../../i18n/formats";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import { componentPanel, useMessages } from "../component";
+import { componentPanel, Needs, useMessages } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 const TYPES = ["rcl_interfaces/Log", "rosgraph_msgs/Log"];
@@ -83,7 +83,7 @@ function LogPanel({ context }: { context: PanelContext }) {
   useEffect(() => {
     if (follow.value && list.current) list.current.scrollTop = list.current.scrollHeight;
   });
-  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  if (!topic) return <Needs kind={log} />;
   return (
     <div class="log">
       <div class="plot-bar">

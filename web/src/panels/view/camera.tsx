@@ -15,7 +15,7 @@ import {
   type CameraQuality,
   cameraTopics,
 } from "../../robot/camera";
-import { componentPanel, Refusal, saveAs, TopicChoice } from "../component";
+import { componentPanel, Needs, Refusal, saveAs, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { fileName, Hud, useClip } from "./camera_parts";
 
@@ -35,7 +35,7 @@ function CameraPanel({ context }: { context: PanelContext }) {
   const quality =
     (Object.keys(CAMERA_QUALITIES) as CameraQuality[]).find((each) => each === config.value.quality) ??
     "auto";
-  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  if (!topic) return <Needs kind={camera} />;
   if (!session.may("subscribe", topic)) return <Refusal context={context} act="subscribe" name={topic} />;
   return (
     <div class="camera">

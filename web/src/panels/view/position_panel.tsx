@@ -7,7 +7,7 @@ import { Icon } from "../../forms/icon";
 import { t } from "../../i18n/text";
 import { type Fix, fixOf, type Point, Track } from "../../robot/fixes";
 import type { Message } from "../../robot/subscriptions";
-import { TopicChoice, useMessages } from "../component";
+import { Needs, TopicChoice, useMessages } from "../component";
 import type { PanelContext } from "../registry";
 import { position } from "./position";
 
@@ -26,7 +26,7 @@ export function Panel({ context }: { context: PanelContext }) {
     .topicsOf(...position.supportedTypes)
     .filter((topic) => session.may("subscribe", topic));
   const topic = String(config.value.topic ?? topics[0] ?? "");
-  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  if (!topic) return <Needs kind={position} />;
   return (
     <div class="position">
       {topics.length > 1 && <TopicChoice context={context} topics={topics} chosen={topic} />}

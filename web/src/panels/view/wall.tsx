@@ -3,7 +3,7 @@
 import { Check } from "../../forms/inputs";
 import { t } from "../../i18n/text";
 import { CAMERA_TYPES, cameraTopics } from "../../robot/camera";
-import { componentPanel } from "../component";
+import { componentPanel, Needs } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { View } from "./camera";
 
@@ -27,7 +27,7 @@ function WallPanel({ context }: { context: PanelContext }) {
   // The same camera in another encoding is not shown by itself.
   const usual = topics.filter((topic) => !/encoded$|\/compressed$/.test(topic));
   const chosen = ((config.value.topics as string[] | undefined) ?? usual).slice(0, MOST);
-  if (!topics.length) return <p class="blank">{t("panel.nothing")}</p>;
+  if (!topics.length) return <Needs kind={wall} />;
   return (
     <div class="wall">
       <details>

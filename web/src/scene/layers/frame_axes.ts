@@ -2,6 +2,7 @@
 
 import { AxesHelper, BufferGeometry, Line, LineBasicMaterial, Object3D, Vector3 } from "three";
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
+import { plain } from "../../i18n/plain";
 import type { Frames } from "../frames";
 import { disposeTree, type View } from "../view";
 
@@ -64,7 +65,7 @@ export class FrameAxes {
       axes.visible = this.settings.axes;
       axes.scale.setScalar(this.settings.size);
       const age = this.settings.ages && frame && !frame.isStatic ? ageText(frame.at) : "";
-      label.textContent = [this.settings.names ? name : "", age].filter(Boolean).join(" ");
+      label.textContent = plain([this.settings.names ? name : "", age].filter(Boolean).join(" "));
       label.hidden = label.textContent === "";
       const here = this.frames.inFixed(name);
       const there = parent === undefined ? null : this.frames.inFixed(parent);

@@ -174,7 +174,8 @@ export class InteractiveLayer extends Layer {
         else object.add(drawn);
       }
     }
-    if (!placeAt(object, marker.pose)) throw new Error(`the pose of ${marker.name} is no place`);
+    if (!placeAt(object, marker.pose))
+      throw new Error(`the pose of ${marker.name} has NaN or infinite numbers`);
     frames.place(marker.header.frame_id).add(object);
     this.markers.set(marker.name, shown);
   }

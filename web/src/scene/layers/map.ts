@@ -153,7 +153,7 @@ export class MapLayer extends Layer {
       for (let y = 0; y < height; y += TILE) for (let x = 0; x < width; x += TILE) this.addTile(x, y);
     }
     this.fill(cells, 0, 0, width, height);
-    if (!placeAt(this.group, info.origin)) throw new Error("the map's origin is no place");
+    if (!placeAt(this.group, info.origin)) throw new Error("the map's origin has NaN or infinite numbers");
     this.moveTo(frameOf(message));
   }
   private resolution = 0;

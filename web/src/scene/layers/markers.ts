@@ -24,6 +24,7 @@ import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
+import { plain } from "../../i18n/plain";
 import type { TextKey } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import { disposeTree, METRE_OF_POINTS } from "../view";
@@ -205,7 +206,7 @@ export function drawMarker(marker: Marker, session: RobotSession, redraw: () => 
     case 9: {
       const element = document.createElement("span");
       element.className = "scene-text";
-      element.textContent = marker.text.slice(0, MOST_LABEL);
+      element.textContent = plain(marker.text.slice(0, MOST_LABEL));
       element.style.color = `#${colourOf(marker.color).getHexString()}`;
       return new CSS2DObject(element);
     }
@@ -239,7 +240,7 @@ function scaled<T extends Object3D>(object: T, { x, y, z }: Xyz): T {
 /** Put a drawn marker where it belongs. */
 export function poseMarker(object: Object3D, pose: Pose): Object3D {
   const holder = new Group();
-  if (!placeAt(holder, pose)) throw new Error("a marker's pose is no place");
+  if (!placeAt(holder, pose)) throw new Error("a marker's pose has NaN or infinite numbers");
   holder.add(object);
   return holder;
 }

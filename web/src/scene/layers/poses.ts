@@ -82,7 +82,7 @@ export class OdometryLayer extends Layer {
     const pose = (message.pose as { pose: Pose }).pose;
     this.moveTo(frameOf(message));
     this.arrow.visible = placeAt(this.arrow, pose);
-    if (!this.arrow.visible) throw new Error("the pose is no place");
+    if (!this.arrow.visible) throw new Error("the pose has NaN or infinite numbers");
     const { x, y, z } = pose.position;
     const last = this.count - 1;
     if (this.count && Math.hypot(x - this.trail.getX(last), y - this.trail.getY(last)) < 0.02) return;

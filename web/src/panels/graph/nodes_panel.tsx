@@ -8,8 +8,7 @@ import { Check, Choice, NameButton } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { keepAsking } from "../../robot/asking";
-import { componentPanel } from "../component";
-import type { PanelContext, PanelKind } from "../registry";
+import type { PanelContext } from "../registry";
 
 /** Topics and services of a node, as rosapi reports them. */
 export interface NodeDetails {
@@ -29,15 +28,6 @@ const MIDDLE = 460;
 const half = (topic: string) => Math.min(130, 18 + topic.length * 3.7);
 /** Factors by which the picture can be drawn; the style has a width for each. */
 const ZOOMS = [0.5, 0.75, 1, 1.5, 2, 3];
-
-export const nodes: PanelKind = {
-  name: "nodes",
-  title: "nodes.title",
-  supportedTypes: [],
-  opens: (session) => session.graph.value.nodes.length > 0,
-  place: "below",
-  init: componentPanel(NodesPanel),
-};
 
 /**
  * The topics over which nodes reach each other, with those at either end; of one node, where one is chosen.
@@ -63,7 +53,7 @@ export function talks(details: ReadonlyMap<string, NodeDetails>, chosen: string,
     .sort((one, other) => (one.topic < other.topic ? -1 : 1));
 }
 
-function NodesPanel({ context }: { context: PanelContext }) {
+export function Panel({ context }: { context: PanelContext }) {
   const { session, config, visible } = context;
   const details = useSignal(new Map<string, NodeDetails>());
   const problem = useSignal("");

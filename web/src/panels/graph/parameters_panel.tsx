@@ -8,8 +8,7 @@ import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { keepAsking } from "../../robot/asking";
 import type { RobotSession } from "../../robot/session";
-import { componentPanel } from "../component";
-import type { PanelContext, PanelKind } from "../registry";
+import type { PanelContext } from "../registry";
 
 /** Descriptor of a parameter. */
 interface Descriptor {
@@ -28,15 +27,6 @@ interface Parameter {
 }
 
 const MOST = 300;
-
-export const parameters: PanelKind = {
-  name: "parameters",
-  title: "parameters.title",
-  supportedTypes: [],
-  opens: (session) => session.graph.value.services.includes("/rosapi/get_param_names"),
-  place: "below",
-  init: componentPanel(ParametersPanel),
-};
 
 /** The node that a parameter is of; on ROS 1 the way to it. */
 export function nodeOf(name: string): string {
@@ -68,7 +58,7 @@ async function describe(session: RobotSession, service: string, names: string[])
   }
 }
 
-function ParametersPanel({ context }: { context: PanelContext }) {
+export function Panel({ context }: { context: PanelContext }) {
   const { session, config } = context;
   const names = useSignal<string[]>([]);
   const problem = useSignal("");
