@@ -13,7 +13,7 @@ in several frames is sent as a whole or not at all.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
 
@@ -116,18 +116,30 @@ class DataLane:
 
     def next_within(self, most: int | None, busy: TopicQueue | None) -> tuple[TopicQueue, Frame] | None:
         """Remove and return the next frame of at most `most` bytes, of another queue than `busy`."""
-        waiting = sorted(entry for entry in self.schedule if entry[2] is not busy)
-        for entry in waiting:
+        for entry in self._in_order():
             queue = entry[2]
-            self._drop_expired(queue)
-            if most is not None and queue.next_size() > most:
+            if queue is busy:
                 continue
-            self.schedule.remove(entry)
-            heapify(self.schedule)
+            self._drop_expired(queue)
+            # A callback of a drop may have cleared the lane.
+            if not queue.scheduled or (most is not None and queue.next_size() > most):
+                continue
+            if entry is self.schedule[0]:
+                heappop(self.schedule)
+            else:
+                self.schedule.remove(entry)
+                heapify(self.schedule)
             frame = self._serve(queue)
             if frame is not None:
                 return queue, frame
         return None
+
+    def _in_order(self) -> Iterator[tuple[int, int, TopicQueue]]:
+        """Iterate over the schedule. The first entry, which is nearly always the one, costs no sorting."""
+        if self.schedule:
+            first = self.schedule[0]
+            yield first
+            yield from sorted(entry for entry in self.schedule if entry is not first)
 
     def _serve(self, queue: TopicQueue) -> Frame | None:
         """Remove and return the next frame of a queue that was taken from the schedule."""

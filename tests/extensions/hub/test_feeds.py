@@ -42,10 +42,12 @@ from rwt_graph import SimulatedClock
 from rwt_protocol.frames import Burst, Frame, GapFrame
 from rwt_transports import Limits
 from rwt_transports.background import ignore
+from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, Flow, FlowRules, Traffic
 from rwt_transports.scheduler import MESSAGES, Budget, Scheduler
 from rwt_transports.shared_pool import Holder
 from rwt_transports.wires.receive_buffer import Incomplete, ReceiveBufferPool
+from tests.call_counts import count_calls
 
 LIMITS = Limits(message_bytes=1_000_000, data_bytes=400_000)
 ROBOT = Holder("192.0.2.9", "")
@@ -702,3 +704,13 @@ class FeedMachine(RuleBasedStateMachine):
 
 FeedMachine.TestCase.settings = settings(max_examples=200, stateful_step_count=40, deadline=None)
 TestFeeds = FeedMachine.TestCase
+
+
+def test_the_work_of_a_sample_does_not_grow_with_the_number_of_topics() -> None:
+    def calls(topics: int) -> float:
+        lane = DataLane(Limits(data_frames=topics))
+        for _ in range(topics):
+            lane.add(TopicQueue(AS_MANY_AS_FIT, ignore, lambda: 0), [Frame(b"small")], 0)
+        return count_calls(lambda: [lane.next_within(SMALL_BYTES, None) for _ in range(topics)]) / topics
+
+    assert calls(2000) < 1.5 * calls(20)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from typing import Final
+from typing import ClassVar, Final, Literal
 
 from rwt.extensions.hub.uplink.frames import BadFrame, Hello, decode_frame, encode_hello
 from rwt.extensions.hub.uplink.uplink import Uplink
@@ -16,7 +16,13 @@ from rwt_transports.scheduler import Scheduler
 from rwt_transports.websocket.close_codes import POLICY, PROTOCOL_ERROR, TRY_AGAIN_LATER
 
 PUMP_BYTES: Final = 256 * 1024
-"""Bytes of frames that are handed to the connection in one turn."""
+"""Maximum number of bytes that are handed to the connection in one turn; fewer if that takes long."""
+
+PIECE_BYTES: Final = 8 * 1024
+"""Bytes that are handed to the connection between two looks at the clock."""
+
+READ_SECONDS: Final = 0.01
+"""Time in which a connection's frames are processed in one turn; they are those of many clients."""
 
 FULL_BYTES: Final = 64 * 1024
 """Bytes that may wait in the connection before it gets more."""
@@ -33,6 +39,9 @@ class _CarrierState(StateEnum):
 
 class Carrier(ABC):
     """Endpoint of the WebSocket between a robot and a hub, on either side.
+
+    Reading stops once the frames of one read have taken `READ_SECONDS`, until another turn of the event loop:
+    a read may have tens of thousands.
 
     Life cycle::
 
@@ -51,6 +60,8 @@ class Carrier(ABC):
         uplink: the carried uplink; None before the greeting.
     """
 
+    holds_wire: ClassVar[Literal[True]] = True
+
     def __init__(self, sink: Sink, scheduler: Scheduler) -> None:
         self.sink = sink
         self.uplink: Uplink | None = None
@@ -59,6 +70,9 @@ class Carrier(ABC):
         self._flow_control: FlowControl | None = None
         self._is_scheduled = self._is_full = False
         self._opened: float | None = None
+        self._received = -1
+        self._turn_began = 0.0
+        self._is_late = False
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Set the flow control of the connection."""
@@ -68,6 +82,23 @@ class Carrier(ABC):
         """Process one frame."""
         if self._state is _CarrierState.OVER:
             return
+        if self.sink.received != self._received:  # Another read, and therefore another turn.
+            self._received = self.sink.received
+            self._turn_began = self._scheduler.monotonic()
+        self._process(data, binary)
+        used = self._scheduler.monotonic() - self._turn_began
+        if used > READ_SECONDS and not self._is_late and self._flow_control is not None:
+            self._is_late = True
+            self._flow_control.pause()
+            self._scheduler.wait(self._read_on)
+
+    def _read_on(self) -> None:
+        self._is_late = False
+        self._turn_began = self._scheduler.monotonic()
+        if self._flow_control is not None:
+            self._flow_control.resume()
+
+    def _process(self, data: bytes, binary: bool) -> None:
         try:
             if not binary:
                 raise BadFrame("expected binary messages")
@@ -116,13 +147,21 @@ class Carrier(ABC):
         self._is_scheduled = False
         if self.uplink is None or self._state is not _CarrierState.CARRYING:
             return
-        for frame in self.uplink.take(PUMP_BYTES, time.monotonic()):
-            self.sink.send(Frame(frame, binary=True))
+        self._send_for_a_turn(self.uplink)
         if self._flow_control is not None and self.sink.backlog > FULL_BYTES:
             self._is_full = True
             self._flow_control.when_empty(self._emptied)
         elif self.uplink.has_more:
             self.wake()
+
+    def _send_for_a_turn(self, uplink: Uplink) -> None:
+        until = self._scheduler.monotonic() + self._scheduler.budget.share
+        for _ in range(PUMP_BYTES // PIECE_BYTES):
+            frames = uplink.take(PIECE_BYTES, time.monotonic())
+            for frame in frames:
+                self.sink.send(Frame(frame, binary=True))
+            if not frames or self._state is not _CarrierState.CARRYING or self._scheduler.monotonic() > until:
+                return
 
     def _emptied(self) -> None:
         self._is_full = False
