@@ -17,16 +17,16 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox lighthouse page-mutants compare-dashboards bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants source-mutants conformance \
-client-grades size size-ratchet removal clean test-lerobot test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
+client-grades size size-ratchet removal clean test-lerobot test-mavlink test-ros1 test-ros2 test-ros2-ci bench-ros1 bench-ros2 ros2-scene test-rclpy-real bench-rclpy
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 
 # Everything a user needs to run the server.
-$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
+$(STAMP): pyproject.toml conformance/pyproject.toml rwt-lerobot/pyproject.toml rwt-mavlink/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy \
-		--editable ./rwt-lerobot --editable ./rwt-lerobot/plugin
+		--editable ./rwt-lerobot --editable ./rwt-lerobot/plugin --editable ./rwt-mavlink
 	touch $@
 
 # Requirements of `make test`: wheels only.
@@ -219,9 +219,9 @@ lowest: $(STAMP)
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
 		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy \
-		--editable ./rwt-lerobot --group lowest
+		--editable ./rwt-lerobot --editable ./rwt-mavlink --group lowest
 	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/core/access tests/core/rosbridge tests/core/client tests/core/interfaces \
-		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports rwt-webrtc/tests tests/extensions/zenoh
+		tests/extensions/mcp tests/extensions/tf_stream tests/extensions/video tests/core/rosapi tests/core/protocol tests/core/transports rwt-mavlink/tests rwt-webrtc/tests tests/extensions/zenoh
 
 # The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
 pythons: $(STAMP)-dev

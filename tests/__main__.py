@@ -36,6 +36,7 @@ TESTS: Final = Path(__file__).parent
 ROOT: Final = TESTS.parent
 BROWSER_TESTS: Final = Path("tests/browser")
 LEROBOT_TESTS: Final = ROOT / "rwt-lerobot" / "tests"
+MAVLINK_TESTS: Final = ROOT / "rwt-mavlink" / "tests"
 RCLPY_TESTS: Final = ROOT / "rwt-rclpy" / "tests"
 WEBRTC_TESTS: Final = ROOT / "rwt-webrtc" / "tests"
 
@@ -437,7 +438,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, lambda *_: None)
-    files = test_files(options.paths or (TESTS, LEROBOT_TESTS, RCLPY_TESTS, WEBRTC_TESTS))
+    files = test_files(options.paths or (TESTS, LEROBOT_TESTS, MAVLINK_TESTS, RCLPY_TESTS, WEBRTC_TESTS))
     reduced = not options.paths and not options.all
     if reduced:
         files = [file for file in files if not is_extended(file)]

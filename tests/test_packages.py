@@ -77,8 +77,8 @@ def _imported(file: Path) -> set[str]:
 
 @pytest.mark.parametrize(
     "folder",
-    [ROOT, ROOT / "rwt-rclpy", ROOT / "rwt-lerobot", ROOT / "rwt-webrtc"],
-    ids=["robot-web-tools", "rwt-rclpy", "rwt-lerobot", "rwt-webrtc"],
+    [ROOT, ROOT / "rwt-rclpy", ROOT / "rwt-lerobot", ROOT / "rwt-mavlink", ROOT / "rwt-webrtc"],
+    ids=["robot-web-tools", "rwt-rclpy", "rwt-lerobot", "rwt-mavlink", "rwt-webrtc"],
 )
 def test_what_is_imported_is_declared(folder: Path) -> None:
     """A name that only a development dependency brings along breaks everybody else's installation."""

@@ -3,9 +3,9 @@
     python -m tools.build_release [--out dist]
 
 Wheels and source distributions of `robot-web-tools`, `rwt-webrtc`, `rwt-rclpy`, `rwt-lerobot`,
-`lerobot_robot_rosbridge` and `rosbridge-conformance`, and the npm package of the elements, are built twice,
-from two copies of what is committed, in folders with other names and at other times; the two must be equal.
-Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look at them, and `SHA256SUMS` is written beside
+`rwt-mavlink`, `lerobot_robot_rosbridge` and `rosbridge-conformance`, and the npm package of the elements, are
+built twice, from two copies of what is committed, in folders with other names and at other times; the two
+must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look at them, and `SHA256SUMS` is written beside
 them. Nothing is published.
 """
 
@@ -30,6 +30,7 @@ DISTRIBUTIONS: Mapping[str, Path] = {
     "rwt-webrtc": Path("rwt-webrtc"),
     "rwt-rclpy": Path("rwt-rclpy"),
     "rwt-lerobot": Path("rwt-lerobot"),
+    "rwt-mavlink": Path("rwt-mavlink"),
     "lerobot_robot_rosbridge": Path("rwt-lerobot/plugin"),
     "rosbridge-conformance": Path("conformance"),
 }

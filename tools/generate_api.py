@@ -54,6 +54,7 @@ PACKAGES = (
     "rwt_graph.backend",
     "rwt_interfaces",
     "rwt_lerobot",
+    "rwt_mavlink",
     "rwt_protocol",
     "rwt_rclpy",
     "rwt_tf2",
@@ -65,6 +66,7 @@ PACKAGES = (
 SOURCES = (
     ROOT / "src",
     ROOT / "rwt-lerobot" / "src",
+    ROOT / "rwt-mavlink" / "src",
     ROOT / "rwt-rclpy" / "src",
     ROOT / "rwt-webrtc" / "src",
 )

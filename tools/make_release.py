@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 CHANGELOG = ROOT / "CHANGELOG.md"
 PROJECTS = tuple(
     ROOT / folder / "pyproject.toml"
-    for folder in (".", "rwt-webrtc", "rwt-rclpy", "rwt-lerobot", "rwt-lerobot/plugin")
+    for folder in (".", "rwt-webrtc", "rwt-rclpy", "rwt-lerobot", "rwt-lerobot/plugin", "rwt-mavlink")
 )
 BRANCH = "main"
 

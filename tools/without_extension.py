@@ -23,7 +23,10 @@ EXTENSIONS: Final = ROOT / "src" / "rwt" / "extensions"
 WEBRTC: Final = "webrtc"
 """Extension in a distribution of its own."""
 
-COPIED: Final = ("src", "conformance", "examples", "tests", "rwt-webrtc", "rwt-rclpy", "rwt-lerobot", "docs")
+COPIED: Final = (
+    *("src", "conformance", "examples", "tests", "docs"),
+    *("rwt-webrtc", "rwt-rclpy", "rwt-lerobot", "rwt-mavlink"),
+)
 
 NEEDED_BY: Final = {
     "asgi": ("mcp",),

@@ -142,7 +142,8 @@ def _cloned(folder: Path) -> str:
             "install",
             "--quiet",
             f"{clone}[mcap,mcp]",
-            *(str(clone / name) for name in ("conformance", "rwt-webrtc", "rwt-rclpy", "rwt-lerobot")),
+            *(str(clone / f"rwt-{name}") for name in ("webrtc", "rclpy", "lerobot", "mavlink")),
+            str(clone / "conformance"),
             *("mujoco", "pytest", "roslibpy"),
         ],
     ):

@@ -82,7 +82,8 @@ def run(program: Path, *arguments: str, folder: Path) -> str:
 def test_release_is_complete(built: Path) -> None:
     names = {re.sub(r"-[\d.]+\d", "", file.name) for file in built.iterdir()}
     projects = (
-        "robot_web_tools rwt_webrtc rwt_rclpy rwt_lerobot lerobot_robot_rosbridge rosbridge_conformance"
+        "robot_web_tools rwt_webrtc rwt_rclpy rwt_lerobot rwt_mavlink lerobot_robot_rosbridge"
+        " rosbridge_conformance"
     )
     files = {f"{name}{end}" for name in projects.split() for end in ("-py3-none-any.whl", ".tar.gz")}
     assert names == files | {"robot-web-tools-widgets.tgz", "SHA256SUMS"}
@@ -91,14 +92,15 @@ def test_release_is_complete(built: Path) -> None:
 def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
     program = (
         "from importlib.metadata import metadata\n"
-        "ours = ('robot-web-tools', 'rwt-webrtc', 'rwt-rclpy', 'rwt-lerobot', 'rosbridge-conformance')\n"
+        "ours = ('robot-web-tools', 'rwt-webrtc', 'rwt-rclpy', 'rwt-lerobot', 'rwt-mavlink',\n"
+        "        'rosbridge-conformance')\n"
         "for name in ours:\n"
         "    found = metadata(name)\n"
         "    print(name, found['License-Expression'], *sorted(found.get_all('License-File')))\n"
     )
     server, *others = run(bare / "python", "-c", program, folder=tmp_path).splitlines()
     assert server == "robot-web-tools BSD-3-Clause LICENSE NOTICE"
-    assert [line.partition(" ")[2] for line in others] == ["BSD-3-Clause LICENSE"] * 4
+    assert [line.partition(" ")[2] for line in others] == ["BSD-3-Clause LICENSE"] * 5
 
 
 def test_licences_of_the_scripts_of_others_come_along(built: Path) -> None:

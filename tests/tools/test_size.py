@@ -167,7 +167,7 @@ def test_the_ratchet_names_figures_that_have_grown() -> None:
 
 def test_the_packages_are_those_of_the_wheels() -> None:
     layout = Layout()
-    assert layout.packages.keys() >= {*layout.wheel, "rwt_rclpy", "rwt_lerobot"}
+    assert layout.packages.keys() >= {*layout.wheel, "rwt_rclpy", "rwt_lerobot", "rwt_mavlink"}
     assert all((folder / "__init__.py").is_file() for folder in layout.packages.values())
     assert "rwt.server" in dict(source_files(layout.packages))
 

@@ -322,7 +322,7 @@ def test_no_other_module_reads_a_header_of_proxies() -> None:
     names = ({name.lower() for name, _ in HOSTILE} | FACTS.keys()) - {"via"}
     found = {
         (path.name, node.value.lower())
-        for root in ("src", "rwt-webrtc/src", "rwt-lerobot/src", "rwt-rclpy/src")
+        for root in ("src", "rwt-webrtc/src", "rwt-lerobot/src", "rwt-mavlink/src", "rwt-rclpy/src")
         for path in (ROOT / root).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.lower() in names

@@ -1,0 +1,1 @@
+"""Links to vehicles: addresses, sockets and serial ports, and frames of MAVLink."""

@@ -1,0 +1,1 @@
+"""Services of MAVLink with a vehicle: commands, parameters and missions."""

@@ -1,0 +1,1 @@
+"""Vehicle without hardware: it follows MAVLink's services, for tests and for trying clients."""
