@@ -5,8 +5,8 @@
 Wheels and source distributions of `robot-web-tools`, `rwt-webrtc`, `rwt-rclpy`, `rwt-lerobot`,
 `rwt-mavlink`, `lerobot_robot_rosbridge` and `rosbridge-conformance`, and the npm package of the elements, are
 built twice, from two copies of what is committed, in folders with other names and at other times; the two
-must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look at them, and `SHA256SUMS` is written beside
-them. Nothing is published.
+must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look at them, and `SHA256SUMS` is
+written beside them. Nothing is published.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rwt_graph import Graph, Node
+from rwt_mavlink.endpoints.commands import CommandServices
+from rwt_mavlink.endpoints.parameters import ParameterServices
+from rwt_mavlink.endpoints.plans import PlanServices
+from rwt_mavlink.endpoints.setpoints import Setpoints
 from rwt_mavlink.endpoints.status import StatusTopics
 from rwt_mavlink.endpoints.telemetry import publish_telemetry
 from rwt_mavlink.settings import MavlinkSettings
@@ -37,8 +41,14 @@ class VehicleNode:
         self._node = Node(graph, name, namespace or "/")
         publish_telemetry(self._node, prefix, vehicle)
         self._status = StatusTopics(self._node, prefix, vehicle, station_problem)
+        self._setpoints = Setpoints(self._node, prefix, vehicle, settings)
+        self._parameters = ParameterServices(graph, prefix, vehicle)
+        CommandServices(self._node, prefix, vehicle)
+        PlanServices(self._node, prefix, vehicle)
 
     def close(self) -> None:
         """Leave the graph."""
+        self._setpoints.close()
         self._status.close()
+        self._parameters.close()
         self._node.close()

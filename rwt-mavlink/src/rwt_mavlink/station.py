@@ -69,7 +69,7 @@ class Station:
         self.vehicles = {
             system: VehicleNode(
                 graph,
-                Vehicle(graph.clock, own, system, settings.timeout, self._send, self._check),
+                self._vehicle(graph, own, system),
                 settings,
                 lambda: self.problem,
             )
@@ -92,6 +92,10 @@ class Station:
         finally:
             for node in self.vehicles.values():
                 node.close()
+
+    def _vehicle(self, graph: Graph, own: Identity, system: int) -> Vehicle:
+        timeout, rate = self._settings.timeout, self._settings.stream_rate
+        return Vehicle(graph.clock, own, system, timeout, rate, self._send, self._check)
 
     @property
     def problem(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
@@ -15,6 +16,8 @@ from rwt_mavlink.protocol.missions import MissionProtocol
 from rwt_mavlink.protocol.parameters import ParameterProtocol
 from rwt_participant.timers import RobotClock
 
+logger = logging.getLogger(__name__)
+
 Listener: TypeAlias = Callable[[MavlinkMessage], object]
 
 #: Types of MAV_TYPE that send heartbeats and are no vehicles.
@@ -25,6 +28,9 @@ _NO_VEHICLES: Final = {
     dialect.MAV_TYPE_ADSB,
     dialect.MAV_TYPE_CAMERA,
 }
+
+#: Seconds without an attitude after which telemetry is requested.
+_SILENT_SECONDS: Final = 3.0
 
 
 class Vehicle:
@@ -37,6 +43,7 @@ class Vehicle:
         own: identity of this station.
         system: system id of the vehicle.
         timeout: seconds without a heartbeat after which the link is lost.
+        stream_rate: rate of the telemetry to request, per second, if there is none; 0 for no request.
         send: sends a message to a source of the link.
         check: raises :exc:`Unavailable` if this station may not command any vehicle.
 
@@ -56,9 +63,12 @@ class Vehicle:
         own: Identity,
         system: int,
         timeout: float,
+        stream_rate: int,
         send: Callable[[MavlinkMessage, Source], None],
         check: Callable[[], None],
     ) -> None:
+        self._stream_rate = stream_rate
+        self._telemetry_at = 0.0
         self._send_to = send
         self._check_station = check
         self.exchange = Exchange(clock, own, Identity(system, AUTOPILOT), self._send, self._check)
@@ -137,16 +147,33 @@ class Vehicle:
         if self.presence.on_message(message, now):
             self.exchange.interrupt(Rebooted("the vehicle restarted before it answered"))
             _call(self._on_connected)
+        if type == "ATTITUDE" or type == "ATTITUDE_QUATERNION":
+            self._telemetry_at = now
         self.latest[type] = message
         self.exchange.deliver(message)
         for listener in self._listeners.get(type, ()):
-            listener(message)
+            try:
+                listener(message)
+            except Exception:  # A message of the network must not end the link.
+                logger.exception("a listener failed on %s", type)
 
     def tick(self) -> None:
         """Note that time has passed; called about once a second."""
-        if self.presence.check(self.exchange.clock.monotonic()):
+        now = self.exchange.clock.monotonic()
+        if self.presence.check(now):
             self.exchange.interrupt(Unavailable(self.unavailable))
             _call(self._on_lost)
+        elif self.is_connected and self._stream_rate and now - self._telemetry_at > _SILENT_SECONDS:
+            self.request_streams(dialect.MAV_DATA_STREAM_ALL, self._stream_rate, True)
+
+    def request_streams(self, stream: int, rate: int, is_on: bool) -> None:
+        """Request telemetry of a kind at a rate; autopilots do not confirm it."""
+        target = self.exchange.target
+        self.exchange.send(
+            dialect.MAVLink_request_data_stream_message(
+                target.system, target.component, stream, rate, int(is_on)
+            )
+        )
 
     def _check(self) -> None:
         self._check_station()

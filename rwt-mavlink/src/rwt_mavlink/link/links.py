@@ -150,7 +150,6 @@ async def open_link(address: LinkAddress) -> AsyncIterator[Link]:
 
     Raises:
         OSError: the address cannot be used now.
-        ImportError: pyserial is not installed.
     """
     match address.kind:
         case "listen" | "udp":
