@@ -910,7 +910,7 @@ async def test_characters_that_turn_or_hide_text_are_shown_as_their_codes(browse
         async with browser.page(f"{url}healthz", 1300, 800) as page:
             for kind in ("log", "frames", "diagnostics", "topics"):
                 await page.goto(f"{url}healthz")
-                await open_panels(page, url, [(kind, {"topic": "/diagnostics"})])
+                await open_panels(page, url, [(kind, {"topic": "/robot_description"})])
                 await page.wait(rf"{text(f'.panel-{kind}')}.includes('go\\u202egnp.\\u200b')")
                 shown = await page.evaluate(f"document.title + {ALL_TEXTS} + document.body.textContent")
                 assert not re.search(r"[\u200b-\u200f\u202a-\u202e\u2066-\u2069\x1b]", shown)
