@@ -311,6 +311,14 @@ MUTANTS: Final = (
         "",
         "test_panels.py::test_characters_that_turn_or_hide_text_are_shown_as_their_codes",
     ),
+    Mutant(
+        "stalled",
+        "driving ends without a word when the page stalls",
+        "src/robot/drive.ts",
+        "this.stalled.value = this.held.size > 0;",
+        "",
+        "test_safety.py::test_a_page_that_stalls_says_that_driving_ended",
+    ),
 )
 
 

@@ -309,6 +309,34 @@ async def test_escape_stops_from_every_focus(
             await page.wait(STOPPED)
 
 
+async def test_a_page_that_stalls_says_that_driving_ended(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        browser.page(f"{server.urls[0].replace('ws', 'http', 1)}/healthz", 700, 700) as page,
+    ):
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        await open_panels(page, url, [("teleop", {"topic": "/cmd_vel", "sound": True})])
+        await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.evaluate(
+            """(() => {
+              globalThis.tones = 0;
+              const { start } = OscillatorNode.prototype;
+              OscillatorNode.prototype.start = function () { tones++; return start.call(this); };
+            })()"""
+        )
+        await page.calm()
+        await page.evaluate("document.querySelector('.drive-left').focus()")
+        await page.keyboard("down", "ArrowUp")
+        await page.evaluate("(() => { const end = Date.now() + 900; while (Date.now() < end); })()")
+        await page.wait(f"{text('.drive')}.includes('release the control, and take it again')")
+        await page.wait("tones === 1")
+        await page.keyboard("up", "ArrowUp")
+        assert await page.evaluate(f"{text('.drive')}.includes('take it again')")
+        await page.keyboard("down", "ArrowUp")
+        await page.wait(f"!{text('.drive')}.includes('take it again')")
+        await page.keyboard("up", "ArrowUp")
+
+
 MENU = "header .menus details[open]"
 
 

@@ -522,6 +522,21 @@ describe("a session", () => {
       expect(robot.published("/cmd_vel")).toEqual([twist(0.5, 0)]);
     });
 
+    test("a page that stalls says so until a control is taken anew, and only while one was held", async () => {
+      drive.hold("keys", { forward: 1, left: 0, turn: 0 });
+      vi.setSystemTime(Date.now() + 600);
+      await vi.advanceTimersByTimeAsync(100);
+      expect([drive.stalled.value, drive.holds("keys")]).toEqual([true, false]);
+      await vi.advanceTimersByTimeAsync(5000);
+      expect(drive.stalled.value).toBe(true);
+      drive.hold("keys", { forward: 1, left: 0, turn: 0 });
+      expect(drive.stalled.value).toBe(false);
+      drive.release("keys");
+      vi.setSystemTime(Date.now() + 600);
+      await vi.advanceTimersByTimeAsync(100);
+      expect(drive.stalled.value).toBe(false);
+    });
+
     test("a page that was suspended lets all go", async () => {
       drive.hold("stick", { forward: 1, left: 0, turn: 0 });
       await vi.advanceTimersByTimeAsync(100);

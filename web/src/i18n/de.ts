@@ -141,6 +141,8 @@ export const de: Record<TextKey, string> = {
   "form.range": "Hier gehört eine Zahl von {least} bis {most} hin.",
   "form.empty": "Nichts auszufüllen.",
   "teleop.title": "Fahren",
+  "teleop.stalled": "Die Seite hing, das Fahren ist beendet: loslassen und neu greifen.",
+  "teleop.sound": "Ton, wenn das Fahren von selbst endet",
   "teleop.silent":
     "Fahren ist aus: Der Roboter antwortet nicht. Die Steuerung loslassen und neu greifen, sobald er antwortet.",
   "teleop.hint":

@@ -137,6 +137,8 @@ export const en = {
   "form.range": "Expected a number from {least} to {most}.",
   "form.empty": "Nothing to fill in.",
   "teleop.title": "Drive",
+  "teleop.stalled": "The page stalled, and driving ended: release the control, and take it again.",
+  "teleop.sound": "Sound when driving ends by itself",
   "teleop.silent":
     "Driving is off: the robot does not answer. Release the control, and hold it again once it does.",
   "teleop.hint":

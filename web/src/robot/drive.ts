@@ -46,6 +46,8 @@ export class Drive {
     angular: 0,
   });
   readonly moving: Signal<boolean> = signal(false);
+  /** True if this page was suspended while a control was held, until one is taken anew. */
+  readonly stalled: Signal<boolean> = signal(false);
   limits: SpeedLimits = { linear: 0.5, angular: 1 };
 
   private readonly held = new Map<string, Wish>();
@@ -78,6 +80,7 @@ export class Drive {
     this.held.delete(control);
     if (this.session.commands.block.peek()) return;
     this.held.set(control, wish);
+    this.stalled.value = false;
     this.standstills = 0;
     this.moving.value = true;
     if (this.timer === undefined) {
@@ -123,7 +126,10 @@ export class Drive {
   private send(): void {
     const now = Date.now();
     // After a pause of the page, be it a busy thread or a closed lid, it is unknown whether the control is still held.
-    if (Math.abs(now - this.sentAt) > SILENT) this.lose();
+    if (Math.abs(now - this.sentAt) > SILENT) {
+      this.stalled.value = this.held.size > 0;
+      this.lose();
+    }
     this.sentAt = now;
     const wish = [...this.held.values()].at(-1);
     this.publish(wish ?? NO_WISH);

@@ -90,6 +90,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
       </output>
       <Driver gate={stop.gate} topic={topic} session={session} />
       {refusal && <Problem text={refusal.text} />}
+      {drive.stalled.value && !idle && <Problem text={t("teleop.stalled")} />}
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {stopped && <Problem text={stopText(stop, t)} />}
     </fieldset>

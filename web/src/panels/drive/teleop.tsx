@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { SlidersHorizontal } from "lucide";
-import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { followGamepad, wishOfGamepad } from "../../elements/teleop/gamepad";
 import { blockText } from "../../forms/commanding";
@@ -100,6 +100,11 @@ function Controls(props: { context: PanelContext; topic: string; isPhone: boolea
       return isFirst && context.visible.peek() && (isFree || event.key.length === 1);
     });
   }, [drive, context]);
+  const sounds = config.value.sound === true;
+  const isStalled = drive.stalled.value;
+  useEffect(() => {
+    if (isStalled && sounds) beep();
+  }, [isStalled, sounds]);
   const { linear, lateral, angular } = drive.sent.value;
   // Before the robot has said of which type the topic is, a grip would be lost when it does.
   const why = blockText(session, t);
@@ -152,7 +157,17 @@ function Controls(props: { context: PanelContext; topic: string; isPhone: boolea
         >
           {t("teleop.sideways.buttons")}
         </Check>
+        <Check
+          scan
+          checked={sounds}
+          onChange={(sound) => {
+            config.value = { ...config.value, sound };
+          }}
+        >
+          {t("teleop.sound")}
+        </Check>
       </fieldset>
+      {drive.stalled.value && !why && <Problem text={t("teleop.stalled")} />}
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {why && session.silence.value === 0 && <p class="blocked">{why}</p>}
       <p class="faint" id="teleop-hint">
@@ -203,6 +218,20 @@ function Limit(props: {
       }}
     />
   );
+}
+
+/** Hertz and seconds of the sound that tells that driving has ended. */
+const TONE = 660;
+const TONE_S = 0.25;
+
+function beep(): void {
+  const audio = new AudioContext();
+  const tone = audio.createOscillator();
+  tone.frequency.value = TONE;
+  tone.connect(audio.destination);
+  tone.onended = () => void audio.close();
+  tone.start();
+  tone.stop(audio.currentTime + TONE_S);
 }
 
 /** Milliseconds for which a phone vibrates when a control is taken. */
