@@ -538,9 +538,10 @@ class Server:
         return gateways
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
-        """Warn if other machines can reach a server without authentication."""
+        """Warn if other machines can reach a server without authentication, if need be through a proxy."""
         role = access.admission.default_role
-        open_at = [each.url for each in listeners if not is_loopback_listener(each.url)]
+        has_proxy = bool(self.settings.proxies)
+        open_at = [each.url for each in listeners if has_proxy or not is_loopback_listener(each.url)]
         if open_at and role is not None and role.unrestricted and self._is_first:
             logger.warning(
                 "NO AUTHENTICATION: everybody who reaches %s may drive this robot. Set `auth.tokens`, or"

@@ -11,6 +11,7 @@ from rwt.access.credentials import ROSAUTH, Rosauth, presented_token, role_of_to
 from rwt.access.errors import NotAuthenticated
 from rwt.access.origins import NO_SITE, Origins
 from rwt.access.roles import Role, roles
+from rwt.access.settings import SettingsError
 from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
@@ -53,22 +54,33 @@ class Admission:
         self._monotonic = monotonic
         self._log_rate = LineRate(per_second=10, burst=100)
         self.rosauth: Rosauth | None = None
+        self._has_credentials = False
         self.prepare(settings)()
 
     def prepare(self, settings: AccessSettings) -> Callable[[], None]:
         """Return the function that replaces tokens, roles, origins and the rosauth secret; it does not fail.
 
         Raises:
-            SettingsError: the rosauth secret cannot be read.
+            SettingsError: the rosauth secret cannot be read, or the last credential is gone and
+                `auth.default_role` does not say what clients may do without one.
         """
+        if self._has_credentials and not settings.auth.has_credentials and not settings.auth.default_role:
+            raise SettingsError(
+                "`auth.tokens`: without the last credential every client would be `admin`; if that is"
+                ' intended, set `auth.default_role = "admin"`, or to a role that may less',
+                ("auth", "tokens"),
+            )
         known = roles(settings)
         rosauth = rosauth_of(settings.auth, known, self._now)
         return partial(self._replace, settings, known, rosauth)
 
     def _replace(self, settings: AccessSettings, known: Mapping[str, Role], rosauth: Rosauth | None) -> None:
         auth = settings.auth
+        self._keeps_secret = False
         if rosauth is not None and self.rosauth is not None:
             rosauth.take_used_macs(self.rosauth)
+            self._keeps_secret = rosauth.has_secret_of(self.rosauth)
+        self._has_credentials = auth.has_credentials
         self.roles = known
         self.rosauth = rosauth
         self._tokens = [
@@ -85,12 +97,14 @@ class Admission:
             by_auth: role granted by an `auth` op, if any.
 
         Raises:
-            Refused: the token is no longer known, or credentials are required now.
+            Refused: the token is no longer known, the secret of rosauth is another, or credentials are
+                required now.
         """
         if by_auth is None:
             role = self._role(info)
         else:
-            known = None if self.rosauth is None else self.roles.get(by_auth)
+            self.role_of_token(info)  # Raises if the client has lost its token.
+            known = self.roles.get(by_auth) if self._keeps_secret else None
             role = None if known is None else known.given_by(ROSAUTH, is_token=False)
         if role is None:
             raise self._refused(info, 401, "the server's settings have changed: authenticate again")
@@ -125,7 +139,7 @@ class Admission:
         For requests that wait to be read: nothing is logged.
         """
         try:
-            token = presented_token(info) if self._tokens else None
+            token = presented_token(info)
         except NotAuthenticated:
             return None
         return self.default_role if token is None else role_of_token(token, self._tokens)
@@ -136,15 +150,8 @@ class Admission:
         Returns None if it is not admitted, or only by a later `auth` op. Unlike :meth:`role_of`, it neither
         raises nor logs.
         """
-        if self._tokens:
-            try:
-                token = presented_token(info)
-            except NotAuthenticated:
-                return None
-            if token is not None:
-                role = role_of_token(token, self._tokens)
-                return None if role is None else role.credential
-        return None if self.default_role is None else self.default_role.credential
+        role = self.expected_role(info)
+        return None if role is None else role.credential
 
     def allows_page(self, origin: str, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Return True if the web page of an origin may connect; an empty one is that of no page."""
@@ -165,13 +172,11 @@ class Admission:
         return role
 
     def role_of_token(self, info: PeerInfo) -> Role | None:
-        """Return the role of an HTTP request by its token; None without a token, or if none is configured.
+        """Return the role of an HTTP request by its token; None without a token.
 
         Raises:
             Refused: the token is unknown.
         """
-        if not self._tokens:
-            return None
         try:
             token = presented_token(info)
         except NotAuthenticated as error:

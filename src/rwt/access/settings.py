@@ -530,10 +530,14 @@ class AuthSettings(Table):
     )
 
     @property
+    def has_credentials(self) -> bool:
+        """True if a token or a secret is configured."""
+        return bool(self.tokens) or self.rosauth_secret_file is not None
+
+    @property
     def role_without_credentials(self) -> str | None:
         """Name of the role of clients without credentials; None if they are rejected."""
-        is_open = not self.tokens and self.rosauth_secret_file is None
-        return self.default_role or ("admin" if is_open else None)
+        return self.default_role or (None if self.has_credentials else "admin")
 
     @model_validator(mode="after")
     def _tokens_differ(self) -> AuthSettings:

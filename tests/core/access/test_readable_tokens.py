@@ -46,3 +46,24 @@ async def test_the_server_warns_once(
 )
 def test_the_doctor_knows_which_urls_are_readable(url: str, is_readable: bool) -> None:
     assert is_readable_url(url) is is_readable
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("url", "changes", "warns"),
+    [
+        ("ws://127.0.0.1:0", {}, False),
+        ("ws://127.0.0.1:0", {"proxies": ["127.0.0.1"]}, True),
+        ("ws://127.0.0.1:0", {"proxies": ["127.0.0.1"], "auth": {"default_role": "viewer"}}, False),
+        ("ws://127.0.0.1:0", {"proxies": ["127.0.0.1"], "auth": AUTH}, False),
+        ("ws://0.0.0.0:0", {}, True),
+    ],
+)
+async def test_a_server_without_authentication_warns_if_others_reach_it(
+    url: str, changes: dict[str, object], warns: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = Settings.model_validate({"nodes": [], "gateways": [], **changes})
+    with caplog.at_level(logging.WARNING):
+        async with Server(url, settings=settings):
+            pass
+    assert ("NO AUTHENTICATION" in caplog.text) == warns

@@ -9,9 +9,11 @@ import json
 import signal
 import ssl
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
@@ -23,6 +25,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect as connect_in_thread
 
 from rwt import Server, Settings, SettingsError
+from rwt.access.credentials import mac_of
+from rwt_protocol import ops
 from tests.processes import running
 
 pytestmark = pytest.mark.slow
@@ -102,6 +106,70 @@ async def test_tokens_and_origins_are_those_of_the_last_reading() -> None:
         server.reload()
         async with asking(server.urls[0], OTHER, origin="https://ui.example"), asking(server.urls[0], OTHER):
             pass
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("default", [None, "viewer", "admin"])
+async def test_the_last_token_is_removed_only_if_a_role_without_one_is_named(default: str | None) -> None:
+    now = settings(FREE)
+    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
+    async with server, asking(server.urls[0]) as client:
+        now = Settings.model_validate({"auth": {"default_role": default}})
+        if default is None:
+            with pytest.raises(SettingsError, match=r"`auth\.tokens`: .* `auth\.default_role = "):
+                server.reload()
+            with pytest.raises(InvalidStatus) as refused:
+                await connect(server.urls[0])
+            assert refused.value.response.status_code == 401
+            await ask(client, "call_service", id="kept", service="/rosapi/get_time")
+            assert (await heard(client))["id"] == "kept"
+            return
+        server.reload()
+        with pytest.raises(ConnectionClosed) as closed:
+            await heard(client)
+        assert closed.value.rcvd is not None and closed.value.rcvd.code == 1008
+        with pytest.raises(InvalidStatus) as refused:
+            await asking(server.urls[0])
+        assert refused.value.response.status_code == 401
+        async with connect(server.urls[0]):
+            pass
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("also", [{}, {"tokens": {"other": {"token": OTHER, "role": "admin"}}}])
+async def test_clients_of_a_replaced_rosauth_secret_are_closed(tmp_path: Path, also: dict[str, Any]) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("abcdefghijklmnop\n")
+    now = Settings.model_validate({"auth": {"rosauth_secret_file": secret, "rosauth_role": "admin", **also}})
+    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
+    async with server, connect(server.urls[0]) as client:
+        op = ops.Auth(
+            mac="", client="c", dest="d", rand="r", t=int(time.time()), level="", end=int(time.time()) + 999
+        )
+        op = op.model_copy(update={"mac": mac_of(secret.read_text().strip(), op)})
+        await client.send(op.model_dump_json())
+        await ask(client, "call_service", id="in", service="/rosapi/get_time")
+        assert (await heard(client))["id"] == "in"
+        server.reload()
+        await ask(client, "call_service", id="kept", service="/rosapi/get_time")
+        assert (await heard(client))["id"] == "kept"
+        secret.write_text("ponmlkjihgfedcba\n")
+        server.reload()
+        with pytest.raises(ConnectionClosed) as closed:
+            await heard(client)
+        assert closed.value.rcvd is not None and closed.value.rcvd.code == 1008
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("path", ["/metrics", "/api/v1/topics", "/mcp"])
+async def test_an_unknown_token_is_refused_even_if_none_is_required(path: str) -> None:
+    async with Server("ws://127.0.0.1:0", gateways=["http", "mcp"]) as server:
+        response = await asyncio.to_thread(
+            httpx.post if path == "/mcp" else httpx.get,
+            server.urls[0].replace("ws:", "http:", 1) + path,
+            headers={"Authorization": f"Bearer {TOKEN}"},
+        )
+    assert response.status_code == 401
 
 
 def certify(folder: Path, serial: int) -> ssl.SSLContext:

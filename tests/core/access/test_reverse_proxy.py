@@ -128,11 +128,11 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         link = "stream_viewer?topic=/camera/image_raw"
         assert f'href="{link}"'.encode() in page
         assert b'src="stream?topic=/camera/image_raw' in get(port, trust, f"/robot/{link}")[2]
-        snapshot = get(port, trust, "/robot/snapshot?topic=/camera/image_raw&token=no")
+        snapshot = get(port, trust, "/robot/snapshot?topic=/camera/image_raw&quality=50")
         assert (snapshot[0], snapshot[1], snapshot[2][:2]) == (200, "image/jpeg", b"\xff\xd8")
         assert "203.0.113.9 GET /robot" not in caplog.text
         assert "203.0.113.9 GET /snapshot 200" in caplog.text
-        assert "token" not in caplog.text
+        assert "quality" not in caplog.text
 
         first = stack.enter_context(dial(port, trust, "203.0.113.7"))
         second = stack.enter_context(dial(port, trust, "203.0.113.7"))

@@ -249,8 +249,15 @@ def test_a_hangup_reads_tokens_again_and_a_bad_file_keeps_the_old(tmp_path: Path
             hub.send_signal(signal.SIGHUP)
             assert becomes(url, new)
             assert not dials_in(url, _TOKEN)
-            assert wire.ping().wait(10)
+            with pytest.raises(ConnectionClosed) as closed:
+                wire.recv(timeout=60)
+            assert closed.value.rcvd is not None and closed.value.rcvd.code == 1008
+            tokens.write_text("")
+            hub.send_signal(signal.SIGHUP)
+            assert dials_in(url, new)
+            assert not dials_in(url, _TOKEN)
         hub.terminate()
         _, log = hub.communicate(timeout=60)
     assert "stay as they were: a token is 16 to 256" in log
+    assert "stay as they were: no token is left" in log
     assert "were read again" in log

@@ -197,8 +197,8 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
             """Reload tokens and certificate; if one is invalid, keep all of them."""
             try:
                 again = _tokens(arguments)
-                if not again and not is_loopback_listener(arguments.url):
-                    raise CommandError("no token is left, and others can reach this hub")
+                if tokens and not again:
+                    raise CommandError("no token is left, and this hub has required one since its start")
                 if context is not None:
                     renew_server_tls(context, tls)
             except (CommandError, SettingsError) as error:

@@ -168,12 +168,22 @@ class Hub:
         self.take_tokens(tokens)
 
     def take_tokens(self, tokens: Collection[str]) -> None:
-        """Replace the tokens, for robots that dial in from now on. A robot with a ``NAME=TOKEN`` needs it."""
+        """Replace the tokens, and disconnect robots that lose theirs.
+
+        A robot with a ``NAME=TOKEN`` needs it.
+        """
         bound = [token.partition("=") for token in tokens]
         self._tokens = tuple(
             (name if equals else "", (token if equals else name).encode()) for name, equals, token in bound
         )
         self._names = {name for name, _ in self._tokens if name}
+        connected = [each.carrier for each in self._robots.values() if each.carrier is not None]
+        for carrier in (*connected, *self._pending):
+            if self._tokens and not self._knows(carrier.authorization, carrier.name):
+                reason = "the token of this robot was removed"
+                if carrier.robot is not None:
+                    self._forget(carrier.robot, POLICY, reason)
+                carrier.give_up(POLICY, reason)
 
     @property
     def robots(self) -> tuple[DialedRobot, ...]:
@@ -404,6 +414,7 @@ class RobotCarrier(Carrier):
         name: name of the robot.
         instance: random id of its program.
         address: address of the connection.
+        authorization: ``Authorization`` header, with its token.
         robot: the robot; None before the greeting.
     """
 
@@ -413,6 +424,7 @@ class RobotCarrier(Carrier):
         self.name = name
         self.instance = info.headers.get(INSTANCE, "")[:64]
         self.address = info.address
+        self.authorization = info.headers.get("authorization", "")
         self.robot: DialedRobot | None = None
         hub.pending(self, is_pending=True)
 
