@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import MappingProxyType
@@ -86,4 +87,39 @@ def test_each_limit_of_all_clients_is_a_pool() -> None:
     shared = {row.setting for row in parts.pools()} & numbers
     assert numbers - shared == set(NOT_SHARED)
     # The others are options of a command, or constants.
-    assert {row.setting for row in parts.pools()} - shared == {"--waiting-bytes", "--connections", ""}
+    assert {row.setting for row in parts.pools()} - shared == {
+        "--waiting-bytes",
+        "--connections",
+        "--robots",
+        "",
+    }
+
+
+NO_ROOM_OF_OTHERS: Final = MappingProxyType(
+    {
+        "rwt/extensions/asgi/application.py": ("the server is closing",),
+        "rwt/extensions/hub/ends.py": ("the robot does not answer", "the robot is gone"),
+        "rwt/extensions/hub/hub.py": ("the robot is unreachable",),
+        "rwt/extensions/mcp/gateway.py": ("the server is closing", "mcp.requests has shares of its own"),
+        "rwt/extensions/video/server.py": ("the image cannot be made",),
+        "rwt_webrtc/transport/signalling.py": ("a pool has taken the share", "the server is closing"),
+    }
+)
+"""Refusals with 503 that no pool makes, with the reason of each."""
+
+
+def test_each_refusal_for_want_of_room_is_of_a_pool() -> None:
+    found: Counter[str] = Counter()
+    for source in SOURCES:
+        for file in source.rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+                if (
+                    isinstance(node, ast.Call)
+                    and isinstance(node.func, ast.Name)
+                    and node.func.id.endswith("Refused")
+                    and node.args
+                    and isinstance(node.args[0], ast.Constant)
+                    and node.args[0].value == 503
+                ):
+                    found[str(file.relative_to(source))] += 1
+    assert found == {file: len(reasons) for file, reasons in NO_ROOM_OF_OTHERS.items()}

@@ -470,6 +470,48 @@ def fill_waiting_bytes(server: Served, stack: ExitStack) -> None:
         client.send("subscribe", topic=IMAGE, type="sensor_msgs/Image")  # It reads nothing.
 
 
+def dial(server: Served, address: str, name: str, stack: ExitStack) -> socket.socket | None:
+    """Return a robot's connection, which has not greeted; None if it is refused with 503."""
+    host, port = server.host.split(":")
+    link = stack.enter_context(socket.create_connection((host, int(port)), LONGEST_S, (address, 0)))
+    link.sendall(
+        f"GET /robots/{name} HTTP/1.1\r\nHost: {server.host}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: rwt-uplink.1\r\n"
+        f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nRwt-Instance: {name}\r\n\r\n".encode()
+    )
+    status = link.recv(4096).split()[1]
+    assert status in (b"101", b"503")
+    return link if status == b"101" else None
+
+
+def greet(link: socket.socket) -> bytes:
+    """Send the greeting of a robot; returns what the hub answers, which is empty if it hangs up."""
+    hello = b"\x40\0\0\0\0\0{}"
+    link.sendall(bytes((0x82, 0x80 | len(hello))) + bytes(4) + hello)
+    with suppress(ConnectionError):
+        return link.recv(4096)
+    return b""
+
+
+def fill_greetings(server: Served, stack: ExitStack) -> None:
+    assert any(dial(server, GREEDY, f"greedy{number}", stack) is None for number in range(MOST))
+
+
+def fill_robots(server: Served, stack: ExitStack) -> None:
+    for number in range(MOST):
+        link = dial(server, GREEDY, f"greedy{number}", stack)
+        if link is None:
+            return
+        assert greet(link)[:1] == b"\x82"
+    raise AssertionError(f"one client has {MOST} robots")
+
+
+def ask_for_robot(server: Served, stack: ExitStack) -> None:
+    link = dial(server, OTHER, "other", stack)
+    assert link is not None
+    assert b"session" in greet(link)
+
+
 DRIVERS: Final[Mapping[str, Driver]] = {
     "connections": Driver(fill_connections, ask_connection, "limits.connections = 4\n"),
     "pending connections": Driver(
@@ -493,5 +535,7 @@ DRIVERS: Final[Mapping[str, Driver]] = {
     "waiting WebRTC offers": Driver(fill_offers, ask_peer, "webrtc.enabled = true\nwebrtc.handshakes = 4\n"),
     "waiting bytes of a hub": Driver(fill_waiting_bytes, ask_robot, "--waiting-bytes 65536", hub),
     "clients of a hub": Driver(fill_places, ask_robot, "--connections 6", hub),
+    "robots of a hub": Driver(fill_robots, ask_for_robot, "--robots 4", hub),
+    "robots that dial in": Driver(fill_greetings, ask_for_robot, "", hub),
 }
 """Drivers by the name of the pool."""

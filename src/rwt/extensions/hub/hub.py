@@ -14,6 +14,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from ssl import SSLContext
 from typing import Final
 
@@ -57,7 +58,7 @@ from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.scheduler import MESSAGES, WRITING, Scheduler
-from rwt_transports.shared_pool import SharedPool
+from rwt_transports.shared_pool import PoolFull, PoolRow, Share, SharedPool
 from rwt_transports.websocket.close_codes import (
     ABNORMAL,
     GOING_AWAY,
@@ -75,6 +76,8 @@ MAX_ROBOTS: Final = 10_000
 """Default limit of robots."""
 MAX_PENDING: Final = 256
 """Connections of robots that have not said who they are."""
+ROBOT_PLACES: Final = PoolRow("robots of a hub", "--robots", "robots")
+GREETINGS: Final = PoolRow("robots that dial in", "", "robots that are dialling in")
 _SUBPROTOCOLS: Final = (SUBPROTOCOL, "foxglove.sdk.v1", "foxglove.websocket.v1")
 
 
@@ -161,9 +164,11 @@ class Hub:
         self.waiting = WaitingBytes(waiting_bytes)
         self.places = SharedPool(CLIENTS, self._limits.connections)
         self.addresses = addresses or AddressCount()
-        self._max_robots = max_robots
         self._robots: dict[str, DialedRobot] = {}
-        self._pending: set[RobotCarrier] = set()
+        self._robot_places = SharedPool(ROBOT_PLACES, max_robots)
+        self._places: dict[str, Share] = {}
+        self._greetings = SharedPool(GREETINGS, MAX_PENDING)
+        self._pending: dict[RobotCarrier, Share] = {}
         self.clients = self.pages = self.bytes = 0
         self.take_tokens(tokens)
 
@@ -251,12 +256,10 @@ class Hub:
                 426,
                 f"this hub speaks the WebSocket subprotocol {SUBPROTOCOL}; update the robot's program",
             )
-        if len(self._robots) >= self._max_robots and name not in self._robots:
-            raise Refused(
-                503, f"all {self._max_robots} places for robots are taken (--robots)", {"Retry-After": "5"}
-            )
-        if len(self._pending) >= MAX_PENDING:
-            raise Refused(503, f"{MAX_PENDING} robots are dialling in", {"Retry-After": "1"})
+        holder = holder_of(info.address)
+        if name not in self._robots:
+            self._robot_places.check(holder)
+        self._greetings.check(holder)
         self.addresses.leave(info.address)
         return RobotCarrier(self, sink, info, name)
 
@@ -281,9 +284,16 @@ class Hub:
         right = [hmac.compare_digest(shown, known) and its == wanted for its, known in self._tokens]
         return scheme.lower() == "bearer" and any(right)
 
-    def pending(self, carrier: RobotCarrier, *, is_pending: bool) -> None:
-        """Note a connection whose greeting is awaited, or is no longer."""
-        (self._pending.add if is_pending else self._pending.discard)(carrier)
+    def pending(self, carrier: RobotCarrier) -> None:
+        """Note a connection whose greeting is awaited; raises PoolFull."""
+        end = partial(carrier.give_up, TRY_AGAIN_LATER)
+        self._pending[carrier] = self._greetings.take(holder_of(carrier.address), end)
+
+    def not_pending(self, carrier: RobotCarrier) -> None:
+        """Note a connection that has greeted, or ended; idempotent."""
+        share = self._pending.pop(carrier, None)
+        if share is not None:
+            self._greetings.release(share)
 
     def greeted(self, carrier: RobotCarrier, hello: Hello) -> None:
         """Resume the session of a robot, or begin one; raises BadFrame."""
@@ -309,6 +319,11 @@ class Hub:
             raise BadFrame("the session cannot be resumed")
 
     def _begin(self, carrier: RobotCarrier) -> DialedRobot:
+        try:
+            place = self._robot_places.take(holder_of(carrier.address), partial(self._displace, carrier.name))
+        except PoolFull as full:
+            carrier.give_up(TRY_AGAIN_LATER, full.reason)
+            raise BadFrame(full.reason) from None
         uplink = Uplink(
             secrets.token_hex(8),
             self._limits,
@@ -322,8 +337,18 @@ class Hub:
         feeds = RobotFeeds(uplink, holder_of(carrier.address), self.clock, self.scheduler)
         robot = DialedRobot(carrier.name, carrier.instance, carrier.address, uplink, feeds)
         self._robots[carrier.name] = robot
+        self._places[carrier.name] = place
         logger.info("robot %s dialled in from %s", robot.name, robot.address or "?")
         return robot
+
+    def _displace(self, name: str, reason: str) -> None:
+        """End a robot whose place another address gets."""
+        robot = self._robots[name]
+        carrier = robot.carrier
+        logger.warning("closing the robot %s: %s", name, reason)
+        self._forget(robot, ABNORMAL, reason)
+        if carrier is not None:
+            carrier.give_up(TRY_AGAIN_LATER, reason)
 
     def _replace(self, robot: DialedRobot, newer: RobotCarrier) -> None:
         """Replace a robot by a newer program of the same name: after a crash, old connections may linger."""
@@ -347,6 +372,7 @@ class Hub:
     def _forget(self, robot: DialedRobot, code: int, reason: str) -> None:
         if self._robots.get(robot.name) is robot:
             del self._robots[robot.name]
+            self._robot_places.release(self._places.pop(robot.name))
             logger.info("robot %s is gone", robot.name)
         robot.carrier = None
         robot.uplink.end(code, reason)
@@ -426,10 +452,10 @@ class RobotCarrier(Carrier):
         self.address = info.address
         self.authorization = info.headers.get("authorization", "")
         self.robot: DialedRobot | None = None
-        hub.pending(self, is_pending=True)
+        hub.pending(self)
 
     def greeted(self, hello: Hello) -> None:
-        self._hub.pending(self, is_pending=False)
+        self._hub.not_pending(self)
         self._hub.greeted(self, hello)
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
@@ -437,7 +463,7 @@ class RobotCarrier(Carrier):
         self.give_up(PROTOCOL_ERROR, f"a message of {size} bytes")
 
     def gone(self, code: int, reason: str) -> None:
-        self._hub.pending(self, is_pending=False)
+        self._hub.not_pending(self)
         self._hub.left(self, code, reason)
 
 

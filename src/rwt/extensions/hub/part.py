@@ -86,7 +86,12 @@ def _metrics(found: list[UplinkStatus]) -> Iterator[MetricFamily]:
 
 
 PART = ServicePart(
-    pools=("rwt.extensions.hub.ends:WAITING_BYTES", "rwt.extensions.hub.ends:CLIENTS"),
+    pools=(
+        "rwt.extensions.hub.ends:WAITING_BYTES",
+        "rwt.extensions.hub.ends:CLIENTS",
+        "rwt.extensions.hub.hub:ROBOT_PLACES",
+        "rwt.extensions.hub.hub:GREETINGS",
+    ),
     summary="connections to hubs, through which clients outside of the robot's network reach it",
     settings=DialSettings,
     check=_check,
