@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from functools import partial
 from typing import Any, Final, Unpack
+from uuid import uuid4
 
 import anyio
 import msgspec
@@ -383,7 +384,8 @@ class Robot(RobotApi):
         action_type = await self.types.action_of(action, type)
         payload = to_payload(action_type.goal, {} if goal is None else goal)
         if self.types.registry.distro.action_transport == "topics":
-            goal_id = self._session.next_id("send_action_goal", action)
+            # Unlike ids of ops, unique among all programs: the action server keeps those of all clients.
+            goal_id = f"{action}-{uuid4().hex}"
             over_topics = ActionlibGoal(action, goal_id, on_feedback)
             await over_topics.send(self.subscribe, self.advertise, action_type, payload)
             return over_topics

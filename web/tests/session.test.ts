@@ -351,6 +351,14 @@ describe("a session", () => {
     expect(robot.ops("cancel_action_goal")[0]?.id).toBe(id);
     robot.hear({ op: "action_result", id, action: "/go", values: { at: 2 }, status: 5, result: true });
     expect(await goal.outcome).toEqual({ outcome: "canceled", result: { at: 2 }, text: "" });
+    const aborted = session.commands.sendGoal("/go", "demo/action/Go", { to: 2 }, {});
+    const last = { action: "/go", values: { at: 0 }, status: 6, result: true, reason: "the way is blocked" };
+    robot.hear({ op: "action_result", id: robot.ops("send_action_goal")[1]?.id, ...last });
+    expect(await aborted.outcome).toEqual({
+      outcome: "aborted",
+      result: { at: 0 },
+      text: "the way is blocked",
+    });
     expect(feedback).toEqual([{ left: 3 }]);
   });
 

@@ -68,7 +68,7 @@ class WireGoal(SentGoal):
         self.end(type(error)(f"{error}, before the goal of {self.action} ended"))
 
     def refused(self, text: str) -> None:
-        self.end(call_error(text, self.action, GoalRejected))
+        self.end(call_error(text, self.action, GoalRejected), text)
 
     def receive(self, op: ActionFeedback | ActionResult) -> None:
         """Pass on feedback (ACT-02), or end the goal with its result (ACT-03, ACT-04)."""
@@ -81,16 +81,16 @@ class WireGoal(SentGoal):
             if isinstance(error, ProviderNotFound):
                 self._connection.tasks.start_soon(self._end_with_advice, error)
             else:
-                self.end(error)
+                self.end(error, text)
         else:
             try:
-                self.end(GoalResult(GoalStatus(op.status), self._read_result(op.values)))
+                self.end(GoalResult(GoalStatus(op.status), self._read_result(op.values)), op.reason or "")
             except InvalidMessage as error:
                 self.end(error)
 
     async def _end_with_advice(self, error: ProviderNotFound) -> None:
         meant = await self._connection.types.meant("action", self.action)
-        self.end(ProviderNotFound(f"{error}{meant}"))
+        self.end(ProviderNotFound(f"{error}{meant}"), str(error))
 
 
 _ENDED: Final = {
@@ -141,8 +141,8 @@ class ActionlibGoal(SentGoal):
     def _on_result(self, message: Message) -> None:
         if message.status.goal_id.id != self.id:
             return
-        status = _ENDED.get(message.status.status)
+        status, reason = _ENDED.get(message.status.status), message.status.text
         if status is None:
-            self.end(GoalRejected(message.status.text or f"{self.action} rejected the goal"))
+            self.end(GoalRejected(reason or f"{self.action} rejected the goal"), reason)
         else:
-            self.end(GoalResult(status, message.result))
+            self.end(GoalResult(status, message.result), reason)

@@ -200,9 +200,16 @@ class ActionServer(RemoteServer[ActionType]):
 
     async def _run(self, goal: ReceivedGoal) -> None:
         try:
-            status, result, _ = await run_goal(self._execute, goal)
+            status, result, reason = await run_goal(self._execute, goal)
             values = RawJson(to_payload(self.type.result, {} if result is None else result).json())
-            op = ActionResult(action=self.name, values=values, status=int(status), result=True, id=goal.id)
+            op = ActionResult(
+                action=self.name,
+                values=values,
+                status=int(status),
+                result=True,
+                reason=reason or None,
+                id=goal.id,
+            )
         except Exception as error:
             logger.exception("the action %s failed", self.name)
             reason = str(error) if isinstance(error, RobotError) else EXECUTE_FAILED

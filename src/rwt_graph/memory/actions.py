@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterator
 from enum import Enum, auto
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 from uuid import uuid4
 
 from rwt_graph.api import (
@@ -33,6 +33,9 @@ from rwt_participant.goals import GoalStatus
 logger = logging.getLogger(__name__)
 
 OnGoal = Callable[[ServerGoal], None]
+
+_LOGGED_CHARACTERS: Final = 500
+"""Maximum length of a reason in the log."""
 
 _GOAL_ID = re.compile(r"[0-9a-f]{32}\Z")
 
@@ -105,6 +108,19 @@ class RemoteActions(RemoteProviders, Protocol):
         """Request cancellation of all goals of an action in another process."""
 
 
+def _log_end(goal: NotifyingGoal, outcome: Payload | CallFailed) -> None:
+    """Log a goal that ended other than by success, with its reason."""
+    if goal.status is GoalStatus.SUCCEEDED:
+        return
+    was_executed = isinstance(outcome, Payload)
+    end = "rejected" if isinstance(outcome, GoalRejected) else "lost"
+    if was_executed:
+        end = goal.status.name.lower()
+    reason = (goal.reason if was_executed else str(outcome)) or "the action server gave no reason"
+    level = logging.INFO if goal.status is GoalStatus.CANCELED else logging.WARNING
+    logger.log(level, "goal %s of %s: %s: %s", goal.id, goal.action, end, reason[:_LOGGED_CHARACTERS])
+
+
 def _run_callback(goal: ClientGoal, callback: Callable[[], None]) -> None:
     try:
         callback()
@@ -154,6 +170,7 @@ class NotifyingGoal(ClientGoal):
         events = self._events
         self._let_go()
         if events is not None:
+            _log_end(self, outcome)
             _run_callback(self, partial(events.on_result, self.status, outcome))
 
     def client_closed(self) -> None:

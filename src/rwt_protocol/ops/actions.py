@@ -14,6 +14,7 @@ from rwt_protocol.ops.base import (
     Flag,
     Op,
     OpSpec,
+    OptionalText,
     ReplyTo,
     RequiredId,
     Text,
@@ -106,9 +107,11 @@ class ActionResult(Op):
         result: true if the goal was executed; its outcome is `status` (ACT-03).
         status: 4 succeeded, 5 canceled, 6 aborted, 0 not executed. Default: 4, or 6 if `result` is false
             (ACT-16).
+        reason: why a goal that was executed ended as canceled or aborted, for people; absent without one. A
+            member of this project, which other programs ignore.
     """
 
-    wire_order: ClassVar[tuple[str, ...]] = ("action", "values", "status", "result", "id")
+    wire_order: ClassVar[tuple[str, ...]] = ("action", "values", "status", "result", "reason", "id")
 
     op: Literal["action_result"] = "action_result"
     action: Text
@@ -117,6 +120,7 @@ class ActionResult(Op):
     status: Annotated[int, Field(ge=0, le=6), Expected("a whole number from 0 to 6")] = Field(
         default_factory=_usual_status
     )
+    reason: OptionalText = None
 
 
 def refuse_goal(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:

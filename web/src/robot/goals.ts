@@ -56,6 +56,7 @@ interface ActionEvent {
   values?: Message | string;
   status?: number;
   result?: boolean;
+  reason?: string;
 }
 
 function newId(action: string): string {
@@ -66,13 +67,13 @@ function sendByOps(ros: Ros, action: string, type: string, goal: Message, option
   const id = newId(action);
   const { promise, resolve } = withResolvers<GoalEnd>();
   const hear = (event: unknown) => {
-    const { op, values, status, result } = event as ActionEvent;
+    const { op, values, status, result, reason } = event as ActionEvent;
     if (op === "action_feedback") options.onFeedback?.((values as Message) ?? {});
     if (op !== "action_result") return;
     ros.off(id, hear as never);
     const outcome = STATUS_2[status ?? 0] ?? (result ? "succeeded" : "rejected");
     const isText = typeof values === "string";
-    resolve({ outcome, result: isText || !values ? {} : values, text: isText ? values : "" });
+    resolve({ outcome, result: isText || !values ? {} : values, text: isText ? values : (reason ?? "") });
   };
   ros.on(id, hear as never);
   ros.callOnConnection({

@@ -71,7 +71,8 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
       rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback
 
     --json prints:
-      with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}
+      with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}, with a
+      "reason" if the server gave one
     """
     name = absolute_name(arguments.action)
     kind, given = type_and_message(arguments.goal, "goal")
@@ -89,9 +90,10 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
     except BaseException as error:
         await _cancel(goal, robot, error)
         raise
-    printer.result(ended.status.name, ended.result)
+    printer.result(ended.status.name, ended.result, goal.reason)
     if not ended.succeeded:
-        raise CommandError(f"the goal of {name} ended as {ended.status.name}", FAILED)
+        why = f": {goal.reason}" if goal.reason else ""
+        raise CommandError(f"the goal of {name} ended as {ended.status.name}{why}", FAILED)
 
 
 async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
@@ -119,10 +121,10 @@ class _GoalPrinter:
         else:
             self._print("Feedback:", self._type.feedback, message)
 
-    def result(self, status: str, message: Any) -> None:
+    def result(self, status: str, message: Any, reason: str) -> None:
         if self._output.json:
             result = plain(self._type.result, message, Formatting(json=True))
-            self._output.record({"status": status, "result": result})
+            self._output.record({"status": status, "result": result} | ({"reason": reason} if reason else {}))
             return
         self._print("Result:", self._type.result, message)
         style: Style = "good" if status == "SUCCEEDED" else "warning"

@@ -104,13 +104,15 @@ class PeerGoal:
                 return args
             return arguments_of(type.goal, op.args, _GOAL, client.now)
 
-        self.goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
+        self.goal: ClientGoal | None = None  # Until the call returns: its callbacks may come before.
+        self.goal = client.graph.send_goal(self.action, goal_of, events)
 
     def orphan(self) -> None:
         """Stop reporting: the client has disconnected, and the goal continues (ACT-19)."""
         self._listening = False
         # The provider need not encode feedback that nobody receives.
-        self.goal.want_feedback(False)
+        if self.goal is not None:
+            self.goal.want_feedback(False)
 
     def _on_feedback(self, feedback: Payload) -> None:
         if self._listening:
@@ -130,6 +132,7 @@ class PeerGoal:
                 values=str(outcome) if isinstance(outcome, CallFailed) else outcome,
                 status=int(status),
                 result=not failed,
+                reason=None if failed or self.goal is None else self.goal.reason or None,
                 id=self.id,
             ),
             # A failure is short: an error text.
@@ -229,14 +232,16 @@ class PeerActions:
         action = resolve(split_suffix(op.action)[0])
         for goal in self._sent:
             if goal.id == op.id and goal.action == action:
-                goal.goal.cancel()  # The outcome is the result (ACT-07, ACT-08).
+                if goal.goal is not None:
+                    goal.goal.cancel()  # The outcome is the result (ACT-07, ACT-08).
                 return
         orphan = self._orphans.find(self._address, action, op.id)
         if orphan is None:
             raise Refused(
                 f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
             )
-        self.graph.cancel_goal(action, orphan.goal.id)
+        if orphan.goal is not None:
+            self.graph.cancel_goal(action, orphan.goal.id)
 
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
@@ -281,10 +286,10 @@ class PeerActions:
         _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
         status = GoalStatus(op.status)
         try:
-            goal.finish(status if status in _OUTCOMES else GoalStatus.ABORTED, result)
+            goal.finish(status if status in _OUTCOMES else GoalStatus.ABORTED, result, op.reason or "")
         except InvalidTransition:
             # "canceled" without a cancel request: the state machine has no such step.
-            goal.finish(GoalStatus.ABORTED, result)
+            goal.finish(GoalStatus.ABORTED, result, op.reason or "")
 
     def result_malformed(self, action: str, id: str | int | None, reason: str) -> None:
         """Abort the goal of an invalid result, so that its sender does not wait forever."""
