@@ -43,7 +43,7 @@ def main() -> int:
             print(difference.name if options.quiet else difference.text())
             if options.accept:
                 difference.accept(options.accept)
-        print(result.table(), result.summary(), sep="\n")
+        print(result.table(), result.summary(), result.kinds(), sep="\n")
         failed += not result.ok
         if options.cases and not options.names:
             failed += not _compare_cases(distro, options.real, options.cases, record=options.record)

@@ -27,6 +27,7 @@ _NORMAL: Final = (
     (re.compile(r"\[\d{9,}\.\d+\]"), "[TIME]"),
     (re.compile(r"\b1[5-9]\d{8}[.]?\d{6,9}\b"), "TIME"),
     (re.compile(r"(/[\w.+-]+)+/([\w.-]+\.(py|cpp|c|so))(:\d+)?"), r"PATH/\2"),
+    (re.compile(r"(, at \.?PATH/[\w.]+)+"), ""),  # Where rcl has found an error.
 )
 
 
@@ -76,10 +77,11 @@ class Rclpy:
 
 
 def our_rclpy(distro: str) -> Rclpy:
-    """Return this project's rclpy, which does not check fields by default, as the real one."""
+    """Return this project's rclpy with the defaults of its users."""
     path = os.pathsep.join([str(ROOT), *(each for each in sys.path if each)])
-    environment = {**os.environ, "PYTHONPATH": path, "ROS_DISTRO": distro, "RCUTILS_COLORIZED_OUTPUT": "0"}
-    return Rclpy(sys.executable, {**environment, "ROS_PYTHON_CHECK_FIELDS": "0"}, ("--ours",))
+    inherited = {name: value for name, value in os.environ.items() if name != "ROS_PYTHON_CHECK_FIELDS"}
+    environment = {**inherited, "PYTHONPATH": path, "ROS_DISTRO": distro, "RCUTILS_COLORIZED_OUTPUT": "0"}
+    return Rclpy(sys.executable, environment, ("--ours",))
 
 
 def real_rclpy(place: Path, distro: str) -> Rclpy:
@@ -107,6 +109,9 @@ def real_version(place: Path) -> str:
     return "" if found is None else found.name.removeprefix("ros_rclpy-").removesuffix(".dist-info")
 
 
+#: Outcome of `steps.fails` with the text of an exception, and a line of a logger.
+_WITHOUT_TEXT: Final = re.compile(r"( raises \w+):.*")
+_LOG_LINE: Final = re.compile(r"\[\w+ *\] \[TIME\]")
 _HEADING: Final = re.compile(r"^== ([\w.]+)\n", re.MULTILINE)
 
 
@@ -176,6 +181,17 @@ class Difference:
         return "\n".join(line.rstrip() for line in lines)
 
     @property
+    def kind(self) -> str:
+        """Class of the difference: behaviour, or only the text of an exception or of a log line."""
+        lines = [
+            [_WITHOUT_TEXT.sub(r"\1", line) for line in each.splitlines()] for each in (self.real, self.ours)
+        ]
+        if lines[0] == lines[1]:
+            return "text of an exception"
+        without = [[each for each in text if not _LOG_LINE.match(each)] for text in lines]
+        return "log" if without[0] == without[1] else "behaviour"
+
+    @property
     def file(self) -> Path:
         """File of the review: its reason, and what is printed here."""
         return HERE / "reviewed" / f"{self.name}.txt"
@@ -228,6 +244,15 @@ class Result:
         ]
         return "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
 
+    def kinds(self) -> str:
+        """Return the counts of unreviewed and reviewed differences by class as one line."""
+        rows = (("differ", self.unreviewed), ("reviewed", self.reviewed))
+        return "; ".join(
+            f"{name}: {', '.join(f'{number} in {kind}' for kind, number in sorted(counts.items())) or 'none'}"
+            for name, each in rows
+            for counts in [Counter(one.kind for one in each)]
+        )
+
     def summary(self) -> str:
         """Return the counts as one line."""
         total = len(self.same) + len(self.reviewed) + len(self.unreviewed)
@@ -255,11 +280,22 @@ def compare_ours(distro: str, real: Outputs, names: list[str]) -> Result:
     return result
 
 
+def _without_own_texts(real: str, ours: str) -> str:
+    """Return an output without our texts of exceptions for which the real one has none to match on."""
+    given, own = real.splitlines(), ours.splitlines()
+    if len(given) != len(own):
+        return ours
+    return "\n".join(
+        line if line.endswith(":") and each.startswith(f"{line} ") else each
+        for line, each in zip(given, own, strict=True)
+    )
+
+
 def compare(distro: str, real: Outputs, ours: Outputs) -> Result:
     """Compare the outputs of the programs that were played with both."""
     result = Result(distro)
     for name in sorted(set(real) & set(ours)):
-        difference = Difference(name, distro, real[name], ours[name])
+        difference = Difference(name, distro, real[name], _without_own_texts(real[name], ours[name]))
         if difference.real != difference.ours:
             (result.reviewed if difference.reviewed else result.unreviewed).append(difference)
             continue

@@ -35,6 +35,20 @@ def tell(label: object, function: Callable[..., Any], *args: Any, **kwargs: Any)
     return result
 
 
+def fails(label: object, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Print the result of a call, or the class of its exception and the first line of its text.
+
+    Programs match on that line; `differential.comparison` counts lines that differ in the text alone apart.
+    """
+    try:
+        result = function(*args, **kwargs)
+    except Exception as error:
+        print(label, "raises", f"{type(error).__name__}:", next(iter(str(error).splitlines()), ""))
+        return None
+    print(label, "->", repr(result))
+    return result
+
+
 @contextmanager
 def node(name: str = "node", *, args: list[str] | None = None, **options: Any) -> Iterator[Any]:
     """Initialise rclpy, and yield a node."""

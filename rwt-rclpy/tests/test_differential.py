@@ -25,6 +25,15 @@ def test_programs_that_kilted_changed_print_the_same_as_there() -> None:
     assert result.ok, "\n".join([result.summary(), *(each.text() for each in result.unreviewed)])
 
 
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("distro", REAL)
+def test_programs_like_the_tutorials_behave_the_same(distro: str) -> None:
+    areas = ["examples", "mistakes", "tutorials"]
+    result = compare_ours(distro, read_recorded(distro, areas), areas)
+    assert len(result.same) + len(result.reviewed) == 40
+    assert not [each.text() for each in (*result.reviewed, *result.unreviewed) if each.kind == "behaviour"]
+
+
 def test_two_hundred_programs_are_recorded() -> None:
     assert len(_JAZZY) >= 200 and set(_JAZZY) == set(_KILTED) and _JAZZY != _KILTED
 

@@ -77,12 +77,22 @@ def everything(made: MessageClasses, **fields: Any) -> Any:
         ("flags", [True]),
         ("words", [1]),
         ("points", ["here"]),
-        ("nowhere", 1),
     ],
 )
-def test_what_does_not_fit_is_refused(made: MessageClasses, field: str, value: object) -> None:
-    with pytest.raises(AssertionError, match=field):
-        everything(made, **{field: value})
+def test_checks_refuse_what_does_not_fit(made: MessageClasses, field: str, value: object) -> None:
+    message = everything(made, check_fields=True)
+    with pytest.raises(AssertionError, match=f"^The '{field}' "):
+        setattr(message, field, value)
+
+
+def test_checks_refuse_unknown_fields(made: MessageClasses) -> None:
+    with pytest.raises(AssertionError, match="Invalid arguments passed to constructor: nowhere"):
+        everything(made, nowhere=1, check_fields=True)
+
+
+def test_nothing_is_checked_by_default(made: MessageClasses) -> None:
+    message = everything(made, text=5, small=128, nowhere=1)
+    assert (message.text, message.small) == (5, 128)
 
 
 def test_checks_are_made_up_for_when_a_message_is_sent(made: MessageClasses) -> None:

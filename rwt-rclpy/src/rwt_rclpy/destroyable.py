@@ -14,12 +14,10 @@ class Destroyable:
     """Handle of an entity that is destroyed once it is unused; ``with handle:`` uses it.
 
     Args:
-        what: description for errors.
         on_destroy: called once, when it is destroyed.
     """
 
-    def __init__(self, what: str, on_destroy: Callable[[], None] | None = None) -> None:
-        self._what = what
+    def __init__(self, on_destroy: Callable[[], None] | None = None) -> None:
         self._on_destroy = on_destroy
         self._users = 0
         self._wanted_gone = False
@@ -48,7 +46,7 @@ class Destroyable:
     def check(self) -> None:
         """Raise :exc:`InvalidHandle` if it was destroyed."""
         if self._wanted_gone:
-            raise InvalidHandle(f"cannot use this {self._what}: it was destroyed")
+            raise InvalidHandle("cannot use Destroyable because destruction was requested")
 
     def destroy_when_not_in_use(self) -> None:
         """Destroy it now, or after its last use."""

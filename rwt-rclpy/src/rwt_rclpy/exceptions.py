@@ -13,9 +13,7 @@ class NotInitializedException(Exception):
     """The context is not initialised, or was shut down."""
 
     def __init__(self, message: str | None = None) -> None:
-        super().__init__(
-            "the context is not initialized: call rclpy.init() first" + (f" ({message})" if message else "")
-        )
+        super().__init__("rclpy.init() has not been called." + (f" msg:{message}" if message else ""))
 
 
 class NoTypeSupportImportedException(Exception):
@@ -53,7 +51,7 @@ class UnknownROSArgsError(RuntimeError):
     """An argument after ``--ros-args`` is unknown."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        super().__init__(f"Found unknown ROS arguments: {list(arguments)}")
+        super().__init__(f"{list(arguments)}")
         self.unknown_args = list(arguments)
 
 
@@ -169,7 +167,7 @@ class ParameterUninitializedException(ParameterException):
     """The parameter was declared without a value, and has none yet."""
 
     def __init__(self, parameter_name: str) -> None:
-        super().__init__("the parameter has no value yet", parameter_name)
+        super().__init__(f"The parameter '{parameter_name}' is not initialized", parameter_name)
 
 
 class ROSInterruptException(Exception):

@@ -203,7 +203,7 @@ class ActionClient(ActionEntity):
             RCLError: the client was destroyed.
         """
         if not isinstance(goal, self._action_type.Goal):
-            raise TypeError(f"Expected {self._action_type.Goal}, got {type(goal)}")
+            raise TypeError(f"Expected goal type ({self._action_type.Goal}) but received ({type(goal)})")
         if not self._handle:
             raise RCLError("Error sending goal request: the action client was destroyed")
         goal_id = goal_uuid or uuid_message(uuid.uuid4().bytes)

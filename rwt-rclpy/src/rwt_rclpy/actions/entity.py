@@ -33,11 +33,13 @@ class ActionEntity(Entity):
         self._action_type = action_type
         self._link = node.context._rwt_link
         self._waiting: deque[Callable[[], object]] = deque()
-        self._handle = Destroyable(self._what, self._close)
+        self._handle = Destroyable(self._close)
         try:
             self._name = node._rwt_resolved(action_name, "name")
         except NameValidationException as error:
-            raise ValueError(f"Action name is invalid: {error}") from error
+            raise ValueError(
+                f"Failed to create {self._what} due to invalid topic name '{action_name}' : {error.error_msg}"
+            ) from error
 
     def _join(self) -> None:
         """Let the node's executor handle the parts."""

@@ -147,8 +147,8 @@ class ServerGoalHandle:
             after = TRANSITIONS.get((self._status, event))
             if after is None:
                 raise RCLError(
-                    f"goal_handle attempted invalid transition from state {self._status.name} with"
-                    f" event {event.name}"
+                    f"Failed to update goal state: goal_handle attempted invalid transition from state"
+                    f" {self._status.name} with event {event.name}"
                 )
             self._status = after
         self._action_server._rwt_publish_status()
@@ -299,7 +299,7 @@ class ActionServer(ActionEntity):
     def register_execute_callback(self, callback: Callable[..., Any]) -> None:
         """Set the callback that executes goals. Raises TypeError if it is not callable."""
         if not callable(callback):
-            raise TypeError(f"Failed to register goal execution callback: not callable: {callback!r}")
+            raise TypeError("Failed to register goal execution callback: not callable")
         self._execute_callback = callback
 
     # Goals

@@ -142,7 +142,7 @@ class ClockHandle(Destroyable):
     """
 
     def __init__(self, clock_type: ClockType) -> None:
-        super().__init__("clock")
+        super().__init__()
         self.clock_type = clock_type
         self.override_ns: int | None = None
         self.last_set_ns = 0

@@ -49,7 +49,7 @@ class TimerHandle(Destroyable):
     """State of a timer, in nanoseconds of its clock."""
 
     def __init__(self, clock: Clock, period_ns: int, autostart: bool) -> None:
-        super().__init__("timer")
+        super().__init__()
         self._clock = clock.handle
         self.period_ns = period_ns
         self.canceled = not autostart
@@ -116,7 +116,7 @@ class Timer(Entity, Closable):
     ) -> None:
         super().__init__(callback_group)
         if timer_period_ns < 0:
-            raise RCLError(f"timer period must be non-negative, and {timer_period_ns} ns is not")
+            raise RCLError("failed to create timer: timer period must be non-negative")
         if timer_period_ns >= 2**63:
             raise TypeError(f"a timer's period of {timer_period_ns} ns does not fit 64 bits")
         self._clock = clock

@@ -37,7 +37,7 @@ def add_run_command(commands: Commands) -> None:
         "--check-fields",
         action=argparse.BooleanOptionalAction,
         help="check values when they are assigned to fields of messages, which ROS does not do by default"
-        " (default: ROS_PYTHON_CHECK_FIELDS, or yes)",
+        " (default: ROS_PYTHON_CHECK_FIELDS, or no)",
     )
     parser.add_argument(
         "program",

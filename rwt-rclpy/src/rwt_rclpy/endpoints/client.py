@@ -47,7 +47,7 @@ class Client(ServiceEndpoint):
     ) -> None:
         super().__init__(node, srv_type, srv_name, full_name, qos_profile, callback_group)
         self.context = node.context
-        self._handle = Destroyable("client", self._close)
+        self._handle = Destroyable(self._close)
         self._replies: deque[tuple[int, Payload | CallFailed]] = deque()
         self._pending_requests: dict[int, Future] = {}
         self._numbers = itertools.count(1)

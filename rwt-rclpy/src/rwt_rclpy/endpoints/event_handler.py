@@ -64,7 +64,7 @@ class EventHandler(Entity, Owner):
         super().__init__(callback_group)
         self.callback = callback
         self.event_type = event_type
-        self._handle = Destroyable("event")
+        self._handle = Destroyable()
         self._pending: Any = None
 
     def happened(self, info: Any) -> None:

@@ -10,6 +10,7 @@ from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.event_watches import TopicEndpoint
 from rwt_rclpy.endpoints.events import QoSPublisherEventType
 from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
+from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.messages.classes import Message
 
 if TYPE_CHECKING:
@@ -32,10 +33,15 @@ class Publisher(TopicEndpoint):
         event_handlers: list[EventHandler],
     ) -> None:
         super().__init__(link, msg_type, topic, qos_profile, event_handlers)
-        self._handle = Destroyable("publisher", self._close)
+        self._handle = Destroyable(self._close)
         self._publisher = publisher
         self._type = publisher.type
         self._to_graph = msg_type._rwt_to_graph
+        self._ended = False
+
+    def _rwt_context_ended(self) -> None:
+        """Refuse further messages."""
+        self._ended = True
 
     def _close(self) -> None:
         self._link.post(self._publisher.close)
@@ -46,10 +52,12 @@ class Publisher(TopicEndpoint):
         Raises:
             TypeError: the message is of another class.
             InvalidHandle: the publisher was destroyed.
+            RCLError: the context was shut down.
             InvalidMessage: the CDR does not fit the type.
         """
-        if not self._handle:
+        if self._ended or not self._handle:
             self._handle.check()
+            raise RCLError("Failed to publish: publisher's context is invalid")
         if isinstance(msg, self.msg_type):
             payload = Payload(self._type, self._to_graph(msg))
         elif isinstance(msg, bytes):

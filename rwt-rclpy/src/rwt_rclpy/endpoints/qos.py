@@ -38,8 +38,10 @@ def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
 class InvalidQoSProfileException(Exception):
     """The profile lacks a required policy."""
 
-    def __init__(self, *args: object) -> None:
-        super().__init__("Invalid QoSProfile", *args)
+    if not FROM_KILTED:
+
+        def __init__(self, *args: object) -> None:
+            super().__init__("Invalid QoSProfile", *args)
 
 
 class QoSPolicyEnum(IntEnum):
@@ -179,8 +181,10 @@ class QoSProfile:
     def __init__(self, **kwargs: Any) -> None:
         unknown = set(kwargs) - set(POLICIES)
         if unknown:
-            error = TypeError if FROM_KILTED else AssertionError
-            raise error(f"no such policy: {', '.join(sorted(unknown))}")
+            if FROM_KILTED:
+                name = sorted(unknown)[0]
+                raise TypeError(f"QoSProfile.__init__() got an unexpected keyword argument '{name}'")
+            raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()}")
         if "history" not in kwargs:
             if "depth" not in kwargs:
                 raise InvalidQoSProfileException("History and/or depth settings are required.")

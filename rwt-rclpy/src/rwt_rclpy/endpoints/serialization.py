@@ -18,12 +18,20 @@ def serialize_message(message: Any) -> bytes:
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
     """Return a message from CDR. Raises RMWError for what is none of that type."""
-    try:
-        return message_of(
-            Payload.from_cdr(type_behind(message_type), bytes(serialized_message)), message_type
+    kind = type_behind(message_type)
+    if not isinstance(serialized_message, (bytes, bytearray, memoryview)):
+        raise TypeError(
+            "rclpy_deserialize(): incompatible function arguments. The following argument types are"
+            f" supported:\n    bytes, not {type(serialized_message).__name__}"
         )
+    try:
+        return message_of(Payload.from_cdr(kind, bytes(serialized_message)), message_type)
     except InvalidMessage as error:
-        raise RMWError(f"failed to deserialize ROS message: {error}") from error
+        package, _, name = kind.name.partition("/")
+        raise RMWError(
+            "failed to deserialize ROS message: Fast CDR exception deserializing message of type"
+            f" {package}::msg::dds_::{name}_.\n    {error}"
+        ) from error
 
 
 def payload_of(message: Message) -> Payload:

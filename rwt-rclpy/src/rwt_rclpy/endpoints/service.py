@@ -64,7 +64,7 @@ class Service(ServiceEndpoint):
     ) -> None:
         super().__init__(node, srv_type, srv_name, full_name, qos_profile, callback_group)
         self._registration: Any = None
-        self._handle = Destroyable("service", self._close)
+        self._handle = Destroyable(self._close)
         self._calls: deque[RequestHeader] = deque()
         self._numbers = itertools.count(1)
         self.callback = callback

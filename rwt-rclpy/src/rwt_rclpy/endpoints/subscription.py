@@ -76,7 +76,7 @@ class Subscription(Entity, TopicEndpoint):
     ) -> None:
         Entity.__init__(self, callback_group)
         TopicEndpoint.__init__(self, link, msg_type, topic, qos_profile, event_handlers)
-        self._handle = Destroyable("subscription", self._close)
+        self._handle = Destroyable(self._close)
         self._from_graph = msg_type._rwt_from_graph
         self._subscription: Any = None
         keep_all = qos_profile.history is HistoryPolicy.KEEP_ALL

@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_rclpy.exceptions import NoTypeSupportImportedException
+from rwt_rclpy.release import FROM_KILTED
 
 T = TypeVar("T", MessageType, ServiceType, ActionType)
 
@@ -18,12 +19,11 @@ def check_for_type_support(msg_or_srv_type: Any) -> None:
         NoTypeSupportImportedException: it has no type.
     """
     try:
-        support = msg_or_srv_type.__class__._TYPE_SUPPORT
+        support = (msg_or_srv_type if FROM_KILTED else msg_or_srv_type.__class__)._TYPE_SUPPORT
     except AttributeError as error:
         raise AttributeError(
-            f"{msg_or_srv_type!r} is no message, service or action of ROS 2: expected a class such as"
-            " std_msgs.msg.String",
-            *error.args,
+            f"{error} This might be a ROS 1 message type but it should be a ROS 2 message type. Make sure to"
+            " source your ROS 2 workspace after your ROS 1 workspace."
         ) from None
     if support is None:
         msg_or_srv_type.__class__.__import_type_support__()
@@ -51,14 +51,26 @@ def check_is_valid_srv_type(srv_type: Any) -> None:
 
 def message_type(msg_type: Any) -> MessageType:
     """Return the type of a message class. Raises RuntimeError for other classes."""
-    return _type_of(msg_type, MessageType, f"The message type {msg_type!r} provided is not valid")
+    return _type_of(
+        msg_type,
+        MessageType,
+        f"The message type provided is not valid ({msg_type!r}), this might be a service or action",
+    )
 
 
 def service_type(srv_type: Any) -> ServiceType:
     """Return the type of a service class. Raises RuntimeError for other classes."""
-    return _type_of(srv_type, ServiceType, f"The service type {srv_type!r} provided is not valid")
+    return _type_of(
+        srv_type,
+        ServiceType,
+        f"The service type provided is not valid ({srv_type!r}), this might be a message or action",
+    )
 
 
 def action_type(cls: Any) -> ActionType:
     """Return the type of an action class. Raises RuntimeError for other classes."""
-    return _type_of(cls, ActionType, f"{cls!r} is not an action")
+    return _type_of(
+        cls,
+        ActionType,
+        f"The action type provided is not valid ({cls!r}), this might be a message or service",
+    )

@@ -8,7 +8,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from rwt_rclpy.clocks.timekeeper import Waker
 from rwt_rclpy.destroyable import Destroyable
@@ -17,6 +17,9 @@ from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 from rwt_rclpy.names.arguments import RosArguments, parse_arguments
 from rwt_rclpy.names.validation import wrong_in_namespace
 from rwt_rclpy.release import FROM_KILTED
+
+if TYPE_CHECKING:
+    from rwt_rclpy.nodes.node import Node
 
 OnShutdown = Callable[[], object]
 
@@ -31,7 +34,7 @@ class ContextHandle(Destroyable):
     """
 
     def __init__(self, arguments: RosArguments, domain: int) -> None:
-        super().__init__("context")
+        super().__init__()
         self.arguments = arguments
         self.domain = domain
         self.link: Link = DOMAINS.link(domain)
@@ -60,6 +63,7 @@ class Context:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._callbacks: list[Callable[[], OnShutdown | None]] = []
+        self._rwt_nodes: weakref.WeakSet[Node] = weakref.WeakSet()
         self._wakers: weakref.WeakSet[Waker] = weakref.WeakSet()
         self._handle: ContextHandle | None = None
 
@@ -133,6 +137,8 @@ class Context:
             callback = weak()
             if callback is not None:
                 callback()
+        for node in tuple(self._rwt_nodes):
+            node._rwt_context_ended()
         self._wake()
 
     def _wake(self) -> None:

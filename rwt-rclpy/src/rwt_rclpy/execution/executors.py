@@ -96,7 +96,11 @@ class Executor(Waker):
         self._context = get_default_context() if context is None else context
         if self._context.handle is None:
             error = RuntimeError if FROM_KILTED else TypeError
-            raise error("an executor needs a context that was initialized")
+            raise error(
+                "Context must be initialized a GuardCondition can be created"
+                if FROM_KILTED
+                else "'NoneType' object does not support the context manager protocol"
+            )
         self._keeper = timekeeper.current()
         self._condition = self._keeper.condition()
         self._woken = False
@@ -128,7 +132,7 @@ class Executor(Waker):
 
     def _require_running(self) -> None:
         if self._is_shutdown and not FROM_KILTED:
-            raise AttributeError("the executor was shut down")
+            raise AttributeError("'NoneType' object has no attribute 'trigger'")
 
     if FROM_KILTED:
 

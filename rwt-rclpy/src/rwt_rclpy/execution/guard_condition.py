@@ -24,7 +24,7 @@ class GuardCondition(Entity, Owner):
     ) -> None:
         super().__init__(callback_group)
         self.callback = callback
-        self._handle = Destroyable("guard condition")
+        self._handle = Destroyable()
         self._triggered = False
 
     def trigger(self) -> None:

@@ -20,7 +20,7 @@ from rwt_interfaces.errors import UnknownType
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType, python_name
 from rwt_rclpy.messages.fields import NUMBER_CODES, Convert, MessageField, Nested, message_field
-from rwt_rclpy.messages.slot_types import AbstractSequence, BasicType, SlotType
+from rwt_rclpy.messages.slot_types import AbstractSequence, BasicType, SlotType, UnboundedSequence
 
 T = TypeVar("T")
 
@@ -32,8 +32,8 @@ def module_of(name: str) -> str:
     return "_" + _WORD_ENDS.sub("_", name).lower()
 
 
-#: Whether setters check: unless the environment has ``ROS_PYTHON_CHECK_FIELDS=0``.
-FIELDS_ARE_CHECKED = os.environ.get("ROS_PYTHON_CHECK_FIELDS", "1") != "0"
+#: True if setters check: with ``ROS_PYTHON_CHECK_FIELDS=1``, as in the real one.
+FIELDS_ARE_CHECKED = os.environ.get("ROS_PYTHON_CHECK_FIELDS") == "1"
 
 
 class InterfaceMeta(type):
@@ -71,14 +71,14 @@ class Message(metaclass=InterfaceMeta):
             return
         for field in self._rwt_fields:
             if field.name in kwargs:
-                setattr(self, field.name, kwargs.pop(field.name))
+                value = kwargs.pop(field.name)
+                if self._check_fields and isinstance(field.type, AbstractSequence):
+                    value = field.store(value)  # rosidl's constructors convert sequences before the check.
+                setattr(self, field.name, value)
             else:
                 setattr(self, f"_{field.name}", field.default())
         if kwargs and self._check_fields:
-            known = ", ".join(self._fields_and_field_types) or "none"
-            raise AssertionError(
-                f"{type(self).__name__} has no field {', '.join(sorted(kwargs))}; its fields are {known}"
-            )
+            raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(sorted(kwargs))}")
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
@@ -303,14 +303,23 @@ def _writer(message: MessageType, fields: tuple[MessageField, ...]) -> Convert:
         f"m._{field.name}" if field.to_graph is None else f"c{i}(m._{field.name})"
         for i, field in enumerate(fields)
     )
+    checked = tuple(each for each in fields if not _is_always_valid(each))
     source = f"def convert(m):\n    if not m._check_fields:\n        verify(m)\n    return struct({values})"
-    return _compiled(source, {**converts, "struct": message.struct, "verify": partial(_verify, fields)})
+    return _compiled(source, {**converts, "struct": message.struct, "verify": partial(_verify, checked)})
 
 
 def _verify(fields: tuple[MessageField, ...], message: Message) -> None:
     """Check fields that setters did not check; raises AssertionError like them."""
     for field in fields:
         field.check(getattr(message, field.name))
+
+
+def _is_always_valid(field: MessageField) -> bool:
+    """True for sequences of numbers of any length: setters convert them, and a check would copy them."""
+    kind = field.type
+    if not isinstance(kind, UnboundedSequence):
+        return False
+    return isinstance(kind.value_type, BasicType) and kind.value_type.typename in NUMBER_CODES
 
 
 def _reader(message: MessageType, fields: tuple[MessageField, ...], cls: type[Message]) -> Convert:

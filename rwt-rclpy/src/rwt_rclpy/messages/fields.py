@@ -8,9 +8,11 @@ arrays of a fixed length, `bytes` of one octet for `byte`.
 from __future__ import annotations
 
 import math
+import sys
 from array import array
 from collections import UserList, UserString
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import contextmanager
 from ctypes import c_float
 from dataclasses import dataclass
 from functools import partial
@@ -230,59 +232,98 @@ def _element_check(name: str, element: AbstractNestableType, inner: Nested | Non
             return partial(_check_octet, name)
         if kind in slot_types.FLOATING_POINT_TYPES:
             return partial(_check_float, name, _FLOAT32_LIMIT if kind == "float" else math.inf)
-        bits = int(kind.lstrip("uint"))
-        signed = not kind.startswith("u")
-        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
-        return partial(_check_int, name, kind, low, high)
+        return partial(_check_int, name, kind, *_range(kind))
     bound = element.maximum_size if isinstance(element, (BoundedString, BoundedWString)) else None
     return partial(_check_string, name, bound)
 
 
-def _wrong(name: str, expected: str, value: object) -> AssertionError:
-    shown = repr(value)
-    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-    return AssertionError(f"field '{name}': expected {expected}, got {type(value).__name__} {shown}")
+def _wrong(name: str, expected: str) -> AssertionError:
+    return AssertionError(f"The '{name}' field must be {expected}")
+
+
+def _integer(kind: str) -> str:
+    return "an unsigned integer" if kind.startswith("u") else "an integer"
+
+
+def _items_text(written: WrittenType, element: AbstractNestableType) -> str:
+    """Return what rosidl's setters say of a sequence or an array."""
+    length = ""
+    if written.length is not None:
+        length = f" with length {written.length}"
+    elif written.bound is not None:
+        length = f" with length <= {written.bound}"
+    return f"a set or sequence{length} and each value of type {_each_text(element)}"
+
+
+def _each_text(element: AbstractNestableType) -> str:
+    if isinstance(element, NamespacedType):
+        return f"'{element.name}'"
+    if not isinstance(element, BasicType):
+        return "'str'"
+    kind = element.typename
+    if kind in slot_types.FLOATING_POINT_TYPES:
+        limit = f"{_FLOAT32_LIMIT if kind == 'float' else sys.float_info.max:.6f}"
+        return f"'float' and each {kind} in [-{limit}, {limit}]"
+    if kind in ("boolean", "octet"):
+        return {"boolean": "'bool'", "octet": "'bytes'"}[kind]
+    low, high = _range(kind)
+    return f"'int' and each {_integer(kind).partition(' ')[2]} in [{low}, {high}]"
+
+
+def _range(kind: str) -> tuple[int, int]:
+    """Return the smallest and largest value of an integer type."""
+    bits = int(kind.lstrip("uint"))
+    return (0, (1 << bits) - 1) if kind.startswith("u") else (-(1 << bits - 1), (1 << bits - 1) - 1)
+
+
+@contextmanager
+def _as_items(name: str, text: str) -> Iterator[None]:
+    """Raise the error of an element as that of the whole field."""
+    try:
+        yield
+    except AssertionError:
+        raise _wrong(name, text) from None
 
 
 def _check_message(name: str, cls: type, value: Any) -> Any:
     if not isinstance(value, cls):
-        raise _wrong(name, f"a message {cls.__name__}", value)
+        raise _wrong(name, f"a sub message of type '{cls.__name__}'")
     return value
 
 
 def _check_bool(name: str, value: Any) -> Any:
     if not isinstance(value, bool):
-        raise _wrong(name, "bool", value)
+        raise _wrong(name, "of type 'bool'")
     return value
 
 
 def _check_octet(name: str, value: Any) -> Any:
     if not isinstance(value, (bytes, bytearray)) or len(value) != 1:
-        raise _wrong(name, "bytes of length 1", value)
+        raise _wrong(name, "of type 'bytes' or 'ByteString' with length 1")
     return value
 
 
 def _check_float(name: str, bound: float, value: Any) -> Any:
     if not isinstance(value, float):
-        raise _wrong(name, f"float (write {value}.0)" if type(value) is int else "float", value)
+        raise _wrong(name, "of type 'float'")
     if abs(value) > bound and not math.isinf(value):
-        raise _wrong(name, f"a float within ±{bound:g}", value)
+        raise _wrong(name, f"a float in [-{bound}, {bound}]")
     return value
 
 
 def _check_int(name: str, kind: str, low: int, high: int, value: Any) -> Any:
     if not isinstance(value, int):
-        raise _wrong(name, f"int ({kind})", value)
+        raise _wrong(name, "of type 'int'")
     if not low <= value <= high:
-        raise _wrong(name, f"{kind}, an integer in [{low}, {high}]", value)
+        raise _wrong(name, f"{_integer(kind)} in [{low}, {high}]")
     return value
 
 
 def _check_string(name: str, bound: int | None, value: Any) -> Any:
     if not isinstance(value, (str, UserString) if bound is not None else str):
-        raise _wrong(name, "str", value)
+        raise _wrong(name, "of type 'str'" if bound is None else f"string value not longer than {bound}")
     if bound is not None and len(value) > bound:
-        raise _wrong(name, f"a string of at most {bound} characters", value)
+        raise _wrong(name, f"string value not longer than {bound}")
     return value
 
 
@@ -293,7 +334,7 @@ def _number_field(field: Field, element: BasicType) -> MessageField:
     written, kind = field.type, element.typename
     code = NUMBER_CODES[kind]
     slot_type, text = _sequence_type(written, element)
-    check_one = _element_check(field.name, element, None)
+    check_one, shown = _element_check(field.name, element, None), _items_text(written, element)
     octets = written.name in ("uint8", "char") and written.bound is None
     given = () if field.default is None else _as_tuple(field.default)
     if written.length is not None:
@@ -304,16 +345,16 @@ def _number_field(field: Field, element: BasicType) -> MessageField:
             slot_type,
             text,
             start.copy,
-            partial(_check_fixed, field.name, dtype, written.length, check_one),
+            partial(_check_fixed, field.name, dtype, written.length, shown, check_one),
             partial(np.array, dtype=dtype),
             _bytes_of if octets else _list_or_numpy,
             partial(_fixed_from_graph, dtype),
         )
     sequence = partial(MessageField, field.name, slot_type, text, partial(array, code, given))
     if octets:
-        check: Check = partial(_check_octets, field.name, check_one)
+        check: Check = partial(_check_octets, field.name, shown, check_one)
         return sequence(check, _store_octets, _octets_to_graph, _octets_from_graph, _thawed)
-    check = partial(_check_numbers, field.name, code, written.bound, check_one)
+    check = partial(_check_numbers, field.name, code, written.bound, shown, check_one)
     return sequence(check, partial(_numbers, code), _list_or_numpy, partial(_numbers, code))
 
 
@@ -328,39 +369,47 @@ def _numbers(code: str, value: Any) -> array[Any]:
     return array(code, value)
 
 
-def _check_numbers(name: str, code: str, bound: int | None, check_one: Check, value: Any) -> array[Any]:
-    if bound is not None and len(value) > bound:
-        raise _wrong(name, f"at most {bound} elements", value)
+def _check_numbers(
+    name: str, code: str, bound: int | None, text: str, check_one: Check, value: Any
+) -> array[Any]:
     if isinstance(value, array):
         if value.typecode != code:
-            raise _wrong(name, f"an array.array of typecode {code!r}", value)
+            raise AssertionError(f"The '{name}' array.array() must have the type code of '{code}'")
+        if bound is not None and len(value) > bound:
+            raise AssertionError(f"The '{name}' array.array() must have a size <= {bound}")
         return value[:]
+    if bound is not None and len(value) > bound:
+        raise _wrong(name, text)
     if isinstance(value, (bytes, bytearray, memoryview)) and code == "B":
         return array(code, bytes(value))
-    _check_sequence(name, value)
-    for item in value:
-        check_one(item)
+    _check_sequence(name, text, value)
+    with _as_items(name, text):
+        for item in value:
+            check_one(item)
     return array(code, value)
 
 
-def _check_sequence(name: str, value: Any) -> None:
+def _check_sequence(name: str, text: str, value: Any) -> None:
     if not isinstance(value, (Sequence, Set, UserList)) or isinstance(value, (str, UserString)):
-        raise _wrong(name, "a sequence or set", value)
+        raise _wrong(name, text)
 
 
-def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check, value: Any) -> np.ndarray:
+def _check_fixed(
+    name: str, dtype: np.dtype[Any], length: int, text: str, check_one: Check, value: Any
+) -> np.ndarray:
     if isinstance(value, np.ndarray):
         if value.dtype != dtype:
-            raise _wrong(name, f"a numpy array of dtype {dtype}", value)
+            raise AssertionError(f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype}'")
         if value.size != length:
-            raise _wrong(name, f"a numpy array of {length} elements", value)
+            raise AssertionError(f"The '{name}' numpy.ndarray() must have a size of {length}")
         return value.copy()
     if isinstance(value, (bytes, bytearray, memoryview, array)):
         value = list(value)
-    _check_sequence(name, value)
+    _check_sequence(name, text, value)
     if len(value) != length:
-        raise _wrong(name, f"{length} elements", value)
-    return np.array([check_one(item) for item in value], dtype)
+        raise _wrong(name, text)
+    with _as_items(name, text):
+        return np.array([check_one(item) for item in value], dtype)
 
 
 # Octets, such as the pixels of an image, are stored as the received bytes, which are immutable
@@ -380,9 +429,9 @@ def _store_octets(value: Any) -> bytes | array[Any]:
     return _numbers("B", value) if octets is None else octets
 
 
-def _check_octets(name: str, check_one: Check, value: Any) -> bytes | array[Any]:
+def _check_octets(name: str, text: str, check_one: Check, value: Any) -> bytes | array[Any]:
     octets = _octets(value)
-    return _check_numbers(name, "B", None, check_one, value) if octets is None else octets
+    return _check_numbers(name, "B", None, text, check_one, value) if octets is None else octets
 
 
 def _octets_to_graph(value: bytes | array[Any]) -> bytes:
@@ -436,7 +485,9 @@ def _items(field: Field, element: AbstractNestableType, inner: Nested | None) ->
         slot_type,
         text,
         default,
-        partial(_check_items, field.name, written.length, written.bound, check_one),
+        partial(
+            _check_items, field.name, written.length, written.bound, _items_text(written, element), check_one
+        ),
         _same,
         list if to_graph is None else partial(_each, to_graph),
         list if from_graph is None else partial(_each, from_graph),
@@ -451,12 +502,15 @@ def _each(convert: Convert, values: Any) -> list[Any]:
     return [convert(value) for value in values]
 
 
-def _check_items(name: str, length: int | None, bound: int | None, check_one: Check, value: Any) -> Any:
-    _check_sequence(name, value)
+def _check_items(
+    name: str, length: int | None, bound: int | None, text: str, check_one: Check, value: Any
+) -> Any:
+    _check_sequence(name, text, value)
     if length is not None and len(value) != length:
-        raise _wrong(name, f"{length} elements", value)
+        raise _wrong(name, text)
     if bound is not None and len(value) > bound:
-        raise _wrong(name, f"at most {bound} elements", value)
-    for item in value:
-        check_one(item)
+        raise _wrong(name, text)
+    with _as_items(name, text):
+        for item in value:
+            check_one(item)
     return value

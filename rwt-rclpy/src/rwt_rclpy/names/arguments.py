@@ -228,7 +228,8 @@ def parse_remap(text: str) -> Remap:
     found = _REMAPPED.fullmatch(left)
     if found is None:
         raise RCLInvalidROSArgsError(
-            f"Failed to parse ROS arguments: the remap rule '{text}' should be [NODE:]FROM:=TO"
+            f"failed to initialize rcl: Couldn't parse remap rule: '-r {text}'. Error:"
+            " expected [NODE:]FROM:=TO"
         )
     node, scheme, old = found.groups()
     kind, pattern = _SPECIAL.get(old, (_KINDS[scheme], _NAME))
@@ -243,7 +244,8 @@ def _parse_parameter(text: str) -> tuple[str, str, Any]:
     left, separator, value = text.partition(":=")
     if not separator or not left:
         raise RCLInvalidROSArgsError(
-            f"Failed to parse ROS arguments: the parameter '{text}' should be NAME:=VALUE"
+            f"failed to initialize rcl: Couldn't parse parameter override rule: '-p {text}'."
+            " Error: expected NAME:=VALUE"
         )
     node, colon, name = left.partition(":")
     if not colon:

@@ -32,7 +32,6 @@ _FULL_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/]")
 _TOPIC_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/~{}]")
 _SUBSTITUTION: Final = re.compile(r"\{([^{}]*)\}")
 _BAD_SUBSTITUTION: Final = re.compile(r"\{(?:[0-9]|[^}]*/)")
-_SUBSTITUTIONS: Final = ("node", "ns", "namespace")
 
 _Wrong = tuple[str, int] | None
 
@@ -44,9 +43,9 @@ def _characters(pattern: re.Pattern[str], name: str, kind: str, allowed: str) ->
     return f"{kind} must not contain characters other than {allowed}", found.start()
 
 
-def _numbers(name: str, kind: str) -> _Wrong:
+def _numbers(name: str, kind: str, what: str = "start with") -> _Wrong:
     found = _BAD_TOKEN.search(name)
-    return None if found is None else (f"{kind} must not start with a number", found.start(1))
+    return None if found is None else (f"{kind} must not {what} a number", found.start(1))
 
 
 def _end(name: str, kind: str) -> _Wrong:
@@ -79,7 +78,7 @@ def wrong_in_node_name(name: str) -> _Wrong:
         name, "node name"
     )
     if wrong is None and len(name) > _LONGEST:
-        return f"node name is longer than {_LONGEST} characters", _LONGEST
+        return f"node name length should not exceed '{_LONGEST}'", _LONGEST
     return wrong
 
 
@@ -92,7 +91,7 @@ def wrong_in_namespace(name: str) -> _Wrong:
     return (
         _slashes(name, "namespace")
         or _characters(_FULL_CHARACTERS, name, "namespace", "alphanumerics, '_', or '/'")
-        or _numbers(name, "namespace tokens")
+        or _numbers(name, "namespace", "have a token that starts with")
         or _length(name, "namespace", _LONGEST_NAMESPACE)
     )
 
@@ -100,14 +99,14 @@ def wrong_in_namespace(name: str) -> _Wrong:
 def wrong_in_full_name(name: str) -> _Wrong:
     """Return the error in an absolute topic name and its position; None if there is none."""
     if not name:
-        return "topic name must not be empty", 0
+        return "topic name must not be empty string", 0
     if not name.startswith("/"):
         return "topic name must be absolute, it must lead with a '/'", 0
     return (
         (("topic name must not end with a forward slash", 0) if name == "/" else None)
         or _slashes(name, "topic name")
         or _characters(_FULL_CHARACTERS, name, "topic name", "alphanumerics, '_', or '/'")
-        or _numbers(name, "topic name tokens")
+        or _numbers(name, "topic name token")
         or _length(name, "topic name", _LONGEST_TOPIC)
     )
 
@@ -115,12 +114,12 @@ def wrong_in_full_name(name: str) -> _Wrong:
 def wrong_in_topic_name(name: str) -> _Wrong:
     """Return the error in a name before expansion and its position; None if there is none."""
     if not name:
-        return "topic name must not be empty", 0
+        return "topic name must not be empty string", 0
     wrong = (
         (("topic name must not end with a forward slash", 0) if name == "/" else None)
         or _end(name, "topic name")
         or _characters(_TOPIC_CHARACTERS, name, "topic name", "alphanumerics, '_', '~', '{', or '}'")
-        or _numbers(name, "topic name tokens")
+        or _numbers(name, "topic name token")
     )
     if wrong is not None:
         return wrong
@@ -187,13 +186,13 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
         ValueError: the node's name, its namespace or the topic's name is invalid.
     """
     _check_text(topic_name, RCLError)
-    for what, wrong in (
-        ("topic name", wrong_in_topic_name(topic_name)),
-        ("node name", wrong_in_node_name(node_name)),
-        ("namespace", wrong_in_namespace(node_namespace)),
+    for what, name, wrong in (
+        ("topic name", topic_name, wrong_in_topic_name(topic_name)),
+        ("node name", node_name, wrong_in_node_name(node_name)),
+        ("namespace", node_namespace, wrong_in_namespace(node_namespace)),
     ):
         if wrong is not None:
-            raise ValueError(f"{what} is invalid: {wrong[0]}")
+            raise ValueError(f"{what} '{name}' is invalid: {wrong[0]}")
     full_node = f"{node_namespace.rstrip('/')}/{node_name}"
     if topic_name.startswith("~"):
         topic_name = full_node + topic_name[1:]
@@ -201,9 +200,7 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
 
     def value(found: re.Match[str]) -> str:
         if found[1] not in values:
-            raise ValueError(
-                f"topic name is invalid: unknown substitution {found[1]!r}, there are {_SUBSTITUTIONS}"
-            )
+            raise ValueError(f"topic name '{topic_name}' is invalid: unknown substitution: {found[0]}")
         return values[found[1]]
 
     expanded = _SUBSTITUTION.sub(value, topic_name)

@@ -41,14 +41,25 @@ class GraphQueries:
         """Return every topic with its types; with `no_demangle` under DDS's names, as rmw prefixes them."""
         if no_demangle:
             return [(f"rt{name}", [_dds_type(each) for each in types]) for name, types in self.topics()]
-        return [(topic.name, self._types(topic)) for topic in self._link.run(self._graph.topics)]
+        found = ((topic, self._types(topic)) for topic in self._link.run(self._graph.topics))
+        return [(topic.name, types) for topic, types in found if types]
 
     def _types(self, topic: TopicInfo) -> list[str]:
-        ends = (*topic.publishers, *topic.subscribers)
+        publishers = self._publishers(topic)
+        ends = (*publishers, *topic.subscribers)
+        if not ends and topic.publishers:
+            return []
         named = dict.fromkeys(end.type for end in ends if end.type)
         if not named and topic.type is not None:
             named = {self._graph.registry.type_name(topic.type): None}
         return list(named)
+
+    def _publishers(self, topic: TopicInfo) -> tuple[EndpointInfo, ...]:
+        """Return the publishers of nodes: the graph's own one only names the release to viewers."""
+        if topic.name != "/rosout":
+            return topic.publishers
+        own = self._graph.registry.distro.graph_node
+        return tuple(each for each in topic.publishers if each.node != own)
 
     def services(self) -> NamesAndTypes:
         """Return all services with their types."""
@@ -120,7 +131,7 @@ class GraphQueries:
         info = self._link.run(lambda: self._graph.topic(topic))
         if info is None:
             return ()
-        return info.publishers if publishers else info.subscribers
+        return self._publishers(info) if publishers else info.subscribers
 
     def incompatible(self, topic: str, own: QoS, *, publishers: bool) -> list[tuple[str, ...]]:
         """Return the policies by which endpoints are incompatible with one that has `own`, for each."""
@@ -151,7 +162,7 @@ class GraphQueries:
         if info is None:
             return []
         kind = TopicEndpointTypeEnum.PUBLISHER if publishers else TopicEndpointTypeEnum.SUBSCRIPTION
-        ends = info.publishers if publishers else info.subscribers
+        ends = self._publishers(info) if publishers else info.subscribers
         seen: Counter[str] = Counter()
         found = []
         for end in ends:

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 from rwt_rclpy.endpoints.publisher import Publisher
 from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.exceptions import RCLError
+from rwt_rclpy.logs.logger import get_logger
 from rwt_rclpy.messages.loaded import classes, message_class
 from rwt_rclpy.nodes.node import Node
 from rwt_rclpy.release import FROM_KILTED
@@ -113,7 +114,7 @@ class StateMachine:
         for number, name, start, _ in _TRANSITIONS:
             if start == self._state and name == label:
                 return number
-        raise self._impossible(label)
+        raise RCLError(f"Failed to find transition '{label}' of state {_STATES[self._state]}")
 
     def trigger_transition_by_id(self, transition_id: int, publish: bool = True) -> None:
         """Change the state. Raises RCLError if the transition is not possible in the present one."""
@@ -123,18 +124,18 @@ class StateMachine:
                 if publish:
                     self._on_change(start, goal)
                 return
-        raise self._impossible(transition_id)
+        state = _STATES[self._state]
+        logger = get_logger("rcl_lifecycle")
+        logger.warning(f"No transition matching {transition_id} found for current state {state}")
+        if FROM_KILTED:
+            raise RCLError(
+                f"Unable to start transition {transition_id} from current state ({self._state}, '{state}')"
+            )
+        raise RCLError("Failed to trigger lifecycle state machine transition: Transition is not registered.")
 
     def trigger_transition_by_label(self, label: str, publish: bool = True) -> None:
         """Change the state. Raises RCLError if the transition is not possible in the present one."""
         self.trigger_transition_by_id(self.get_transition_by_label(label), publish)
-
-    def _impossible(self, wanted: str | int) -> RCLError:
-        possible = [label for _, label, start, _ in _TRANSITIONS if start == self._state]
-        return RCLError(
-            f"Failed to trigger lifecycle state machine transition: {wanted!r} is not possible in state"
-            f" {_STATES[self._state]}; possible are {possible}"
-        )
 
 
 class ManagedEntity:

@@ -35,7 +35,7 @@ from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
-from rwt_rclpy.exceptions import InvalidHandle, NameValidationException, NotInitializedException, RCLError
+from rwt_rclpy.exceptions import NameValidationException, NotInitializedException, RCLError
 from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from rwt_rclpy.execution.callback_groups import (
     CallbackGroup,
@@ -77,7 +77,7 @@ class NodeHandle(Destroyable):
     """Handle in place of rclpy's pointer to a node."""
 
     def __init__(self, name: str, namespace: str, on_destroy: Callable[[], None]) -> None:
-        super().__init__("node", on_destroy)
+        super().__init__(on_destroy)
         self._name = name
         self._namespace = namespace
 
@@ -150,6 +150,7 @@ class Node(NodeParameters):
         self._rwt_participant = self._rwt_link.run(lambda: self._rwt_link.graph.participant(full))
         self._rwt_queries = GraphQueries(self._rwt_link)
         self._begin_entities()
+        self._context._rwt_nodes.add(self)
         self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rate_group = ReentrantCallbackGroup()
         self._rwt_executor: weakref.ref[Executor] | None = None
@@ -361,16 +362,41 @@ class Node(NodeParameters):
         if isinstance(qos_or_depth, QoSProfile):
             return qos_or_depth
         if not isinstance(qos_or_depth, int):
-            raise TypeError(f"Expected QoSProfile or int, but received '{type(qos_or_depth)!r}'")
+            raise TypeError(f"Expected QoSProfile or int, but received {type(qos_or_depth)!r}")
         if qos_or_depth < 0:
             raise ValueError("history depth must be greater than or equal to zero")
         return QoSProfile(depth=qos_or_depth)
 
-    def _rwt_require_context(self, error: type[Exception]) -> None:
+    def _rwt_require_context(self, what: str) -> None:
+        """Raise as rcl does after the end of the context; from Kilted on, that destroys the node."""
+        self._handle.check()
+        self._rwt_require_valid_context(what)
+
+    def _rwt_require_valid_context(self, what: str) -> None:
         if not self._context.ok():
-            raise error("the context was shut down")
+            raise RCLError(f"{what}: rcl node's context is invalid")
+
+    def _rwt_context_ended(self) -> None:
+        """Refuse further use: called once, when the context was shut down."""
+        for publisher in self._publishers:
+            publisher._rwt_context_ended()
+        if FROM_KILTED:
+            for entity in (
+                *self._publishers,
+                *self._subscriptions,
+                *self._clients,
+                *self._services,
+                *self._timers,
+            ):
+                entity.handle.destroy_when_not_in_use()
+            self._handle.destroy_when_not_in_use()
 
     def _rwt_resolved(self, name: str, kind: str) -> str:
+        if not isinstance(name, str):
+            raise TypeError(
+                "rclpy_resolve_name(): incompatible function arguments. The following argument types are"
+                f" supported:\n    a name is a str, not {type(name).__name__}"
+            )
         service = kind == "service"
         validate_topic_name(name, is_service=service)
         expanded = expand_topic_name(name, self.get_name(), self.get_namespace())
@@ -435,7 +461,7 @@ class Node(NodeParameters):
     ) -> Iterator[Watched]:
         """Yield an endpoint that is about to be made, for the handlers of its events."""
         profile = self._rwt_profile(qos)
-        self._rwt_require_context(InvalidHandle if FROM_KILTED else RCLError)
+        self._rwt_require_context(f"Failed to create {kind.__name__.lower()}")
         with self._handle:
             name = self._rwt_resolved(topic, "topic")
             if overriding is not None:
@@ -519,6 +545,7 @@ class Node(NodeParameters):
     ) -> Client:
         """Create a client."""
         check_is_valid_srv_type(srv_type)
+        self._rwt_require_context("failed to create client")
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
         client = Client(self, srv_type, srv_name, name, qos_profile, callback_group)
@@ -538,6 +565,7 @@ class Node(NodeParameters):
     ) -> Service:
         """Create a service."""
         interface = service_type(srv_type)
+        self._rwt_require_context("failed to create service")
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
             service = Service(self, srv_type, srv_name, name, callback, callback_group, qos_profile)
@@ -566,7 +594,7 @@ class Node(NodeParameters):
             clock: clock of the period; by default the node's.
             autostart: True to start at once.
         """
-        self._rwt_require_context(RCLError)
+        self._rwt_require_valid_context("failed to create timer")
         with self._handle:
             timer = Timer(
                 callback,
@@ -585,7 +613,7 @@ class Node(NodeParameters):
         self, callback: Callable[[], object], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
         """Create a guard condition."""
-        self._rwt_require_context(RCLError)
+        self._rwt_require_valid_context("failed to create guard_condition")
         with self._handle:
             guard = GuardCondition(callback, callback_group, self._context)
         self._rwt_adopt(guard, callback_group)
@@ -711,7 +739,7 @@ class Node(NodeParameters):
 
     def _rwt_publish(self, line: output.LogLine) -> None:
         publisher = self._rwt_rosout
-        if publisher is None or not publisher.handle:
+        if publisher is None or not publisher.handle or not self._context.ok():
             return
         sec, nanosec = divmod(line.stamp_ns, S_TO_NS)
         stamp = message_class("builtin_interfaces/Time")(sec=sec, nanosec=nanosec)
@@ -790,6 +818,7 @@ class Node(NodeParameters):
 
     def get_fully_qualified_node_names(self) -> list[str]:
         """The absolute names of all nodes."""
+        self._rwt_require_context("Failed to get node names")
         with self._handle:
             return self._rwt_queries.nodes()
 
@@ -804,13 +833,22 @@ class Node(NodeParameters):
 
     def count_publishers(self, topic_name: str) -> int:
         """Return the number of publishers of a topic; the name is not remapped."""
-        return len(self._rwt_queries.ends(self._rwt_absolute(topic_name), publishers=True))
+        return len(
+            self._rwt_queries.ends(
+                self._rwt_absolute(topic_name, "Error in rcl_count_publishers"), publishers=True
+            )
+        )
 
     def count_subscribers(self, topic_name: str) -> int:
         """Return the number of subscriptions of a topic; the name is not remapped."""
-        return len(self._rwt_queries.ends(self._rwt_absolute(topic_name), publishers=False))
+        return len(
+            self._rwt_queries.ends(
+                self._rwt_absolute(topic_name, "Error in rcl_count_subscribers"), publishers=False
+            )
+        )
 
-    def _rwt_absolute(self, name: str, *, service: bool = False) -> str:
+    def _rwt_absolute(self, name: str, what: str, *, service: bool = False) -> str:
+        self._rwt_require_context(what)
         with self._handle:
             full = expand_topic_name(name, self.get_name(), self.get_namespace())
             validate_full_topic_name(full, is_service=service)
@@ -818,11 +856,15 @@ class Node(NodeParameters):
 
     def count_services(self, service_name: str) -> int:
         """Return the number of servers of a service."""
-        return self._rwt_queries.count_services(self._rwt_absolute(service_name, service=True))
+        return self._rwt_queries.count_services(
+            self._rwt_absolute(service_name, "Error in rcl_count_services", service=True)
+        )
 
     def count_clients(self, service_name: str) -> int:
         """Return the number of clients of a service, without those of other processes."""
-        return self._rwt_queries.count_clients(self._rwt_absolute(service_name, service=True))
+        return self._rwt_queries.count_clients(
+            self._rwt_absolute(service_name, "Error in rcl_count_clients", service=True)
+        )
 
     def get_publishers_info_by_topic(
         self, topic_name: str, no_mangle: bool = False
@@ -840,7 +882,7 @@ class Node(NodeParameters):
         if no_mangle:  # DDS's name of a topic has a prefix.
             full = topic.removeprefix("rt") if topic.startswith("rt/") else ""
         else:
-            full = self._rwt_absolute(topic)
+            full = self._rwt_absolute(topic, "Failed to get information by topic")
             full = self._rwt_arguments.remap(full, "topic", self.get_name(), self.get_namespace()) or full
         return self._rwt_queries.endpoints(full, publishers=publishers)
 
@@ -856,4 +898,7 @@ def _check_subscription(callback: object, content_filter: ContentFilterOptions |
     if content_filter is not None and not FROM_KILTED:
         raise TypeError("unexpected keyword argument 'content_filter_options', which exists from Kilted on")
     if not callable(callback):
-        raise RuntimeError(f"Subscription callback should be callable, got {callback!r}")
+        raise RuntimeError(
+            "Subscription.__init__(): callback should be either be callable with one argument(to get only the"
+            " message) or two (to get message and message info)"
+        )

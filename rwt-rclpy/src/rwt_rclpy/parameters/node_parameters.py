@@ -104,17 +104,23 @@ class NodeParameters:
         self, namespace: str, index: int, given: tuple[Any, ...], ignore_override: bool
     ) -> tuple[Parameter, Any]:
         if not 1 <= len(given) <= 3:
-            raise TypeError(f"parameter {index}: {given!r} has {len(given)} elements; expected 1 to 3")
+            raise TypeError(
+                f"Invalid parameter tuple length at index {index} in parameters list: {given};"
+                " expecting length between 1 and 3"
+            )
         name = given[0]
         if not isinstance(name, str):
-            raise TypeError(f"parameter {index}: its name, {name!r}, is not a str")
+            raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
         name = f"{namespace}.{name}" if namespace else name
         validate_parameter_name(name)
         second = given[1] if len(given) > 1 else None
         descriptor_class = message_class("rcl_interfaces/ParameterDescriptor")
         descriptor: Any = given[2] if len(given) > 2 else descriptor_class()
         if not isinstance(descriptor, descriptor_class):
-            raise TypeError(f"parameter {index}: {descriptor!r} is not a ParameterDescriptor")
+            raise TypeError(
+                f"Third element {descriptor} at index {index} in parameters list is not a"
+                " ParameterDescriptor."
+            )
         if len(given) == 1:
             warnings.warn(
                 f"parameter '{name}' is declared by its name alone, which is deprecated: give a value,"
@@ -280,7 +286,7 @@ class NodeParameters:
                 )
             parameter_list = changed
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
-            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
+            raise TypeError("parameter must be instance of type '<class 'rclpy.parameter.Parameter'>'")
         unknown = [each.name for each in parameter_list if each.name not in self._parameters]
         if unknown and not self._allow_undeclared_parameters:
             raise ParameterNotDeclaredException(unknown)

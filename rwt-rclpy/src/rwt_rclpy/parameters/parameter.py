@@ -48,10 +48,7 @@ class ParameterKind(_Kind):
             for kind, element in _ELEMENTS.items():
                 if all(isinstance(value, element) for value in parameter_value):
                     return kind
-        raise TypeError(
-            f"{parameter_value!r} cannot be a parameter: expected a bool, int, float, str,"
-            " or a list of values of one of these types or of bytes"
-        )
+        raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
 
     def check(self, parameter_value: Any) -> bool:
         """Return True if a value is of this type."""
