@@ -41,6 +41,7 @@ from rwt.declarations import (
     ServicePart,
     SupervisorPart,
 )
+from rwt.observability.build import version_line
 from rwt.observability.supervision import (
     ALIVE,
     READY,
@@ -431,7 +432,11 @@ class Server:
         self._running = None
         if self._announced and self._worker is None:
             tell(STOPPING)
-        return await stack.__aexit__(*exc)
+        try:
+            return await stack.__aexit__(*exc)
+        finally:
+            if self._is_first:
+                logger.info("the server has stopped")
 
     async def _start(self, stack: AsyncExitStack) -> _Running:
         # Imported on start: the gateway and the transports would add a third to the time of
@@ -522,6 +527,8 @@ class Server:
         self._warn_of_readable_tokens(listeners)
         if self._is_first:
             ports.proxies.log()
+            urls = [*(each.url for each in listeners), *(each.url for each in connections)]
+            logger.info("rwt %s serves %s", version_line(), ", ".join(urls) or "the listeners of its host")
         return _Running(
             bridge, tuple(reload_roles), metrics, tuple(listeners), connections, tls, stack.pop_all()
         )

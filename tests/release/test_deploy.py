@@ -71,7 +71,7 @@ class Manager:
 def arguments(command: str, settings: Path) -> list[str]:
     """Return the arguments of `rwt` in a command of the files, with other settings."""
     program, *rest = command.split()
-    assert program == "/opt/robot/bin/rwt"
+    assert program in ("/opt/robot/bin/rwt", "/opt/robot/current/bin/rwt")
     return [str(settings) if each == "/etc/robot/rwt.toml" else each for each in rest]
 
 
@@ -81,7 +81,7 @@ def test_the_unit_is_one(tmp_path: Path) -> None:
         pytest.skip("systemd is not installed")
     text = (FILES / "robot.service").read_text(encoding="utf-8")
     unit = tmp_path / "robot.service"
-    unit.write_text(text.replace("/opt/robot/bin/rwt", sys.executable))
+    unit.write_text(text.replace("/opt/robot/current/bin/rwt", sys.executable))
     done = subprocess.run([program, "verify", str(unit)], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
 

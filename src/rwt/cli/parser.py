@@ -121,9 +121,9 @@ class ShowVersion(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print the version."""
-        from importlib.metadata import version
+        from rwt.observability.build import version_line
 
-        sys.stdout.write(f"rwt {version('robot-web-tools')}\n")
+        sys.stdout.write(f"rwt {version_line()}\n")
         parser.exit()
 
 

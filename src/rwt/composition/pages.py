@@ -8,7 +8,6 @@ import math
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from string import Template
 from typing import Final, TypeVar
@@ -19,6 +18,7 @@ from rwt.access.graph_view import GraphView
 from rwt.access.origins import is_navigation, page_of
 from rwt.gateways.request_looks import RequestLooks
 from rwt.gateways.visitors import peer_of, then, url_of
+from rwt.observability.build import build_id, version
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt.rosbridge.bridge import Bridge
@@ -252,7 +252,7 @@ def _index(
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
     beyond = metrics.clients_beyond_rate
     page = _PAGE.substitute(
-        version=html.escape(version("robot-web-tools")),
+        version=html.escape(version()),
         ros=reader.distro.ros_version,
         distro=reader.distro.name,
         clients=clients,
@@ -339,7 +339,8 @@ def _health(bridge: Bridge, metrics: ServerMetrics, proxies: Proxies) -> HttpRes
     running = bridge.shared.graph.running
     body: dict[str, object] = {
         "status": "ok" if running else "stopped",
-        "version": version("robot-web-tools"),
+        "version": version(),
+        "build": build_id(),
         "clients": bridge.client_count,
         "work": round(metrics.work, 3),
         "clients_beyond_rate": metrics.clients_beyond_rate,

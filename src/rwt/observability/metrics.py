@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from rwt.observability.build import build_id, version
 from rwt.observability.prometheus import Kind, PrometheusText
 from rwt.observability.supervision import Periodic
 from rwt_interfaces.steps import Steps, finished
@@ -262,7 +263,10 @@ _STARTED: Final = time.time()
 
 
 def write_process(page: PrometheusText) -> None:
-    """Write CPU time, and on Linux memory and open files, under the names of Prometheus' client libraries."""
+    """Write build, CPU time, and on Linux memory and open files, the latter three under the names of
+    Prometheus' client libraries."""
+    labels = {"version": version(), "build": build_id()}
+    page.family("rwt_build_info", "gauge", "1, with version and build id.", [(labels, 1)])
     times = os.times()
     cpu = times.user + times.system
     page.single("process_cpu_seconds_total", "counter", "CPU time used, in seconds.", cpu)

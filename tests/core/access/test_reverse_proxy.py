@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import socket
 import ssl
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from http.client import HTTPSConnection
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import anyio
 import httpx
@@ -26,7 +27,7 @@ from rwt.cli.health import health_of
 from rwt_transports.http.proxies import PROXY_HEADERS, behind_proxy
 from tests.core.access.test_reload import certify
 from tests.core.transports.test_proxies import HOSTILE
-from tests.processes import ended, free_port
+from tests.processes import ROOT, ended, free_port
 
 pytestmark = pytest.mark.slow
 
@@ -151,21 +152,18 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         assert process.poll() is None
 
 
-_NGINX_AT_ROOT = (
-    _NGINX_HEAD
-    + """  map $http_upgrade $connection_upgrade {{ default upgrade; "" ""; }}
-  server {{
-    listen 127.0.0.1:{port};
-    location / {{
-      proxy_pass {url};
-      proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection $connection_upgrade;
-      proxy_set_header Host $http_host;
-      proxy_set_header X-Forwarded-For $proxy_add_x_forwarded_for; proxy_set_header X-Forwarded-Proto $scheme;
-    }}
-  }}
-}}
-"""
-)
+_BLOCK: Final = re.compile(r"^```nginx\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def _nginx_of_page(which: int) -> str:
+    """Return a configuration with one of the two nginx blocks of the page."""
+    blocks = _BLOCK.findall((ROOT / "docs" / "how-to" / "secure.md").read_text(encoding="utf-8"))
+    assert len(blocks) == 2
+    block = blocks[which].replace("{", "{{").replace("}", "}}")
+    assert "http://127.0.0.1:9090" in block
+    block = block.replace("http://127.0.0.1:9090", "{url}")
+    return f"{_NGINX_HEAD} server {{{{ listen 127.0.0.1:{{port}};\n{block} }}}}\n}}}}\n"
+
 
 _CADDY_AT_ROOT = """
 {{
@@ -241,7 +239,8 @@ def _command(kind: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "config", "prefix"),
     [
-        ("nginx", _NGINX_AT_ROOT, ""),
+        ("nginx", _nginx_of_page(0), ""),
+        ("nginx below a path", _nginx_of_page(1), "/robot"),
         ("caddy", _CADDY_AT_ROOT, ""),
         ("caddy below a path", _CADDY_BELOW, "/robot"),
         ("traefik", _TRAEFIK_AT_ROOT, ""),
@@ -281,7 +280,8 @@ def _use(address: str, prefix: str, *, follows_bare_path: bool) -> None:
         assert client.get(f"{topics}/label").json() == {"data": "it is here"}
         if prefix and follows_bare_path:
             answer = client.get(prefix)
-            assert (answer.is_redirect, answer.headers["location"]) == (True, f"{prefix}/")
+            assert answer.is_redirect
+            assert answer.headers["location"].removeprefix(f"http://{address}") == f"{prefix}/"
         health = anyio.run(health_of, f"ws://{address}{prefix}", 20.0, None)
         assert health is not None and health.version
         assert client.get(f"{prefix}/api/openapi.json").json()["servers"] == [{"url": prefix or "/"}]
@@ -344,7 +344,8 @@ _NGINX_BELOW_PLAIN = _NGINX_BELOW.replace(
 @pytest.mark.parametrize(
     ("kind", "config", "prefix"),
     [
-        ("nginx", _NGINX_AT_ROOT, ""),
+        ("nginx", _nginx_of_page(0), ""),
+        ("nginx below a path", _nginx_of_page(1), "/robot"),
         ("nginx below a path", _NGINX_BELOW_PLAIN, "/robot"),
         ("caddy", _CADDY_AT_ROOT, ""),
         ("caddy below a path", _CADDY_BELOW, "/robot"),
@@ -401,7 +402,7 @@ def test_the_doctor_examines_the_headers_of_a_proxy(
     tmp_path: Path, settings: dict[str, Any], verdict: str, text: str
 ) -> None:
     server = Server("ws://127.0.0.1:0", web={"enabled": False}, **settings)
-    with server, proxy("nginx", _NGINX_AT_ROOT, tmp_path, server.urls[0]) as (port, _):
+    with server, proxy("nginx", _nginx_of_page(0), tmp_path, server.urls[0]) as (port, _):
         _wait_for(port, "/healthz")
         told = json.loads(ended("doctor", f"ws://127.0.0.1:{port}", "--json").stdout)
     (found,) = (each for each in told["findings"] if each["name"] == "proxies")

@@ -6,7 +6,6 @@ import html
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import lru_cache, partial
-from importlib.metadata import version
 from importlib.resources import files
 from typing import Final
 
@@ -25,6 +24,7 @@ from rwt.extensions.http.representations import CBOR, EVENTS, HTML, JSON, chosen
 from rwt.extensions.http.requests import Query, name_and_type, small_payload_of, text_below
 from rwt.gateways.base import Gateway
 from rwt.gateways.visitors import url_of
+from rwt.observability.build import build_id, version
 from rwt_graph.api import ActionInfo, Graph, ServiceInfo, TopicInfo
 from rwt_participant.spelling import nearest
 from rwt_transports.http.routes import (
@@ -166,7 +166,8 @@ class HttpGateway(Gateway):
         Query(request)
         body = {
             "name": "robot-web-tools",
-            "version": version("robot-web-tools"),
+            "version": version(),
+            "build": build_id(),
             "protocol": "rosbridge",
             "protocol_version": PROTOCOL_VERSION,
             "ros_version": reader.distro.ros_version,

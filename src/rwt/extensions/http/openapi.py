@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from importlib.metadata import version
 from typing import Final
 
 from rwt.access.graph_view import GraphView
@@ -13,6 +12,7 @@ from rwt.extensions.http.problems import CONTENT_TYPE as PROBLEM
 from rwt.extensions.http.representations import CBOR, EVENTS, JSON
 from rwt.extensions.http.requests import MAX_WAIT_SECONDS
 from rwt.extensions.http.schemas import Schema, Schemas
+from rwt.observability.build import version
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_]+")
@@ -79,7 +79,7 @@ def describe(reader: GraphView, prefix: str, title: str) -> Schema:
     description = _Description(reader)
     return {
         "openapi": "3.1.0",
-        "info": {"title": title, "version": version("robot-web-tools")},
+        "info": {"title": title, "version": version()},
         "servers": [{"url": prefix or "/"}],
         "security": [{}, {"bearer": []}, {"token": []}],
         "paths": description.paths(),

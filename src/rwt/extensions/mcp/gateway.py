@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
 import anyio
@@ -41,6 +40,7 @@ from rwt.extensions.mcp.tools.acting import CallServiceArguments, PublishArgumen
 from rwt.gateways.base import Gateway
 from rwt.gateways.early_look import may_name_stop
 from rwt.gateways.visitors import Visitor, Visitors, peer_of, url_of
+from rwt.observability.build import version
 from rwt_participant.errors import RobotError
 from rwt_participant.messages import to_payload
 from rwt_transports.errors import Refused
@@ -178,7 +178,7 @@ class McpGateway(Gateway):
         self.questions = Questions()
         self._keeps_sessions = not several_processes
         self._manager = StreamableHTTPSessionManager(
-            make_server(self, version("robot-web-tools"), keeps_sessions=not several_processes),
+            make_server(self, version(), keeps_sessions=not several_processes),
             stateless=several_processes,
             session_idle_timeout=settings.session_idle_seconds,
             max_sessions=settings.sessions,

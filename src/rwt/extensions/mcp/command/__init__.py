@@ -6,7 +6,6 @@ import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +16,7 @@ from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, add_robot_options, connecting, run_async
+from rwt.observability.build import version
 
 if TYPE_CHECKING:
     from mcp.server.context import ServerRequestContext
@@ -87,7 +87,7 @@ def _run(arguments: Arguments) -> int:
 
     async def program() -> None:
         async with connecting(arguments, definitions=True, until_interrupted=True) as robot:
-            server = make_server(CommandHost(robot, settings, acts=arguments.act), version("robot-web-tools"))
+            server = make_server(CommandHost(robot, settings, acts=arguments.act), version())
             async with stdio_server() as (incoming, outgoing):
                 await server.run(incoming, outgoing, server.create_initialization_options())
 
