@@ -384,6 +384,12 @@ class Server:
         changed = [name for name in changed_names(self._started_with, settings) if name not in _RELOADED]
         if changed:
             logger.warning("changed, but without effect until a restart: %s", ", ".join(changed))
+        if isinstance(read, LoadedSettings) and (fixed := read.fixed(_RELOADED)):
+            logger.warning(
+                "not read again, since only a restart changes the environment and the command line of a"
+                " process: %s",
+                ", ".join(fixed),
+            )
 
     def _on_hangup(self) -> None:
         tell_reloading()
@@ -392,7 +398,7 @@ class Server:
         except SettingsError as error:
             logger.error("the settings stay as they were: %s", error)
         else:
-            logger.info("certificate, tokens, roles, origins and gate rules were read again")
+            logger.info("certificate, tokens, roles, origins and gate rules were read again from their files")
         tell(READY)
 
     async def ended(self) -> None:

@@ -14,16 +14,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from rwt.access.settings import SettingsError
-from rwt.settings.sources import read_settings
-from tests.processes import LONGEST, ROOT, free_port, running, start
+from tests.processes import LONGEST, ROOT, ended, free_port, running, start
 
 FILES = ROOT / "docs" / "how-to" / "deploy"
 TOKEN = "a-token-of-thirty-two-characters"
-WITH_TOKEN = {"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}
+TOKEN_FILE = "/etc/robot/tokens/operator"
 ADVERTISE = json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"})
 
 
@@ -48,7 +46,10 @@ def settings(tmp_path: Path) -> tuple[Path, int]:
     text = (FILES / "rwt.toml").read_text(encoding="utf-8")
     assert "0.0.0.0:9090" in text
     file = tmp_path / "rwt.toml"
-    file.write_text(text.replace("0.0.0.0:9090", f"127.0.0.1:{port}"))
+    assert TOKEN_FILE in text
+    token_file = tmp_path / "operator"
+    token_file.write_text(f"{TOKEN}\n")
+    file.write_text(text.replace("0.0.0.0:9090", f"127.0.0.1:{port}").replace(TOKEN_FILE, str(token_file)))
     return file, port
 
 
@@ -92,8 +93,7 @@ def test_what_a_restart_cannot_mend_ends_the_service(
     recording = tmp_path / "run.mcap"
     recording.write_bytes(b"of yesterday")
     command = [*arguments(service["ExecStart"], settings[0]), "--record"]
-    environment = {**os.environ, **WITH_TOKEN}
-    with start(*command, str(recording), environment=environment, stderr=subprocess.PIPE) as process:
+    with start(*command, str(recording), stderr=subprocess.PIPE) as process:
         errors = process.communicate(timeout=LONGEST)[1]
     assert "run.mcap is there already" in errors
     assert service["RestartPreventExitStatus"] == str(process.returncode) == "2"
@@ -106,7 +106,7 @@ def test_the_service_tells_when_it_is_ready_alive_reloading_and_stopping(
     file, port = settings
     manager = Manager(tmp_path / "notify")
     with manager.socket:
-        environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000", **WITH_TOKEN}
+        environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
         command = [*arguments(service["ExecStart"], file), "--workers", str(workers)]
         with running(*command, environment=environment) as (process, _):
             manager.hears("READY=1")
@@ -126,7 +126,7 @@ def test_the_service_tells_when_it_is_ready_alive_reloading_and_stopping(
 def test_who_shows_no_token_may_look(settings: tuple[Path, int]) -> None:
     file, port = settings
     with (
-        running("serve", "--config", str(file), environment=WITH_TOKEN),
+        running("serve", "--config", str(file)),
         connect(f"ws://127.0.0.1:{port}") as viewer,
     ):
         viewer.send(json.dumps({"op": "set_level", "level": "error"}))
@@ -137,8 +137,31 @@ def test_who_shows_no_token_may_look(settings: tuple[Path, int]) -> None:
 
 
 def test_without_the_token_the_server_does_not_start(settings: tuple[Path, int]) -> None:
-    with pytest.raises(SettingsError, match=r"auth\.tokens\.operator"):
-        read_settings(settings[0])
+    (settings[0].parent / "operator").unlink()
+    done = ended("serve", "--config", str(settings[0]))
+    assert done.returncode == 2
+    assert re.search(r"rwt\.toml:\d+: `auth\.tokens\.operator\.token_file`: .*cannot be read", done.stderr)
+    assert "Traceback" not in done.stderr
+
+
+def test_a_token_is_replaced_as_the_page_says(settings: tuple[Path, int]) -> None:
+    file, port = settings
+    new = "another-token-of-thirty-characters"
+    variable = {"RWT_ORIGINS__ALLOW": "https://ui.example"}
+    with running("serve", "--config", str(file), "--verbose", environment=variable) as (process, _):
+        assert process.stderr is not None
+        with connect(f"ws://127.0.0.1:{port}?token={TOKEN}") as operator:
+            (file.parent / "operator").write_text(f"{new}\n")
+            process.send_signal(signal.SIGHUP)
+            with pytest.raises(ConnectionClosed) as closed:
+                operator.recv(LONGEST)
+            assert closed.value.rcvd is not None and closed.value.rcvd.code == 1008
+        with connect(f"ws://127.0.0.1:{port}?token={new}"), pytest.raises(InvalidStatus):
+            connect(f"ws://127.0.0.1:{port}?token={TOKEN}")
+        process.terminate()
+        log = process.communicate(timeout=LONGEST)[1]
+    assert re.search(r"not read again, .*: RWT_ORIGINS__ALLOW$", log, re.MULTILINE)
+    assert "were read again from their files" in log
 
 
 def test_the_container_runs_the_same(settings: tuple[Path, int]) -> None:
@@ -149,7 +172,7 @@ def test_the_container_runs_the_same(settings: tuple[Path, int]) -> None:
     assert said["STOPSIGNAL"] == "SIGTERM" and said["USER"] != "root" and said["EXPOSE"] == "9090"
     command = " ".join(json.loads(said["CMD"]))
     health = json.loads(said["HEALTHCHECK"].partition("CMD ")[2])
-    with running(*arguments(command, file), environment=WITH_TOKEN):
+    with running(*arguments(command, file)):
         check = [sys.executable, "-c", health[2].replace("9090", str(port))]
         assert health[:2] == ["/opt/robot/bin/python", "-c"]
         assert subprocess.run(check, timeout=LONGEST, check=False).returncode == 0
@@ -169,7 +192,7 @@ def test_the_container_needs_no_writable_root(settings: tuple[Path, int]) -> Non
     if shutil.which("unshare") is None or subprocess.run([*trial, "true"], check=False).returncode:
         pytest.skip("this system has no mount namespaces for tests")
     words = [*trial, sys.executable, "-m", "rwt.cli", *arguments(" ".join(command), settings[0])]
-    environment = {**os.environ, **WITH_TOKEN, "PYTHONPATH": str(ROOT / "src")}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
     with subprocess.Popen(words, env=environment, stdout=-1, stderr=-1, text=True) as process:
         assert process.stdout is not None and process.stderr is not None
         while not (line := process.stdout.readline()).startswith("listening on "):

@@ -7,7 +7,14 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.access.audit import Audit, LineRate
-from rwt.access.credentials import ROSAUTH, Rosauth, presented_token, role_of_token, rosauth_of
+from rwt.access.credentials import (
+    ROSAUTH,
+    Rosauth,
+    digests_of,
+    presented_token,
+    role_of_token,
+    rosauth_of,
+)
 from rwt.access.errors import NotAuthenticated
 from rwt.access.origins import NO_SITE, Origins
 from rwt.access.roles import Role, roles
@@ -39,7 +46,7 @@ class Admission:
         monotonic: returns the seconds of a steady clock.
 
     Raises:
-        SettingsError: the rosauth secret cannot be read.
+        SettingsError: a token or the rosauth secret cannot be read, or two tokens are the same.
     """
 
     def __init__(
@@ -61,7 +68,7 @@ class Admission:
         """Return the function that replaces tokens, roles, origins and the rosauth secret; it does not fail.
 
         Raises:
-            SettingsError: the rosauth secret cannot be read, or the last credential is gone and
+            SettingsError: a token or the rosauth secret cannot be read, or the last credential is gone and
                 `auth.default_role` does not say what clients may do without one.
         """
         if self._has_credentials and not settings.auth.has_credentials and not settings.auth.default_role:
@@ -72,9 +79,15 @@ class Admission:
             )
         known = roles(settings)
         rosauth = rosauth_of(settings.auth, known, self._now)
-        return partial(self._replace, settings, known, rosauth)
+        return partial(self._replace, settings, known, rosauth, digests_of(settings.auth))
 
-    def _replace(self, settings: AccessSettings, known: Mapping[str, Role], rosauth: Rosauth | None) -> None:
+    def _replace(
+        self,
+        settings: AccessSettings,
+        known: Mapping[str, Role],
+        rosauth: Rosauth | None,
+        digests: Mapping[str, bytes],
+    ) -> None:
         auth = settings.auth
         self._keeps_secret = False
         if rosauth is not None and self.rosauth is not None:
@@ -84,7 +97,7 @@ class Admission:
         self.roles = known
         self.rosauth = rosauth
         self._tokens = [
-            (token.digest, known[token.role].given_by(name)) for name, token in auth.tokens.items()
+            (digests[name], known[token.role].given_by(name)) for name, token in auth.tokens.items()
         ]
         name = auth.role_without_credentials
         self.default_role: Role | None = known[name] if name else None

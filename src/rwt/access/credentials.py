@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
 
 from rwt.access.errors import NotAuthenticated
-from rwt.access.settings import AuthSettings, SettingsError
+from rwt.access.settings import (
+    TOKEN,
+    AuthSettings,
+    SettingsError,
+    TokenSettings,
+    check_tokens_differ,
+    digest_of,
+)
 
 if TYPE_CHECKING:
     from rwt.access.roles import Role
@@ -41,6 +48,16 @@ _SUBPROTOCOL_TOKEN: Final = "bearer."
 _QUERY_NAMES: Final = ("token", "access_token")
 
 
+def _first_line(path: Path, where: str) -> str:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise SettingsError(f"{where}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{where}: is not a text in UTF-8") from error
+    return lines[0] if lines else ""
+
+
 def read_secret(path: Path) -> str:
     """Return the secret shared with rosauth clients: the first line of a file.
 
@@ -48,18 +65,35 @@ def read_secret(path: Path) -> str:
         SettingsError: the file cannot be read, or its first line does not have 16 characters (AUT-05).
     """
     where = f"auth.rosauth_secret_file: {path}"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise SettingsError(f"{where}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{where}: is not a text in UTF-8") from error
-    secret = lines[0] if lines else ""
+    secret = _first_line(path, where)
     if len(secret) != SECRET_LENGTH:
         raise SettingsError(
             f"{where}: the first line has {len(secret)} characters; rosauth wants exactly {SECRET_LENGTH}"
         )
     return secret
+
+
+def digests_of(settings: AuthSettings) -> Mapping[str, bytes]:
+    """Return the SHA-256 of each token, by its name; token files are read.
+
+    Raises:
+        SettingsError: a file cannot be read or has no token, or two tokens are the same.
+    """
+    digests = {name: each.digest or _digest_in_file(name, each) for name, each in settings.tokens.items()}
+    try:
+        check_tokens_differ(digests)
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+    return digests
+
+
+def _digest_in_file(name: str, token: TokenSettings) -> bytes:
+    assert token.token_file is not None
+    where = f"`auth.tokens.{name}.token_file`: {token.token_file}"
+    plain = _first_line(token.token_file, where)
+    if TOKEN.fullmatch(plain) is None:  # The error does not quote what may be a secret.
+        raise SettingsError(f"{where}: expected a first line of 16 to 256 of A-Z a-z 0-9 - . _ ~")
+    return digest_of(plain)
 
 
 def mac_of(secret: str, op: ops.Auth) -> str:
@@ -153,7 +187,7 @@ class Rosauth:
 
 def role_of_token(token: str, known: Iterable[tuple[bytes, Role]]) -> Role | None:
     """Return the role of a bearer token, in constant time; None if its digest is not among the known."""
-    presented = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
+    presented = digest_of(token)
     found: Role | None = None
     for digest, role in known:
         if hmac.compare_digest(digest, presented):

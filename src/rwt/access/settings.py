@@ -453,7 +453,8 @@ class ClientLimits(Table):
     )
 
 
-_TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")
+TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")
+"""Spelling of a token."""
 _SHA256: Final = re.compile(r"[0-9A-Fa-f]{64}")
 
 
@@ -468,12 +469,12 @@ def _written_as(pattern: re.Pattern[str], expected: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-PlainToken = Annotated[SecretStr, _written_as(_TOKEN, "16 to 256 of the characters A-Z a-z 0-9 - . _ ~")]
+PlainToken = Annotated[SecretStr, _written_as(TOKEN, "16 to 256 of the characters A-Z a-z 0-9 - . _ ~")]
 HashedToken = Annotated[SecretStr, _written_as(_SHA256, "64 hex digits")]
 
 
 class TokenSettings(Table):
-    """Bearer token, in plain text or as SHA-256, and its role."""
+    """Bearer token, in plain text, in a file or as SHA-256, and its role."""
 
     token: PlainToken | None = Field(
         None, description="the token: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"
@@ -481,21 +482,38 @@ class TokenSettings(Table):
     sha256: HashedToken | None = Field(
         None, description="SHA-256 of the token, 64 hex digits, instead of `token`"
     )
+    token_file: Path | None = Field(
+        None, description="file whose first line is the token, instead of `token`; a reload reads it again"
+    )
     role: str = Field(description="role of clients with this token")
 
     @model_validator(mode="after")
     def _exactly_one(self) -> TokenSettings:
-        if (self.token is None) == (self.sha256 is None):
-            raise ValueError("expected exactly one of `token` and `sha256`")
+        if sum(each is not None for each in (self.token, self.sha256, self.token_file)) != 1:
+            raise ValueError("expected exactly one of `token`, `token_file` and `sha256`")
         return self
 
     @property
-    def digest(self) -> bytes:
-        """SHA-256 of the token."""
+    def digest(self) -> bytes | None:
+        """SHA-256 of the token; None if it is in a file."""
         if self.sha256 is not None:
             return bytes.fromhex(self.sha256.get_secret_value())
-        plain = self.token.get_secret_value() if self.token else ""
-        return hashlib.sha256(plain.encode()).digest()
+        return None if self.token is None else digest_of(self.token.get_secret_value())
+
+
+def digest_of(token: str) -> bytes:
+    """Return the SHA-256 of a token."""
+    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
+
+
+def check_tokens_differ(digests: Mapping[str, bytes]) -> None:
+    """Raise ValueError if two tokens, by name, are the same."""
+    names: dict[bytes, str] = {}
+    for name, digest in digests.items():
+        if (other := names.setdefault(digest, name)) != name:
+            raise ValueError(
+                f"`auth.tokens.{name}` and `auth.tokens.{other}` are the same token: expected two"
+            )
 
 
 class AuthSettings(Table):
@@ -541,13 +559,7 @@ class AuthSettings(Table):
 
     @model_validator(mode="after")
     def _tokens_differ(self) -> AuthSettings:
-        names: dict[bytes, str] = {}
-        for name, token in self.tokens.items():
-            other = names.setdefault(token.digest, name)
-            if other != name:
-                raise ValueError(
-                    f"`auth.tokens.{name}` and `auth.tokens.{other}` are the same token: expected two"
-                )
+        check_tokens_differ({name: each.digest for name, each in self.tokens.items() if each.digest})
         return self
 
 

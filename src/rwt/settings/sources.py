@@ -5,7 +5,7 @@ from __future__ import annotations
 import builtins
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,6 +66,15 @@ class LoadedSettings:
     def source(self, key: Key) -> str:
         """Return the source of a setting."""
         return self.sources.get(key, DEFAULT)
+
+    def fixed(self, tables: Collection[str]) -> list[str]:
+        """Return the variables and options with values of some tables, which a reload cannot read again."""
+        file = str(self.file)
+        return list(
+            dict.fromkeys(
+                source for key, source in self.sources.items() if key[0] in tables and source != file
+            )
+        )
 
     def with_places(self, text: str) -> str:
         """Return an error text with the sources of the settings that it names."""

@@ -205,7 +205,9 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
                 logger.error("tokens and certificate stay as they were: %s", error)
                 return
             hub.take_tokens(again)
-            logger.info("tokens and certificate were read again")
+            logger.info("tokens and certificate were read again from their files")
+            if arguments.token or os.environ.get(TOKEN_VARIABLE):
+                logger.warning("not read again: --token and %s, which only a restart changes", TOKEN_VARIABLE)
 
         handlers: dict[int, Callable[[], object]] = dict.fromkeys(STOP_SIGNALS, stop.set)
         if HANGUP is not None:

@@ -174,7 +174,9 @@ def _run(arguments: argparse.Namespace) -> int:
             raise SettingsError(str(error)) from error
 
     with command_errors():
-        settings = _settings(arguments).settings
+        loaded = _settings(arguments)
+    settings = loaded.settings
+    with command_errors(loaded.with_places):
         recorder = _recorder()
         asked = None if recorder is None else recorder.request(arguments)
         recording = asked or RecordingRequest(None, None, False)
@@ -206,8 +208,8 @@ def _check(settings: Settings) -> None:
 
 
 @contextmanager
-def command_errors() -> Iterator[None]:
-    """Convert errors of a server to :exc:`CommandError`."""
+def command_errors(with_places: Callable[[str], str] = str) -> Iterator[None]:
+    """Convert errors of a server to :exc:`CommandError`; `with_places` adds where the settings stand."""
     from rwt.errors import ServerError
     from rwt_participant.errors import RobotError
     from rwt_transports.errors import TransportError
@@ -217,7 +219,7 @@ def command_errors() -> Iterator[None]:
     except (TransportError, RobotError, ServerError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
-        raise CommandError(str(error), CALLED_WRONGLY) from error
+        raise CommandError(with_places(str(error)), CALLED_WRONGLY) from error
 
 
 def _in_worker(number: int, serve: Callable[[], None]) -> int:
