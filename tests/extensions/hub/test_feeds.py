@@ -17,7 +17,7 @@ from rwt.delivery.fanout import DeferredSamples, EncodedStream
 from rwt.delivery.gap_flow import GapFlow
 from rwt.delivery.throttle import Room, Throttle
 from rwt.extensions.hub.feeds import RobotFeeds
-from rwt.extensions.hub.uplink.feeds import MAX_FEEDS
+from rwt.extensions.hub.uplink.feeds import MAX_CHANGES, MAX_FEEDS
 from rwt.extensions.hub.uplink.frames import (
     SMALL_BYTES,
     BadFrame,
@@ -704,6 +704,56 @@ class FeedMachine(RuleBasedStateMachine):
 
 FeedMachine.TestCase.settings = settings(max_examples=200, stateful_step_count=40, deadline=None)
 TestFeeds = FeedMachine.TestCase
+
+
+def test_a_client_that_changes_its_subscriptions_faster_than_the_uplink_sends_is_ended() -> None:
+    link = Link()
+    greedy, other = link.view(), link.view()
+    link.settle()
+    stream, changes = link.at_robot[greedy.number], 0
+    for number in range(10 * MAX_CHANGES):  # Nothing of it is acknowledged.
+        flow = stream.flow("/other", AS_MANY_AS_FIT, on_drop=ignore)
+        member = flow.enter(("/other", number))
+        if member is None:
+            break
+        member.wish(0.0, 0, apart=False)
+        member.leave()
+        changes += 2
+    assert changes <= MAX_CHANGES + 2
+    link.publish(1)
+    link.settle()
+    assert stream.is_over
+    assert other.screen.numbers == [1]
+    assert not link.at_robot[other.number].is_over
+
+
+def test_a_hub_cannot_report_more_drops_than_there_were_samples() -> None:
+    link = Link()
+    viewer = link.view()
+    link.settle()
+    link.publish(1, 2)
+    link.settle()
+    for _ in range(5):
+        link.hub.order(encode_drops(Drops(viewer.number, 1, DropCause.QUEUE, 1000)))
+    link.settle()
+    assert viewer.drops == [DropReason.QUEUE] * 2
+    link.publish(3)
+    link.settle()
+    link.hub.order(encode_drops(Drops(viewer.number, 1, DropCause.QUEUE, 1000)))
+    link.settle()
+    assert viewer.drops == [DropReason.QUEUE] * 3
+
+
+def test_samples_without_bytes_that_wait_at_a_hub_are_bounded() -> None:
+    link = Link()
+    viewer = link.view(throttle=0.001, queue=2**31)
+    link.view()  # So that every sample crosses.
+    link.settle()
+    sample = encode_sample(1, Lane.SMALL, memoryview(b""), binary=False, is_last=True)
+    for _ in range(LIMITS.data_bytes // 100):
+        link.hub.receive(sample, link.now)
+    link.clock.advance(10.0)
+    assert 100 < len(viewer.screen.frames) <= LIMITS.data_bytes // 400 + 1
 
 
 def test_the_work_of_a_sample_does_not_grow_with_the_number_of_topics() -> None:

@@ -43,6 +43,9 @@ from rwt_transports.shared_pool import Holder
 if TYPE_CHECKING:
     from rwt.extensions.hub.uplink.streams import Stream
 
+_KEPT_BYTES: Final = 400
+"""Memory of a sample in a queue, beside its bytes."""
+
 _MAX_REPORTS: Final = 256
 """Maximum number of reports of drops that wait to be sent."""
 
@@ -67,8 +70,8 @@ class _Arrived(Struct, frozen=True, eq=False, gc=False):
 
     @property
     def kept_size(self) -> int:
-        """Bytes that keeping it takes."""
-        return self.frame.size
+        """Bytes that keeping it takes, which are more than those of a small frame."""
+        return self.frame.size + _KEPT_BYTES
 
     def prepare(self, forms: object) -> Iterator[None]:
         """No-op: it is encoded."""

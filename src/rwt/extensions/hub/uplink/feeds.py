@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from time import time_ns
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.extensions.hub.uplink.frames import (
     SMALL_BYTES,
@@ -23,6 +23,7 @@ from rwt.extensions.hub.uplink.frames import (
 from rwt_protocol.frames import Burst, Frame, GapFrame
 from rwt_transports.data_lane import DataLane, TopicQueue
 from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
+from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt.extensions.hub.uplink.streams import Stream
@@ -34,11 +35,21 @@ MAX_FEEDS: Final = 4096
 MAX_MEMBERSHIPS: Final = 1024
 """Maximum number of feeds of one stream."""
 
+MAX_CHANGES: Final = 4 * MAX_MEMBERSHIPS
+"""Maximum number of changes of one stream's memberships that wait to be sent."""
+
 CAUSES: Final = {
     DropCause.QUEUE: DropReason.QUEUE,
     DropCause.BACKLOG: DropReason.BACKLOG,
     DropCause.SIZE: DropReason.SIZE,
 }
+
+
+class _Announcement(NamedTuple):
+    """Frame about a feed, and the stream whose membership it changes."""
+
+    frame: bytes
+    stream: Stream | None
 
 
 class _FeedQueue(TopicQueue):
@@ -78,6 +89,8 @@ class FeedMember:
     Attributes:
         rules: rules of the client's queue at the hub.
         on_drop: called for each sample that the client did not get.
+        own: frames that were sent to this client only, without those reported as dropped, and without the
+            common ones from before it joined.
     """
 
     feed: Feed
@@ -86,6 +99,7 @@ class FeedMember:
     gap: str
     on_drop: Callable[[DropReason], None] | None
     apart: bool = True
+    own: int = 0
     _told: Join | None = None
     _throttle: float = 0.0
     _queue: int = 0
@@ -116,7 +130,7 @@ class FeedMember:
         )
         if join != self._told:
             self._told = join
-            self.feed.announce(encode_join(self.stream.number, join))
+            self.feed.announce(encode_join(self.stream.number, join), self.stream)
 
     def send(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Send a sample to this client only."""
@@ -132,7 +146,7 @@ class Feed:
 
     Attributes by purpose:
 
-    * ``number``, ``topic``, ``members`` (by stream).
+    * ``number``, ``topic``, ``members`` (by stream), ``common`` (frames so far that were sent for all).
     * Queue: ``queue``, ``_receivers`` (of each sample in it: a stream, or None for all), ``_rules`` (number
       of members with each); ``_is_sending`` (True while a sample is being sent), ``_receiver`` (of that one).
     * Order: announcements go between the samples before and after them. ``_added``, ``_gone`` (samples so
@@ -147,6 +161,7 @@ class Feed:
         self.topic = topic
         self.key = key
         self.members: dict[int, FeedMember] = {}
+        self.common = 0
         self.queue = _FeedQueue(self, self._dropped, time_ns)
         self._feeds = feeds
         self._receivers: deque[int | None] = deque()
@@ -154,7 +169,7 @@ class Feed:
         self._is_sending = False
         self._rules: Counter[FlowRules] = Counter()
         self._added = self._gone = 0
-        self._announcements: deque[tuple[int, bytes]] = deque()
+        self._announcements: deque[tuple[int, _Announcement]] = deque()
 
     def set_period(self, seconds: float) -> None:
         """See :class:`~rwt_transports.endpoint.Feed`."""
@@ -193,6 +208,10 @@ class Feed:
             self._receiver = self._receivers.popleft()
             self._gone += 1
             self._is_sending = True
+        if self._receiver is None:
+            self.common += 1
+        elif self._receiver in self.members:
+            self.members[self._receiver].own += 1
         return _Sending(self, frame, self._receiver)
 
     def sent(self) -> None:
@@ -210,12 +229,21 @@ class Feed:
             self._feeds.announce(self._announcements.popleft()[1])
         self._end_if_unused()
 
-    def announce(self, frame: bytes) -> None:
-        """Send a frame behind the samples that are queued now."""
+    def announce(self, frame: bytes, stream: Stream | None = None) -> None:
+        """Send a frame behind the samples that are queued now.
+
+        Args:
+            stream: stream whose membership it changes. With too many of them waiting, it ends.
+        """
+        announcement = _Announcement(frame, stream)
+        if stream is not None:
+            stream.changes += 1
+            if stream.changes > MAX_CHANGES:
+                stream.close(POLICY, f"more than {MAX_CHANGES} changes of subscriptions wait to be sent")
         if self._is_idle:
-            self._feeds.announce(frame)
+            self._feeds.announce(announcement)
         else:
-            self._announcements.append((self._added, frame))
+            self._announcements.append((self._added, announcement))
 
     def count(self, rules: FlowRules, by: int) -> None:
         """Count a member with these rules; the loosest ones apply to the feed."""
@@ -234,7 +262,7 @@ class Feed:
         self.count(member.rules, -1)
         stream.memberships -= 1
         if not stream.is_over:
-            self.announce(encode_leave(stream.number, self.number))
+            self.announce(encode_leave(stream.number, self.number), stream)
         self._end_if_unused()
 
     def _end_if_unused(self) -> None:
@@ -271,7 +299,7 @@ class Feeds:
         self._count = 0
         self._data = DataLane(uplink.limits)
         self._sending: dict[Lane, _Sending] = {}
-        self._announcements: deque[bytes] = deque()
+        self._announcements: deque[_Announcement] = deque()
 
     def __len__(self) -> int:
         return len(self._by_key)
@@ -298,7 +326,9 @@ class Feeds:
             return None
         if not feed.members:
             feed.set_period(0.0)  # The hub forgets a feed with its last member.
-        member = feed.members[stream.number] = FeedMember(feed, stream, rules, gap.hex(), on_drop)
+        member = feed.members[stream.number] = FeedMember(
+            feed, stream, rules, gap.hex(), on_drop, own=-feed.common
+        )
         feed.count(rules, +1)
         stream.memberships += 1
         return member
@@ -319,29 +349,39 @@ class Feeds:
         if rules.depth is not None:
             self._data.cut(feed.queue, max(rules.depth, 1))
 
-    def announce(self, frame: bytes) -> None:
+    def announce(self, announcement: _Announcement) -> None:
         """Send a frame before the samples that are queued."""
-        self._announcements.append(frame)
+        self._announcements.append(announcement)
         self._uplink.ready(self, Lane.SMALL)
 
+    def _announced(self) -> bytes:
+        frame, stream = self._announcements.popleft()
+        if stream is not None:
+            stream.changes -= 1
+        return frame
+
     def dropped(self, drops: Drops) -> None:
-        """Report samples that a client did not get at the hub."""
+        """Report samples that a client did not get at the hub, at most as many as were sent to it."""
         feed = self._by_number.get(drops.feed)
         member = None if feed is None else feed.members.get(drops.stream)
-        for _ in range(drops.samples):
-            if member is not None and member.on_drop is not None:
+        if feed is None or member is None:
+            return
+        count = min(drops.samples, feed.common + member.own)
+        member.own -= count
+        for _ in range(count):
+            if member.on_drop is not None:
                 member.on_drop(CAUSES[drops.cause])
 
     def take(self, lane: Lane, most: int) -> bytes | None:
         """Return the next frame of a lane, with at most `most` bytes of payload; None if there is none."""
         if self._announcements:
-            return self._announcements.popleft()
+            return self._announced()
         sending = self._sending.pop(lane, None) or self._next(lane)
         if self._announcements:
             # Samples before this one have expired, and something was to follow them.
             if sending is not None:
                 self._sending[lane] = sending
-            return self._announcements.popleft()
+            return self._announced()
         if sending is None:
             return None
         is_first = not sending.at

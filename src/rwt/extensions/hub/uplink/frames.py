@@ -151,7 +151,7 @@ class FeedHead(msgspec.Struct, frozen=True, omit_defaults=True):
         period: minimum seconds between two samples for all members; 0.0 if all samples are sent.
     """
 
-    topic: Annotated[str, msgspec.Meta(max_length=4096)]
+    topic: Annotated[str, msgspec.Meta(max_length=1024)]
     period: _Seconds = 0.0
 
 

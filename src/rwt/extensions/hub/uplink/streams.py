@@ -130,14 +130,39 @@ class Stream:
     * Receiving: ``_arriving`` (by lane), ``_is_paused``, ``_held`` (messages for a paused endpoint that wants
       none), ``_held_end`` (the end behind them), ``_holds``, ``_taken`` (bytes for which no credit was given
       yet), ``_may_receive``.
-    * Counters: ``memberships`` (in feeds), ``messages``, ``sent_bytes``.
+    * Counters: ``memberships`` (in feeds), ``changes`` (of them, which wait to be sent), ``messages``,
+      ``sent_bytes``.
     """
 
     __slots__ = (
-        "_arriving", "_begun", "_control", "_control_bytes", "_data", "_deadline", "_ending", "_endpoint",
-        "_held", "_held_end", "_holder", "_holds", "_is_paused", "_may_receive", "_may_send", "_on_empty",
-        "_opening", "_state", "_stops", "_taken", "_uplink", "address", "memberships", "messages", "number",
-        "on_admission", "sent_bytes",
+        "_arriving",
+        "_begun",
+        "_control",
+        "_control_bytes",
+        "_data",
+        "_deadline",
+        "_ending",
+        "_endpoint",
+        "_held",
+        "_held_end",
+        "_holder",
+        "_holds",
+        "_is_paused",
+        "_may_receive",
+        "_may_send",
+        "_on_empty",
+        "_opening",
+        "_state",
+        "_stops",
+        "_taken",
+        "_uplink",
+        "address",
+        "changes",
+        "memberships",
+        "messages",
+        "number",
+        "on_admission",
+        "sent_bytes",
     )  # fmt: skip
 
     def __init__(self, uplink: Uplink, number: int, address: str = "", opening: bytes = b"") -> None:
@@ -164,7 +189,7 @@ class Stream:
         self._held_end: tuple[int, str] | None = None
         self._taken = 0
         self._may_receive = CREDIT_BYTES
-        self.memberships = 0
+        self.memberships = self.changes = 0
         self.messages = 0
         self.sent_bytes = 0
 
