@@ -21,6 +21,7 @@ from rwt_protocol.codecs import SELECTABLE
 from rwt_protocol.error_text import Expected, model_in
 from rwt_protocol.ops import OPS, ActionResult, Direction, Op, OpSpec, Qos, ServiceResponse
 from rwt_protocol.ops.base import NoEffect, ReplyTo
+from rwt_protocol.ops.topics import Compact
 from rwt_protocol.payloads import EMPTY
 from rwt_protocol.profiles import PROFILES
 
@@ -58,7 +59,7 @@ def render() -> str:
     for group, names in GROUPS.items():
         parts.append(f"### {group}\n")
         parts += [_op(OPS[name]) for name in names]
-    parts.append(_quality_of_service())
+    parts += [_quality_of_service(), _compact_messages()]
     return "\n".join(parts)
 
 
@@ -122,6 +123,8 @@ def _meaning(where: str, field: FieldInfo, described: str | None) -> str:
         return f"{described} [Known](encodings.md) are {words}."
     if model_in(field.annotation) is Qos:
         return f"{described} [Policies](#quality-of-service)."
+    if model_in(field.annotation) is Compact:
+        return f"{described} [Members](#compact-messages)."
     return described
 
 
@@ -144,6 +147,15 @@ def _default(field: FieldInfo) -> str:
 def _quality_of_service() -> str:
     head = "#### Quality of service\n\nThe object `qos`. A policy that is left out is the server's choice.\n"
     return "\n".join([head, _table("qos", Qos)])
+
+
+def _compact_messages() -> str:
+    head = (
+        "#### Compact messages\n\nThe object `compact` of `subscribe`. A `sensor_msgs/PointCloud2` arrives as"
+        " a [compressed cloud](point-clouds.md); topics of other types are not affected. Servers without the"
+        " option, or without the extra `clouds`, send whole messages.\n"
+    )
+    return "\n".join([head, _table("compact", Compact)])
 
 
 def _summary(model: type[Op]) -> str:

@@ -16,7 +16,8 @@ import zstandard
 
 from bench.paper.lidar_scene import Cloud, by_firing, by_ring, without_order
 from bench.paper.report import Report
-from rwt_interfaces.point_clouds.compressed import CloudWish, compress, decompress
+from rwt_interfaces.point_clouds.compressed import compress, decompress
+from rwt_interfaces.point_clouds.wish import CloudWish
 
 ROUNDS: Final = 15
 

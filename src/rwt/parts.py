@@ -95,6 +95,7 @@ POOLS: Final = (
     "rwt_transports.drivers.sockets:HANDSHAKES",
     "rwt_transports.wires.receive_buffer:RECEIVING",
     "rwt.rosbridge.ops.actions:ORPHANS",
+    "rwt.delivery.compact:COMPACT",
 )
 """Shared pools of every server; parts declare theirs."""
 

@@ -11,12 +11,13 @@ from rwt_interfaces import Registry
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.point_clouds.compressed import TYPE, CloudWish, compress, decompress
+from rwt_interfaces.point_clouds.compressed import compress, decompress
 from rwt_interfaces.point_clouds.errors import InvalidCloud
+from rwt_interfaces.point_clouds.wish import COMPRESSED, CloudWish
 
 MOST_BYTES = 1 << 20
 _REGISTRY = Registry(JAZZY)
-_COMPRESSED = _REGISTRY.message(TYPE)
+_COMPRESSED = _REGISTRY.message(COMPRESSED)
 _CLOUD = _REGISTRY.message("sensor_msgs/PointCloud2")
 
 

@@ -46,9 +46,10 @@ if TYPE_CHECKING:
         ServiceInfo,
     )
     from rwt_interfaces.payload import Payload
+    from rwt_interfaces.point_clouds.wish import CloudWish
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_participant.qos import QoS
-    from rwt_transports.shared_pool import Holder
+    from rwt_transports.shared_pool import Holder, Share
 
     OnEnded = Callable[[str, str, str], None]
 
@@ -560,6 +561,22 @@ class ClientGraph(GraphView):
         """End `count` subscriptions on a fan-out; it closes with its last subscriber."""
         self._quotas.subscriptions.give_back(count)
         self._shared.release(fanout)
+
+    def join_compact(
+        self, fanout: Fanout, wish: CloudWish, on_end: Callable[[str], None]
+    ) -> tuple[Fanout, Share] | None:
+        """Return the fan-out of a topic's compact form, and the client's share of the work, which
+        :meth:`leave_compact` returns; None if the topic has none.
+
+        Raises:
+            PoolFull: no client has more such subscriptions than this one.
+        """
+        forms = self._shared.compact
+        return forms.join(fanout, wish, self.holder, on_end) if forms.has(fanout) else None
+
+    def leave_compact(self, form: Fanout, wish: CloudWish, share: Share) -> None:
+        """End a subscriber of a compact form, who has left the fan-out."""
+        self._shared.compact.leave(form, wish, share)
 
     def late_sends(self, topic: str) -> Iterator[None]:
         """Encode and send the deferred samples of a topic, in steps."""

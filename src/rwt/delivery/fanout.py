@@ -6,12 +6,12 @@ import logging
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 from rwt.delivery.counters import EncodingCounts, TopicCounts
 from rwt.delivery.feed_members import FeedMembers
 from rwt.delivery.throttle import Deliverable, Throttle
-from rwt_graph.api import Participant, Sample, Subscription
+from rwt_graph.api import Sample, Subscription
 from rwt_graph.clock import Clock
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Form
@@ -387,6 +387,15 @@ class EncodedStream(Generic[S]):
         throttle.offer(sample, _EncodedSample(self, sample).send)
 
 
+class Source(Protocol):
+    """Source of samples: a participant of the graph."""
+
+    def subscribe(
+        self, topic: str, on_sample: Callable[[Sample], None], type: MessageType | None = None
+    ) -> Subscription:
+        """Call `on_sample` with each sample of a topic."""
+
+
 class Fanout:
     """Clients of one topic, served by a single graph subscription.
 
@@ -417,14 +426,14 @@ class Fanout:
 
     def __init__(
         self,
-        participant: Participant,
+        source: Source,
         topic: str,
         type: MessageType,
         counts: TopicCounts,
         clock: Clock,
         scheduler: Scheduler,
     ) -> None:
-        self._participant = participant
+        self._source = source
         self._clock = clock
         self.topic = topic
         self.type = type
@@ -441,7 +450,7 @@ class Fanout:
         self.subscription = self._subscribe()
 
     def _subscribe(self) -> Subscription:
-        subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
+        subscription = self._source.subscribe(self.topic, self._deliver, self.type)
         subscription.on_displaced = self._end
         return subscription
 

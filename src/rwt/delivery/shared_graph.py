@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from rwt.delivery.compact import CompactForms, CompactSource
 from rwt.delivery.counters import Counters
 from rwt.delivery.fanout import Fanout
 from rwt.delivery.shared_publishers import SharedPublishers
@@ -20,6 +21,7 @@ class SharedGraph:
 
     Attributes:
         fanouts: fan-outs of the subscribed topics, by absolute name.
+        compact: compact forms of these topics.
 
     Args:
         linger: seconds that a publisher outlives its last user.
@@ -32,6 +34,7 @@ class SharedGraph:
         self.publishers = SharedPublishers(self.participant, graph.clock, linger, self.counters, log)
         self._scheduler = scheduler_of(graph.clock, SAMPLES)
         self.fanouts: dict[str, Fanout] = {}
+        self.compact = CompactForms(graph, self._derived)
 
     def fanout(self, topic: str, type: MessageType) -> Fanout:
         """Return the fan-out of a topic, which is created if needed. Raises TypeConflict."""
@@ -53,6 +56,9 @@ class SharedGraph:
                 # A remote publisher that returns sends retained samples once per subscription.
                 fanout.renew()
         return fanout
+
+    def _derived(self, fanout: Fanout, source: CompactSource) -> Fanout:
+        return Fanout(source, fanout.topic, source.type, fanout.counts, self.graph.clock, self._scheduler)
 
     def release(self, fanout: Fanout) -> None:
         """End a fan-out that has no listeners."""

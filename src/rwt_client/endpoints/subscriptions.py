@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any, Final, TypedDict, Unpack
 
@@ -13,7 +13,9 @@ from rwt_client.endpoints.publisher import wire_qos
 from rwt_client.endpoints.remote_handle import ClientConnection, RemoteHandle
 from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
+from rwt_client.wire.clouds import CloudReader
 from rwt_client.wire.decoding import UnparsedMessage
+from rwt_interfaces.point_clouds.wish import CLOUD, COMPRESSED
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
@@ -30,6 +32,7 @@ from rwt_participant.qos import QoS
 from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
+from rwt_protocol.ops.topics import Compact
 
 logger = logging.getLogger("rwt_client")
 
@@ -50,6 +53,8 @@ class SubscribeOptions(TypedDict, total=False):
         queue_bytes: the same limit in bytes; the newest message is queued whatever its size.
         fragment_size: maximum length of a message in characters; the server splits longer ones.
         qos: quality of service, on ROS 2 servers.
+        compact: request for a smaller form of point clouds, which are decompressed here; servers without it
+            send whole clouds. Needs the extra `clouds`.
     """
 
     arrays: ArrayKind
@@ -59,6 +64,7 @@ class SubscribeOptions(TypedDict, total=False):
     queue_bytes: int
     fragment_size: int | None
     qos: QoS | Qos | None
+    compact: Compact | Mapping[str, object] | None
 
 
 def _check_compression(name: str) -> None:
@@ -73,6 +79,15 @@ def _check_compression(name: str) -> None:
         raise ValueError(f"compression: expected one of {known}, got {name!r}")
 
 
+def _compact_of(wish: Compact | Mapping[str, object] | None) -> Compact | None:
+    if wish is None or isinstance(wish, Compact):
+        return wish
+    unknown = wish.keys() - Compact.model_fields.keys()
+    if unknown:
+        raise ValueError(f"compact: expected {', '.join(Compact.model_fields)}, got {min(unknown)!r}")
+    return Compact.model_validate(wish)
+
+
 class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     """Messages of one topic.
 
@@ -85,7 +100,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         invalid: number of messages that did not fit the type; each is logged.
 
     Raises:
-        ValueError: the option `arrays` or `compression` has another value.
+        ValueError: the option `arrays`, `compression` or `compact` has another value.
     """
 
     _decode: Callable[[UnparsedMessage], Message]
@@ -102,6 +117,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._asked = options.get("compression", "auto")
         check_kind(self._arrays)
         _check_compression(self._asked)
+        self._compact = _compact_of(options.get("compact"))
         limits = options.get("queue_size", 1000), options.get("queue_bytes", QUEUE_BYTES)
         RemoteHandle.__init__(self, connection, "subscribe", name)
         Subscription.__init__(self, name, callback, *limits, anyio.move_on_after)
@@ -113,10 +129,16 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
 
     def take_type(self, type: MessageType) -> None:
         self._compression = self._asked if self._asked != "auto" else self._best_compression(type)
-        self._decode = self._connection.types.reader(type, self._arrays).read
+        self._decode = self._reader(type)
         self._session.listen(self.name, self.deliver)
         if self._queue is not None and self._callback is not None:
             self._connection.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
+
+    def _reader(self, type: MessageType) -> Callable[[UnparsedMessage], Message]:
+        types = self._connection.types
+        whole = types.reader(type, self._arrays)
+        compact = types.known_message(COMPRESSED) if self._compact and type.name == CLOUD else None
+        return whole.read if compact is None else CloudReader(whole, types.reader(compact)).read
 
     def _best_compression(self, type: MessageType) -> str:
         if not self._connection.cbor_offered or not has_big_arrays(type):
@@ -184,6 +206,8 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             given["fragment_size"] = fragment_size
         if (qos := options.get("qos")) is not None:
             given["qos"] = wire_qos(qos)
+        if self._compact is not None:
+            given["compact"] = self._compact
         wire_type = self._connection.types.wire_name(self.type)
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
 

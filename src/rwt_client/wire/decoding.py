@@ -64,6 +64,10 @@ class MessageReader:
             message = Payload.from_value(self.type, arrived.value).value()
         else:
             message = self._from_text(arrived)
+        return self.finish(message)
+
+    def finish(self, message: msgspec.Struct) -> Message:
+        """Return a decoded message with its arrays as requested."""
         return message if self._finish is None else self._finish(message)
 
     def _from_text(self, arrived: Encodable) -> msgspec.Struct:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,8 @@ from rwt_interfaces.point_clouds.records import (
     record_of,
     within,
 )
+from rwt_interfaces.point_clouds.wish import FORMAT, CloudWish
 
-FORMAT: Final = "rwt_planes"
-"""Value of the field `format` of such a message."""
-TYPE: Final = "point_cloud_interfaces/CompressedPointCloud2"
 MOST_BYTES: Final = 256 << 20
 """Default maximum bytes of a decompressed cloud."""
 
@@ -42,28 +39,6 @@ _SPREAD: Final = (
     (2, 0x1249249249249249),
 )
 """Shifts and masks that put two zeros between any two bits of a number of 21 bits."""
-
-
-@dataclass(frozen=True, slots=True)
-class CloudWish:
-    """Points that a viewer requests.
-
-    Attributes:
-        precision: largest error of x, y and z in metres; that of an intensity is 1/256 of its range, and all
-            other fields are exact. 0 for a lossless cloud.
-        fields: names of the fields; empty for all.
-        crop: smallest x, y and z, then the largest, in the cloud's frame; empty for all points.
-        voxel: edge in metres of the cubes of which one point is taken; 0 for none.
-        stride: every so many points are taken; in organised clouds so many rows and columns.
-        order: ``any`` permits sorting the points of a cloud without an order, which are larger otherwise.
-    """
-
-    precision: float = 0.001
-    fields: tuple[str, ...] = ()
-    crop: tuple[float, ...] = ()
-    voxel: float = 0.0
-    stride: int = 1
-    order: Literal["keep", "any"] = "keep"
 
 
 def compress(cloud: Message, wish: CloudWish) -> dict[str, Any]:

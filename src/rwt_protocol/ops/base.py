@@ -109,7 +109,7 @@ def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
     return msgspec.json.decode(payload.data, type=str) if payload.kind == "string" else payload
 
 
-def _whole_number(value: object) -> object:
+def whole_number(value: object) -> object:
     """Accept integral floats as integers (SUB-11)."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
@@ -142,12 +142,12 @@ _Natural = Annotated[int, Field(ge=0, le=MOST)]
 
 Whole = Annotated[
     SafeInteger,
-    BeforeValidator(_whole_number, json_schema_input_type=SafeInteger),
+    BeforeValidator(whole_number, json_schema_input_type=SafeInteger),
     Expected("a whole number"),
 ]
 Count = Annotated[
     _Natural,
-    BeforeValidator(_whole_number, json_schema_input_type=_Natural),
+    BeforeValidator(whole_number, json_schema_input_type=_Natural),
     Expected("a whole number, zero or more"),
 ]
 

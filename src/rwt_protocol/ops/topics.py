@@ -22,6 +22,7 @@ from rwt_protocol.ops.base import (
     OptionalText,
     Text,
     Whole,
+    whole_number,
 )
 from rwt_protocol.ops.control import refuse_with_status
 from rwt_protocol.payloads import EMPTY
@@ -115,6 +116,55 @@ class Qos(BaseModel):
     ] = None
 
 
+def _as_tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+_Metres = Annotated[float, Field(allow_inf_nan=False)]
+_Box = tuple[_Metres, _Metres, _Metres, _Metres, _Metres, _Metres]
+_Six = Annotated[list[float], Field(min_length=6, max_length=6)]
+_Names = Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=256)]
+
+
+class Compact(BaseModel):
+    """Reduced form of large messages that a subscriber requests (SUB-19).
+
+    Attributes:
+        precision: largest error of x, y and z in metres, and of an intensity 1/256 of its range; 0 for exact.
+        fields: names of the fields of a point; all by default.
+        crop: box of the points in the cloud's frame: smallest x, y and z, then the largest.
+        voxel: edge in metres of the cubes of which one point is sent; 0 for all points.
+        stride: every so many points are sent; in organised clouds so many rows and columns.
+        order: `any` permits another order of the points of a cloud without an order.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="ignore", hide_input_in_errors=True, defer_build=True
+    )
+
+    precision: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), Expected("metres, 0 to 1000")] = (
+        0.001
+    )
+    fields: Annotated[
+        _Names | None,
+        BeforeValidator(_as_tuple, json_schema_input_type=list[str] | None),
+        Expected("at most 256 names"),
+    ] = None
+    crop: Annotated[
+        _Box | None,
+        BeforeValidator(
+            _as_tuple, json_schema_input_type=Annotated[list[float], Field(min_length=6, max_length=6)] | None
+        ),
+        Expected("six numbers: smallest x, y and z, then the largest"),
+    ] = None
+    voxel: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), Expected("metres, 0 to 1000")] = 0.0
+    stride: Annotated[
+        int, BeforeValidator(whole_number), Field(ge=1, le=10_000), Expected("a whole number, 1 to 10000")
+    ] = 1
+    order: Annotated[Literal["keep", "any"], BeforeValidator(_lower), Expected('"keep" or "any"')] = "keep"
+
+
+OptionalCompact = Annotated[Compact | None, Expected("an object")]
 OptionalQos = Annotated[Qos | None, Expected("an object")]
 OptionalCount = Annotated[Count | None, Expected("a whole number, zero or more")]
 QueueSize = Annotated[OptionalCount, NoEffect("a topic in memory has no queue to a network")]
@@ -179,6 +229,7 @@ class Subscribe(Op):
         compression: encoding of the messages (SUB-08); unknown words mean `none` (SUB-10).
         qos: queueing for a slow connection, and which retained messages are sent first: `depth`, `history`
             and `reliability` set the queue, `volatile` requests no retained messages (SUB-17).
+        compact: request for a smaller form of large messages; ignored for types that have none (SUB-19).
     """
 
     op: Literal["subscribe"] = "subscribe"
@@ -189,6 +240,7 @@ class Subscribe(Op):
     fragment_size: OptionalCount = None
     compression: Text = "none"
     qos: OptionalQos = None
+    compact: OptionalCompact = None
 
 
 class Unsubscribe(Op):

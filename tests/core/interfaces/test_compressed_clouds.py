@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 
 from rwt_interfaces import Payload, Registry
 from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.point_clouds.compressed import FORMAT, TYPE, CloudWish, compress, decompress
+from rwt_interfaces.point_clouds.compressed import compress, decompress
 from rwt_interfaces.point_clouds.errors import InvalidCloud
 from rwt_interfaces.point_clouds.planes import MAGIC, pack, unpack
+from rwt_interfaces.point_clouds.wish import COMPRESSED, FORMAT, CloudWish
 
 VECTORS: Sequence[Mapping[str, Any]] = json.loads(
     (Path(__file__).parents[3] / "docs/reference/point-clouds.vectors.json").read_text(encoding="utf-8")
@@ -171,7 +172,7 @@ def test_clouds_without_the_fields_are_refused(fields: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("distro", DISTROS)
 def test_the_message_type_is_known(distro: str) -> None:
-    message_type = Registry(DISTROS[distro]).message(TYPE)
+    message_type = Registry(DISTROS[distro]).message(COMPRESSED)
     message = compress(of_array(ordered(10)), CloudWish())
     head = {"frame_id": "laser"}
     payload = Payload.from_value(message_type, {**message, "header": head}, lambda: 0)

@@ -228,6 +228,12 @@ SCENES: dict[str, Scene] = {
         secret=True,
     ),
     "auth, which nobody needs": Scene(_signed(), {"id": "a"}, before=[HEARS_ALL]),
+    "subscribe, to a cloud": Scene(
+        _op("subscribe", topic="/c"),
+        {"compact": {}},
+        before=[_peer("advertise", topic="/c", type="sensor_msgs/PointCloud2")],
+        after=[_peer("publish", topic="/c", msg={})],
+    ),
     "qos of subscribe": Scene(
         _op("subscribe", topic="/t", qos={}),
         {"history": "keep_all", "depth": 1, "reliability": "best_effort", "durability": "volatile",

@@ -21,6 +21,7 @@ from urllib.parse import urlencode
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from rwt.delivery.compact import MOST_COMPACT
 from tests.faults.isolation.served import LONGEST_S, Client, Served, served
 from tests.processes import running
 from tests.waiting import wait_until
@@ -311,6 +312,33 @@ def ask_transforms(server: Served, stack: ExitStack) -> None:
     assert topic in client.call("/rosapi/topics")["values"]["topics"]
 
 
+CLOUD: Final = "sensor_msgs/PointCloud2"
+
+
+def whole(client: Client, topic: str) -> str:
+    """Subscribe to the compact form of a topic; return the warning that it is sent whole, or nothing."""
+    client.send("subscribe", topic=topic, type=CLOUD, compact={})
+    client.send("call_service", service="/rosapi/get_time", id=topic)
+    text = ""
+    while (message := client.receive()).get("op") != "service_response":
+        text += str(message.get("msg", ""))
+    return text
+
+
+def fill_compact(server: Served, stack: ExitStack) -> None:
+    client = connected(server, GREEDY, stack)
+    client.send("set_level", level="warning")
+    for number in range(MOST_COMPACT + 1):
+        text = whole(client, f"/points{number}")
+    assert "subscriptions to compact messages" in text
+
+
+def ask_compact(server: Served, stack: ExitStack) -> None:
+    client = connected(server, OTHER, stack)
+    client.send("set_level", level="warning")
+    assert whole(client, "/points") == ""
+
+
 ACTIONS: Final = ("/never", "/neither")
 FIBONACCI: Final = "example_interfaces/action/Fibonacci"
 
@@ -526,6 +554,7 @@ DRIVERS: Final[Mapping[str, Driver]] = {
     "pixels of videos": Driver(fill_pixels, ask_video, "demo = true\nlimits.video_pixels = 7000\n"),
     "event streams and long polls": Driver(fill_streams, ask_stream, "api.streams = 4\n"),
     "transform streams": Driver(fill_transforms, ask_transforms),
+    "compact subscriptions": Driver(fill_compact, ask_compact),
     "goals without their clients": Driver(fill_goals, ask_goal),
     "recordings": Driver(fill_recordings, ask_recording, "recorder.folder_bytes = 200000\n", recorded),
     "WebRTC peers": Driver(

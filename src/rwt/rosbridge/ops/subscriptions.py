@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from rwt.access.client_graph import ClientGraph
 from rwt.delivery.drop_notices import DeadlineWatch, DropNotices, NoticeFlow
@@ -12,9 +12,12 @@ from rwt.delivery.throttle import Room, Throttle
 from rwt.rosbridge.ops.qos import history_depth, qos_request
 from rwt.rosbridge.reply import Replies
 from rwt_graph.api import Sample
+from rwt_interfaces.point_clouds.wish import CloudWish
 from rwt_protocol import ops
 from rwt_protocol.codecs import Encoding
 from rwt_protocol.ops import Status
+from rwt_protocol.ops.topics import Compact
+from rwt_transports.shared_pool import PoolFull, Share
 
 #: Maximum throttle rate in milliseconds (three hundred centuries); larger ones count as this.
 _LONGEST_THROTTLE = 10**15
@@ -24,7 +27,10 @@ class ClientSubscription:
     """Subscriptions of one client under one spelling of a topic's name, by id.
 
     The smallest `throttle_rate` (SUB-05), `queue_length` (X06) and `fragment_size` (SUB-07) apply, and the
-    strongest requested encoding (SUB-08).
+    strongest requested encoding (SUB-08). A compact form applies if all request the same one (SUB-19).
+
+    Private attributes: ``_source`` is the fan-out of the compact form, of which ``_share`` is this client's
+    share, or `fanout`; ``_is_whole`` is True once the pool has refused or taken the share.
 
     Args:
         on_end: called with the reason if the topic's fan-out ends; it has to :meth:`close` this object.
@@ -65,6 +71,11 @@ class ClientSubscription:
         self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, room)
         self._encoding: Encoding | None = None
         self._stream: EncodedStream[Sample] | None = None
+        self._source = fanout
+        self._wish: CloudWish | None = None
+        self._share: Share | None = None
+        self._is_whole = False
+        self._replies = replies
 
     @property
     def is_empty(self) -> bool:
@@ -91,8 +102,8 @@ class ClientSubscription:
         """Send latched samples, at most that many of the newest; None means all."""
         if most == 0:
             return
-        kept = self.fanout.subscription.history()
-        if startup:
+        kept = self._source.subscription.history()
+        if startup and self._source is self.fanout:
             kept += self._graph.startup_samples(self.fanout)
         for sample in kept if most is None else kept[-most:]:
             stream.replay(sample, self._throttle)
@@ -127,13 +138,36 @@ class ClientSubscription:
         rate = min(*(max(0, op.throttle_rate) for op, _ in requests), _LONGEST_THROTTLE) / 1000
         self._throttle.configure(rate, min(op.queue_length for op, _ in requests))
         self._apply_qos([op for op, _ in requests])
-        if encoding is self._encoding and self._stream is not None:
+        wish = None if self._is_whole else _wish_of([op.compact for op, _ in requests])
+        if encoding is self._encoding and wish == self._wish and self._stream is not None:
             self._stream.changed(self._throttle)
             return self._stream
         self._leave()
-        self._encoding = encoding
-        self._stream = self.fanout.join(self._throttle, self._name, encoding, self._on_end)
+        if wish is not None:
+            self._join_compact(wish)
+        self._encoding, self._wish = encoding, wish
+        self._stream = self._source.join(self._throttle, self._name, encoding, self._on_end)
         return self._stream
+
+    def _join_compact(self, wish: CloudWish) -> None:
+        try:
+            joined = self._graph.join_compact(self.fanout, wish, self._lose_compact)
+        except PoolFull as full:
+            self._report_whole(full.reason)
+            return
+        if joined is not None:
+            self._source, self._share = joined
+
+    def _lose_compact(self, reason: str) -> None:
+        """Send whole messages from now on; another client needs the share."""
+        self._report_whole(reason)
+        if self._requests:
+            self._apply()
+
+    def _report_whole(self, reason: str) -> None:
+        self._is_whole = True
+        text = f"subscribe: messages of {self._name} are sent whole, without `compact`: {reason}"
+        self._replies.send(Status(level="warning", msg=text))
 
     def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:
         info = self._graph.topic(self.fanout.topic)
@@ -144,5 +178,18 @@ class ClientSubscription:
 
     def _leave(self) -> None:
         if self._encoding is not None:
-            self.fanout.leave(self._throttle, self._name, self._encoding)
+            self._source.leave(self._throttle, self._name, self._encoding)
             self._encoding = None
+        if self._wish is not None and self._share is not None:
+            self._graph.leave_compact(self._source, self._wish, self._share)
+        self._source, self._wish, self._share = self.fanout, None, None
+
+
+def _wish_of(requests: Sequence[Compact | None]) -> CloudWish | None:
+    """Return the compact form that all subscriptions request; None if they differ (SUB-19)."""
+    first, *others = requests
+    if first is None or any(each != first for each in others):
+        return None
+    return CloudWish(
+        first.precision, first.fields or (), first.crop or (), first.voxel, first.stride, first.order
+    )
