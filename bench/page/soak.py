@@ -91,7 +91,7 @@ def serve(points: int, case: str) -> None:
             node = server.node("load")
             match case:
                 case "map":
-                    await _repeat(5.0, _publish_map(node), server)
+                    await _repeat(5.0, publish_map(node), server)
                 case "plots":
                     await _repeat(0.01, _publish_numbers(node, PLOTS), server)
                 case "topics":
@@ -116,11 +116,11 @@ async def _repeat(period: float, publish: Callable[[int], None], server: Server)
 
 def _publish_cloud(node: Node, points: int) -> Callable[[int], None]:
     cloud = node.advertise("/cloud", "sensor_msgs/PointCloud2")
-    clouds = [_cloud(points, turn) for turn in np.linspace(0, 2 * math.pi, 20, endpoint=False)]
+    clouds = [spiral(points, turn) for turn in np.linspace(0, 2 * math.pi, 20, endpoint=False)]
     return lambda number: cloud.publish(clouds[number % len(clouds)])
 
 
-def _publish_map(node: Node) -> Callable[[int], None]:
+def publish_map(node: Node) -> Callable[[int], None]:
     """A map whose other half is occupied each time."""
     publisher = node.advertise("/large_map", "nav_msgs/OccupancyGrid", qos=LATCHED)
     info = {"resolution": 0.05, "width": MAP_CELLS, "height": MAP_CELLS}
@@ -143,7 +143,8 @@ def _publish_numbers(node: Node, count: int) -> Callable[[int], None]:
     return publish
 
 
-def _cloud(points: int, turn: float) -> dict[str, Any]:
+def spiral(points: int, turn: float) -> dict[str, Any]:
+    """Return a cloud of a spiral, in the map's frame."""
     along = np.linspace(0, 1, points, dtype=np.float32)
     places = np.zeros((points, 4), dtype=np.float32)
     places[:, 0] = 3 * along * np.cos(40 * along + turn)

@@ -181,6 +181,15 @@ class Browser:
             for pid in reversed(stopped):
                 os.kill(pid, signal.SIGCONT)
 
+    def renderer_bytes(self) -> int:
+        """Return the resident memory of the processes that run pages; Linux only."""
+        total = 0
+        for pid in _with_descendants(self._process.pid):
+            folder = Path(f"/proc/{pid}")
+            if b"--type=renderer" in (folder / "cmdline").read_bytes():
+                total += int((folder / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return total
+
     def close(self) -> None:
         """End the browser."""
         assert self._process.stdin is not None

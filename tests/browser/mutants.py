@@ -319,6 +319,14 @@ MUTANTS: Final = (
         "",
         "test_safety.py::test_a_page_that_stalls_says_that_driving_ended",
     ),
+    Mutant(
+        "large",
+        "messages are decoded however large they are",
+        "src/decode/bound.ts",
+        "if (bytes <= most) return null;",
+        "return null;",
+        "test_data_panels.py::test_a_topic_with_messages_that_are_too_large_is_shown_on_request",
+    ),
 )
 
 

@@ -13,6 +13,7 @@ from rwt import Server
 from rwt_participant.qos import LATCHED
 from tests.browser.driver import Browser, Page
 from tests.browser.test_panels import open_panels, panel, text, violations
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -174,6 +175,26 @@ async def test_frames_show_rates_by_stamps_and_the_faults_of_the_tree(browser: B
             await page.wait(f"{shown}.includes({json.dumps(fault)})")
         await page.wait("document.querySelector('.frames').textContent.includes('the loop begins again')")
         assert await violations(page) == []
+
+
+async def test_a_topic_with_messages_that_are_too_large_is_shown_on_request(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", web={"message_bytes": 100_000}) as server:
+        node = server.node("robot")
+        huge = node.advertise("/huge", "std_msgs/String", qos=LATCHED)
+        huge.publish({"data": "begin " + "x" * 200_000})
+        async with browser.page(f"{address(server)}healthz", 900, 500) as page:
+            await open_panels(page, address(server), [("topics", {"topic": "/huge"})])
+            await page.wait(f"{text('.too-large')}.startsWith('/huge is not shown: a message has 0.2 MB')")
+            assert not await page.evaluate("document.querySelector('.detail .tree')")
+            assert await violations(page) == []
+            await until(
+                lambda: (
+                    not any(topic.name == "/huge" and topic.subscribers for topic in server.graph.topics())
+                )
+            )
+            await page.click(".too-large button")
+            await page.wait(f"{text('.detail .tree')}.includes('begin x')")
+            assert not await page.evaluate("document.querySelector('.too-large')")
 
 
 @pytest.mark.parametrize(("language", "written"), [("en-US", "13:04:05.006"), ("de-AT", "13:04:05,006")])

@@ -1,4 +1,5 @@
 import { describe, expect, test } from "vitest";
+import { setBound, tooLarge } from "../src/decode/bound";
 import { decodeCbor } from "../src/decode/cbor";
 import { decodeCloud } from "../src/decode/cloud";
 import { decodeImage } from "../src/decode/image";
@@ -171,4 +172,36 @@ describe("raw images", () => {
     const thin = { width: 1e300, height: 1e-300, encoding: "rgb8", step: 0, is_bigendian: 0 };
     expect(() => decodeImage({ ...thin, data: [1, 2, 3] })).toThrow("pixels");
   });
+});
+
+describe("messages that are too large", () => {
+  const text = (op: string, topic: string, more = "") =>
+    `{"op": "${op}", ${more}"topic": "${topic}", "msg": {"data": "${"x".repeat(200)}"}}`;
+  // {"op": "publish", "topic": "/big", "msg": {"data": h'00…'}}
+  const cbor = () => {
+    const head = bytes("a3626f70677075626c69736865746f706963642f626967636d7367a16464617461590100");
+    const whole = new Uint8Array(head.length + 256);
+    whole.set(head);
+    return whole.buffer;
+  };
+
+  test.each([[text("publish", "/big")], [text("publish", "/big", '"id": "a\\"b", ')], [cbor()]])(
+    "are told by their first bytes, whatever follows",
+    (message) => {
+      setBound(100, new Set());
+      expect(tooLarge(message)).toBe("/big");
+      setBound(100, new Set(["/big"]));
+      expect(tooLarge(message)).toBeNull();
+      setBound(10_000, new Set());
+      expect(tooLarge(message)).toBeNull();
+    },
+  );
+
+  test.each([[text("service_response", "/big")], [`[${"1,".repeat(100)}1]`], ["{"]])(
+    "are decoded where they are no message of a topic",
+    (message) => {
+      setBound(0, new Set());
+      expect(tooLarge(message)).toBeNull();
+    },
+  );
 });

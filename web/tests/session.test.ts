@@ -18,6 +18,7 @@ class FakeRobot implements WorkerPort {
   onerror: WorkerPort["onerror"] = null;
   ended = 0;
   decodings: ToWorker[] = [];
+  bounds: ToWorker[] = [];
   sent: Op[] = [];
   sends: Extract<ToWorker, { kind: "send" }>[] = [];
   socket = 0;
@@ -34,6 +35,8 @@ class FakeRobot implements WorkerPort {
       queueMicrotask(() => this.lose());
     } else if (message.kind === "decodings") {
       this.decodings.push(message);
+    } else if (message.kind === "bound") {
+      this.bounds.push({ ...message, unbounded: new Set(message.unbounded) });
     } else if (message.kind === "send") {
       this.sends.push(message);
       const op = JSON.parse(message.text) as Op;
@@ -474,6 +477,18 @@ describe("a session", () => {
       expect(robot.published("/cmd_vel")).toEqual([twist(0, 0)]);
       expect(session.commands.block.value).toBe("stopped");
     });
+  });
+
+  test("a topic whose messages are too large ends, and comes back on request", () => {
+    const opsOf = (topic: string) => robot.sent.filter((each) => each.topic === topic).map(({ op }) => op);
+    session.subscribe("/cloud", "sensor_msgs/msg/PointCloud2", () => undefined);
+    robot.say({ kind: "refused", topic: "/cloud", bytes: 64_000_000 });
+    expect([...session.refused.value]).toEqual([["/cloud", 64_000_000]]);
+    expect(opsOf("/cloud")).toEqual(["subscribe", "unsubscribe"]);
+    session.accept("/cloud");
+    expect(session.refused.value.size).toBe(0);
+    expect(opsOf("/cloud")).toEqual(["subscribe", "unsubscribe", "subscribe"]);
+    expect(robot.bounds.at(-1)).toMatchObject({ unbounded: new Set(["/cloud"]) });
   });
 
   describe("driving", () => {

@@ -172,7 +172,7 @@ def test_layouts_are_offered_by_name_and_nothing_else_of_the_folder_is(built: Pa
     page = page_of(built, layouts=layouts)
     settings = ask(page, "/web/settings.json")
     assert isinstance(settings.body, bytes)
-    assert json.loads(settings.body) == {"robot": None, "layouts": ["patrol"]}
+    assert json.loads(settings.body) == {"robot": None, "layouts": ["patrol"], "message_bytes": None}
     assert ask(page, "/web/layouts/patrol").body == b'{"version": 1, "panels": []}'
     audiences = {route.path: route.audience for route in page.http.routes}
     assert audiences["/web/layouts/*"] is Audience.ADMITTED
@@ -250,7 +250,7 @@ async def test_the_page_alone(built: Path, monkeypatch: pytest.MonkeyPatch) -> N
     async with serve_page("ws://127.0.0.1:0", "ws://robot:9090") as listener:
         assert await get(listener.url, "/") == (200, "<!doctype html>page")
         settings = json.loads((await get(listener.url, "/web/settings.json"))[1])
-        assert settings == {"robot": "ws://robot:9090", "layouts": []}
+        assert settings == {"robot": "ws://robot:9090", "layouts": [], "message_bytes": None}
         upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
         status, text = await get(
             listener.url, "/", **upgrade, **{"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}

@@ -17,6 +17,7 @@ export function Banners({ app }: { app: App }) {
       <Link app={app} />
       <Senders app={app} />
       <Waiting app={app} />
+      <TooLarge app={app} />
     </>
   );
 }
@@ -60,6 +61,24 @@ function Link({ app }: { app: App }) {
         </button>
       )}
     </div>
+  );
+}
+
+/** Topics whose messages would stop the page. */
+function TooLarge({ app }: { app: App }) {
+  const { session } = app;
+  const megabytes = (bytes: number) => (bytes / 1e6).toFixed(bytes < 1e7 ? 1 : 0);
+  return (
+    <>
+      {[...session.refused.value].map(([name, bytes]) => (
+        <p key={name} class="too-large" role="status">
+          {t("large.refused", { name, size: megabytes(bytes), most: megabytes(session.messageBytes) })}{" "}
+          <button type="button" data-scan="press" onClick={() => session.accept(name)}>
+            {t("large.accept")}
+          </button>
+        </p>
+      ))}
+    </>
   );
 }
 

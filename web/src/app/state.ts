@@ -30,8 +30,12 @@ export interface PageSettings {
   robot: string | null;
   /** Where a hub lists its robots, of which this is one; null without a hub. */
   robots: string | null;
+  /** Bytes of a message above which its topic is shown on request; null for the page's own limit. */
+  message_bytes?: number | null;
 }
 
+/** Bytes of a message above which its topic is shown on request, unless the server says how many. */
+const MESSAGE_BYTES = 20_000_000;
 /** Panels of a layout: more would keep the browser busy for minutes. */
 export const MOST_PANELS = 64;
 
@@ -157,6 +161,7 @@ export class App {
       token: sessionStorage.getItem(TOKEN + robot) ?? "",
       worker: () => workers(recording),
       isRecording: recording !== null,
+      messageBytes: recording ? Number.POSITIVE_INFINITY : (settings.message_bytes ?? MESSAGE_BYTES),
     });
     this.stop = new Stop(this.session);
     this.navigation = new Navigation(this.session);

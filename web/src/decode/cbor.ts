@@ -38,6 +38,20 @@ class Decoder {
     return value;
   }
 
+  /** The members of a map before the one of a name. */
+  before(name: string): Record<string, unknown> {
+    const object: Record<string, unknown> = {};
+    const head = this.view.getUint8(this.at++);
+    if (head >> 5 !== 5 || (head & 31) === 31) return object;
+    for (let left = this.argument(head & 31); left > 0; left--) {
+      const start = this.at;
+      if (this.value(1) === name) break;
+      this.at = start;
+      this.member(object, 0);
+    }
+    return object;
+  }
+
   private value(depth: number): unknown {
     if (depth > 128) throw new CborError("nested too deeply");
     const head = this.view.getUint8(this.at++);
@@ -164,6 +178,11 @@ class Decoder {
       throw new CborError("the message ends in the middle of a string");
     return this.bytes.slice(this.skip(count), this.at);
   }
+}
+
+/** The members before the one of a name, of a message that is a map; none of another message. Throws as {@link decodeCbor}. */
+export function membersBefore(bytes: Uint8Array, name: string): Record<string, unknown> {
+  return new Decoder(bytes).before(name);
 }
 
 /** The value of one CBOR message. Throws where the bytes are none. */

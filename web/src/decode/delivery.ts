@@ -1,5 +1,6 @@
 /** What a worker hands to the page. Of topics that are decoded further only the newest message waits for it. */
 
+import { bytesOf } from "./bytes";
 import { decodeCloud, type PointCloud2 } from "./cloud";
 import { decodeImage, type RawImage } from "./image";
 import { paletteOf } from "./palette";
@@ -11,6 +12,9 @@ export interface Envelope {
   topic?: string;
   msg?: Record<string, unknown>;
 }
+
+/** Bytes of a decoded cloud that are handed on, to be read by people. */
+const KEPT_BYTES = 1024;
 
 let decodings = new Map<string, Decoding>();
 let traffic = new Map<string, Traffic>();
@@ -65,13 +69,12 @@ function deliver(socket: number, message: Envelope): void {
     waiting.set(message.topic as string, null);
     try {
       const [kind, palette, ...by] = decoding.split(":");
-      if (kind === "cloud")
-        message.msg.$points = decodeCloud(
-          message.msg as unknown as PointCloud2,
-          by.join(":"),
-          paletteOf(palette),
-        );
-      else message.msg.$pixels = decodeImage(message.msg as unknown as RawImage);
+      if (kind === "cloud") {
+        const cloud = message.msg as unknown as PointCloud2;
+        message.msg.$points = decodeCloud(cloud, by.join(":"), paletteOf(palette));
+        // The page has the points, and would keep all bytes of its last message.
+        message.msg.data = bytesOf(cloud.data).slice(0, KEPT_BYTES);
+      } else message.msg.$pixels = decodeImage(message.msg as unknown as RawImage);
     } catch (error) {
       message.msg.$error = (error as Error).message;
     }

@@ -65,6 +65,11 @@ export class Liveness {
     return JSON.stringify({ op: "call_service", id, service: BEAT_SERVICE, args: {} });
   }
 
+  /** Take note that something came from the robot. */
+  noteTraffic(now: number): void {
+    this.heardAt = now;
+  }
+
   /**
    * Take note of a message from the robot.
    *
@@ -72,7 +77,7 @@ export class Liveness {
    * @returns true if it answers a beat, and is of no interest to others
    */
   hear(message: Answer, now: number, wall: number): boolean {
-    this.heardAt = now;
+    this.noteTraffic(now);
     const { op, id = "", result, values } = message;
     if (op !== "service_response" || !id.startsWith(BEAT_ID)) return false;
     const sentAt = this.pending.get(id);

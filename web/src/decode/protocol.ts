@@ -51,6 +51,8 @@ export type ToWorker =
   | { kind: "close"; socket: number }
   /** Which topics are decoded further. */
   | { kind: "decodings"; decodings: Map<string, Decoding> }
+  /** Messages of more bytes are not decoded, but for those of some topics. */
+  | { kind: "bound"; bytes: number; unbounded: ReadonlySet<string> }
   /** The page is done with a message of a topic of which only the newest counts. */
   | { kind: "taken"; topic: string };
 
@@ -67,4 +69,6 @@ export type FromWorker =
   /** Responsiveness, sent on change, and ten times a second while the robot does not answer. */
   | ({ kind: "answering"; socket: number } & Answering)
   | { kind: "message"; socket: number; message: { op: string; topic?: string }; mustTake: boolean }
+  /** A message that was not decoded, because of its size. */
+  | { kind: "refused"; topic: string; bytes: number }
   | { kind: "traffic"; seconds: number; topics: Map<string, Traffic> };

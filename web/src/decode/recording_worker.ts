@@ -298,6 +298,8 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
   else if (data.kind === "send") player?.take(JSON.parse(data.text));
   else if (data.kind === "decodings") decodeFurther(data.decodings);
   else if (data.kind === "close") say({ kind: "close", socket: data.socket, code: 1000, reason: "" });
-  else if (data.topic === PLAYBACK) player?.onShown();
-  else taken(data.topic);
+  else if (data.kind === "taken") {
+    if (data.topic === PLAYBACK) player?.onShown();
+    else taken(data.topic);
+  }
 };

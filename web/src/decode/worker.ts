@@ -3,6 +3,7 @@
  * typed arrays.
  */
 
+import { setBound, tooLarge } from "./bound";
 import { decodeCbor } from "./cbor";
 import { decodeFurther, type Envelope, forget, receive, say, taken } from "./delivery";
 import { type Answering, GIVE_UP, Liveness, SILENT } from "./liveness";
@@ -32,6 +33,9 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
       break;
     case "close":
       sockets.get(data.socket)?.socket.close();
+      break;
+    case "bound":
+      setBound(data.bytes, data.unbounded);
       break;
     case "decodings":
       decodeFurther(data.decodings);
@@ -68,6 +72,16 @@ function open(number: number, url: string, protocols: string[]): void {
   };
   socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
     try {
+      const refused = tooLarge(data);
+      if (refused !== null) {
+        connection.liveness?.noteTraffic(performance.now());
+        say({
+          kind: "refused",
+          topic: refused,
+          bytes: typeof data === "string" ? data.length : data.byteLength,
+        });
+        return;
+      }
       const message = (
         typeof data === "string" ? JSON.parse(data) : decodeCbor(new Uint8Array(data))
       ) as Envelope;

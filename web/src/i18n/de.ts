@@ -408,6 +408,9 @@ export const de: Record<TextKey, string> = {
   "parameters.none": "Es gibt keine Parameter.",
   "parameters.fixed": "nur lesbar",
   "parameters.kind": "Hier gehört {kind} hin.",
+  "large.refused":
+    "{name} wird nicht gezeigt: Eine Nachricht hat {size} MB, mehr als {most} MB, und würde diese Seite bremsen.",
+  "large.accept": "Zeigen",
   "frames.title": "Koordinatensysteme",
   "frames.static": "fest",
   "frames.faults": "Fehler im Baum",

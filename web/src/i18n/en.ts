@@ -398,6 +398,9 @@ export const en = {
   "parameters.none": "No parameters.",
   "parameters.fixed": "read only",
   "parameters.kind": "Expected a {kind}.",
+  "large.refused":
+    "{name} is not shown: a message has {size} MB, more than {most} MB, and would slow down this page.",
+  "large.accept": "Show it",
   "frames.title": "Frames",
   "frames.static": "static",
   "frames.faults": "Faults of the tree",

@@ -45,6 +45,8 @@ export interface SessionOptions {
   worker: () => WorkerPort;
   /** Milliseconds between two looks at what the robot offers. */
   discovery?: number;
+  /** Bytes of a message above which its topic is not shown; all are by default. */
+  messageBytes?: number;
   /** True if the worker plays a recording: there is no robot, and nothing is sent. */
   isRecording?: boolean;
 }
@@ -82,6 +84,10 @@ export class RobotSession {
     return this.graph.value !== EMPTY;
   }
   readonly permissions: Signal<Permissions> = signal(new Permissions(null));
+  /** Topics that are not shown because of the bytes of a message. */
+  readonly refused: Signal<ReadonlyMap<string, number>> = signal(new Map());
+  /** Bytes of a message above which its topic is refused. */
+  readonly messageBytes: number;
   readonly notices: Signal<Notice[]> = signal([]);
   /** Traffic of each subscribed topic in the last second. */
   readonly traffic: Signal<Map<string, Traffic & { seconds: number }>> = signal(new Map());
@@ -113,6 +119,7 @@ export class RobotSession {
   private readonly decode: DecodeWorker;
   private readonly subscriptions: Subscriptions;
   private readonly definitions = new Map<string, Promise<Definitions>>();
+  private readonly accepted = new Set<string>();
   private readonly abandoned = new Set<(error: RobotError) => void>();
   private readonly discoveryPeriod: number;
   private token: string;
@@ -127,8 +134,16 @@ export class RobotSession {
   private discovery: ReturnType<typeof setTimeout> | undefined;
   private closed = false;
 
-  constructor({ url, token = "", worker, discovery = 3000, isRecording = false }: SessionOptions) {
+  constructor({
+    url,
+    token = "",
+    worker,
+    discovery = 3000,
+    isRecording = false,
+    messageBytes = Number.POSITIVE_INFINITY,
+  }: SessionOptions) {
     this.url = url;
+    this.messageBytes = messageBytes;
     this.isRecording = isRecording;
     this.token = token;
     this.discoveryPeriod = discovery;
@@ -152,9 +167,15 @@ export class RobotSession {
         this.clockOffset = clockOffset;
         this.trip.value = trip;
       },
+      onRefused: (topic, bytes) => {
+        if (this.accepted.has(topic)) return;
+        this.refused.value = new Map(this.refused.peek()).set(topic, bytes);
+        this.subscriptions.pause(topic);
+      },
       onStatus: (level, text, id) => this.noteStatus(level, text, id),
     });
     this.decode = decode;
+    decode.bound(messageBytes, this.accepted);
     this.ros = new Ros({
       transportFactory: decode.factory(() => ({
         protocols: this.token ? ["rwt", `bearer.${this.token}`] : [],
@@ -384,6 +405,16 @@ export class RobotSession {
   /** Hear a topic until the returned function is called; see {@link Subscriptions.add}. */
   subscribe(name: string, type: string, listener: OnMessage, options?: SubscribeOptions): () => void {
     return this.subscriptions.add(name, type, listener, options);
+  }
+
+  /** Show a topic whatever the size of its messages. */
+  accept(topic: string): void {
+    this.accepted.add(topic);
+    this.decode.bound(this.messageBytes, this.accepted);
+    const refused = new Map(this.refused.peek());
+    refused.delete(topic);
+    this.refused.value = refused;
+    this.subscriptions.resume(topic);
   }
 
   /**

@@ -102,6 +102,19 @@ export class Subscriptions {
     };
   }
 
+  /** End the flow of a topic, whose listeners stay. */
+  pause(name: string): void {
+    this.topics.get(name)?.topic.unsubscribe();
+  }
+
+  /** Subscribe to a topic again that was paused. */
+  resume(name: string): void {
+    const merged = this.topics.get(name);
+    if (!merged) return;
+    this.topics.delete(name);
+    this.merge(name, merged.type, merged.listeners);
+  }
+
   private merge(name: string, type: string, listeners: Map<OnMessage, SubscribeOptions>): void {
     const options = [...listeners.values()];
     // Thinned out, several publishers' last messages, which come together, would be one.

@@ -87,6 +87,7 @@ class WorkerTransport implements ITransport {
 export interface Watcher {
   onTraffic(seconds: number, topics: Map<string, Traffic>): void;
   onAnswering(answering: Answering): void;
+  onRefused(topic: string, bytes: number): void;
   onStatus(level: string, text: string, id: string | undefined): void;
 }
 
@@ -106,6 +107,7 @@ export class DecodeWorker {
   private count = 0;
   private current: [number, WorkerTransport] | null = null;
   private worker: WorkerPort | null = null;
+  private bounds: Extract<ToWorker, { kind: "bound" }> | null = null;
   private decodings = new Map<string, Decoding>();
   private patience: ReturnType<typeof setTimeout> | undefined;
   private isEnding = false;
@@ -139,6 +141,12 @@ export class DecodeWorker {
     this.worker?.postMessage({ kind: "decodings", decodings });
   }
 
+  /** Have messages of more bytes not decoded, but for those of some topics. */
+  bound(bytes: number, unbounded: ReadonlySet<string>): void {
+    this.bounds = { kind: "bound", bytes, unbounded };
+    this.worker?.postMessage(this.bounds);
+  }
+
   /** Send a message that is dropped, without a trace, if the robot does not answer or much waits to be sent. */
   sendFresh(message: object): void {
     this.current?.[1].sendFresh(message);
@@ -163,6 +171,7 @@ export class DecodeWorker {
       else this.watcher.onStatus("error", message || "the decoding worker failed", undefined);
     };
     worker.postMessage({ kind: "decodings", decodings: this.decodings });
+    if (this.bounds) worker.postMessage(this.bounds);
     return worker;
   }
 
@@ -189,6 +198,10 @@ export class DecodeWorker {
   private receive(data: FromWorker): void {
     if (data.kind === "traffic") {
       this.watcher.onTraffic(data.seconds, data.topics);
+      return;
+    }
+    if (data.kind === "refused") {
+      this.watcher.onRefused(data.topic, data.bytes);
       return;
     }
     if (this.current?.[0] !== data.socket) return;

@@ -47,6 +47,7 @@ class WebPage:
         layouts: folder of ``NAME.json``, for clients that may connect: layouts name topics.
         robot: URL of the robot to connect to unless the page's URL names one; default: this server.
         embed: origins whose pages may embed this one in a frame, besides this server's.
+        message_bytes: largest message that the page decodes by itself; default: the page's own limit.
 
     Attributes:
         http: routes for a server.
@@ -62,6 +63,7 @@ class WebPage:
         layouts: Path | None = None,
         robot: str | None = None,
         embed: Iterable[str] = (),
+        message_bytes: int | None = None,
     ) -> None:
         if layouts is not None and not layouts.is_dir():
             raise WebPageError(f"{layouts}: no folder of layouts")
@@ -74,6 +76,7 @@ class WebPage:
         self._files = files
         self._layouts = layouts
         self._robot = robot
+        self._message_bytes = message_bytes
         self._ancestors = " ".join(("'self'", *embed))
         routes = [
             Route("/", self._document, Audience.ANYBODY),
@@ -126,7 +129,8 @@ class WebPage:
     def _settings(self, request: HttpRequest, reader: Reader) -> HttpResponse:
         shown = self._layouts if reader.is_admitted else None
         names = sorted(path.stem for path in shown.glob("*.json")) if shown else []
-        body = {"robot": self._robot, "layouts": [name for name in names if _LAYOUT_NAME.fullmatch(name)]}
+        layouts = [name for name in names if _LAYOUT_NAME.fullmatch(name)]
+        body = {"robot": self._robot, "layouts": layouts, "message_bytes": self._message_bytes}
         return HttpResponse(
             json.dumps(body).encode(), content_type="application/json", headers={"Cache-Control": "no-store"}
         )

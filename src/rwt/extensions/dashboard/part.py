@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import html
 from pathlib import Path
+from typing import Final
 
 from pydantic import Field
 
 from rwt.access.settings import SettingsError, Table
 from rwt.declarations import NodeContext, NodePart
 from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, Route
+
+MESSAGE_BYTES: Final = 20_000_000
+"""Default of the largest message that the dashboard decodes by itself: a map of 4000 by 4000 cells fits."""
 
 
 class WebSettings(Table):
@@ -22,6 +26,12 @@ class WebSettings(Table):
         None,
         description="folder of layouts, `NAME.json`, which every user who may connect can open with"
         " `?layout=NAME`",
+    )
+    message_bytes: int = Field(
+        MESSAGE_BYTES,
+        ge=100_000,
+        description="largest message that the dashboard decodes by itself; of a topic with larger ones it"
+        " shows the size, and a button that shows the topic",
     )
     embed: tuple[str, ...] = Field(
         (),
@@ -41,7 +51,9 @@ def _make(context: NodeContext, settings: WebSettings) -> HttpExtension:
             section=lambda request, reader: f"<p>{html.escape(MISSING)}",
         )
     try:
-        return WebPage(files, layouts=settings.layouts, embed=settings.embed).http
+        return WebPage(
+            files, layouts=settings.layouts, embed=settings.embed, message_bytes=settings.message_bytes
+        ).http
     except WebPageError as error:
         raise SettingsError(f"`web`: {error}") from error
 
