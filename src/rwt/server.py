@@ -380,7 +380,7 @@ class Server:
             reload_roles()
         if running.tls is not None:
             renew_server_tls(running.tls, settings.tls)
-        self._warn_of_strangers(running.bridge.access, running.listeners)
+        self._warn_of_strangers(running.bridge.access, running.listeners, running.connections)
         changed = [name for name in changed_names(self._started_with, settings) if name not in _RELOADED]
         if changed:
             logger.warning("changed, but without effect until a restart: %s", ", ".join(changed))
@@ -529,7 +529,7 @@ class Server:
             await stack.enter_async_context(self._app.serving(ports.port))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.serve_metrics(metrics.text))
-        self._warn_of_strangers(access, listeners)
+        self._warn_of_strangers(access, listeners, connections)
         self._warn_of_readable_tokens(listeners)
         if self._is_first:
             ports.proxies.log()
@@ -550,11 +550,14 @@ class Server:
             stack.callback(gateway.close)
         return gateways
 
-    def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
-        """Warn if other machines can reach a server without authentication, if need be through a proxy."""
+    def _warn_of_strangers(
+        self, access: Access, listeners: Iterable[Listener], connections: Iterable[OutgoingConnection]
+    ) -> None:
+        """Warn if other machines reach a server without authentication, also through a proxy or a hub."""
         role = access.admission.default_role
         has_proxy = bool(self.settings.proxies)
         open_at = [each.url for each in listeners if has_proxy or not is_loopback_listener(each.url)]
+        open_at += [each.url for each in connections]
         if open_at and role is not None and role.unrestricted and self._is_first:
             logger.warning(
                 "NO AUTHENTICATION: everybody who reaches %s may drive this robot. Set `auth.tokens`, or"

@@ -61,21 +61,21 @@ class Admission:
         self._monotonic = monotonic
         self._log_rate = LineRate(per_second=10, burst=100)
         self.rosauth: Rosauth | None = None
-        self._has_credentials = False
+        self._is_open = True
         self.prepare(settings)()
 
     def prepare(self, settings: AccessSettings) -> Callable[[], None]:
         """Return the function that replaces tokens, roles, origins and the rosauth secret; it does not fail.
 
         Raises:
-            SettingsError: a token or the rosauth secret cannot be read, or the last credential is gone and
-                `auth.default_role` does not say what clients may do without one.
+            SettingsError: a token or the rosauth secret cannot be read, or every client would become
+                `admin`, without a restart or `auth.default_role` that says so.
         """
-        if self._has_credentials and not settings.auth.has_credentials and not settings.auth.default_role:
+        if settings.auth.is_open and not self._is_open:
             raise SettingsError(
-                "`auth.tokens`: without the last credential every client would be `admin`; if that is"
+                "`auth`: without credentials and `auth.default_role`, every client would be `admin`; if that is"
                 ' intended, set `auth.default_role = "admin"`, or to a role that may less',
-                ("auth", "tokens"),
+                ("auth",),
             )
         known = roles(settings)
         rosauth = rosauth_of(settings.auth, known, self._now)
@@ -93,7 +93,7 @@ class Admission:
         if rosauth is not None and self.rosauth is not None:
             rosauth.take_used_macs(self.rosauth)
             self._keeps_secret = rosauth.has_secret_of(self.rosauth)
-        self._has_credentials = auth.has_credentials
+        self._is_open = auth.is_open
         self.roles = known
         self.rosauth = rosauth
         self._tokens = [

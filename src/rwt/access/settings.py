@@ -548,14 +548,14 @@ class AuthSettings(Table):
     )
 
     @property
-    def has_credentials(self) -> bool:
-        """True if a token or a secret is configured."""
-        return bool(self.tokens) or self.rosauth_secret_file is not None
+    def is_open(self) -> bool:
+        """True if every client is `admin`, because no setting says otherwise."""
+        return not (self.tokens or self.rosauth_secret_file or self.default_role)
 
     @property
     def role_without_credentials(self) -> str | None:
         """Name of the role of clients without credentials; None if they are rejected."""
-        return self.default_role or (None if self.has_credentials else "admin")
+        return "admin" if self.is_open else self.default_role
 
     @model_validator(mode="after")
     def _tokens_differ(self) -> AuthSettings:

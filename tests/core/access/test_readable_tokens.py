@@ -56,6 +56,7 @@ def test_the_doctor_knows_which_urls_are_readable(url: str, is_readable: bool) -
         ("ws://127.0.0.1:0", {"proxies": ["127.0.0.1"]}, True),
         ("ws://127.0.0.1:0", {"proxies": ["127.0.0.1"], "auth": {"default_role": "viewer"}}, False),
         ("ws://127.0.0.1:0", {"proxies": ["127.0.0.1"], "auth": AUTH}, False),
+        ("ws://127.0.0.1:0", {"dial": {"urls": ["ws://127.0.0.1:9/robots/arm"]}}, True),
         ("ws://0.0.0.0:0", {}, True),
     ],
 )

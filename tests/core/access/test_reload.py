@@ -116,7 +116,7 @@ async def test_the_last_token_is_removed_only_if_a_role_without_one_is_named(def
     async with server, asking(server.urls[0]) as client:
         now = Settings.model_validate({"auth": {"default_role": default}})
         if default is None:
-            with pytest.raises(SettingsError, match=r"`auth\.tokens`: .* `auth\.default_role = "):
+            with pytest.raises(SettingsError, match=r"`auth`: .* `auth\.default_role = "):
                 server.reload()
             with pytest.raises(InvalidStatus) as refused:
                 await connect(server.urls[0])
@@ -133,6 +133,19 @@ async def test_the_last_token_is_removed_only_if_a_role_without_one_is_named(def
         assert refused.value.response.status_code == 401
         async with connect(server.urls[0]):
             pass
+
+
+@pytest.mark.anyio
+async def test_a_server_without_credentials_keeps_its_narrow_role() -> None:
+    now = Settings.model_validate({"auth": {"default_role": "viewer"}})
+    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
+    async with server, connect(server.urls[0]) as client:
+        now = Settings()
+        with pytest.raises(SettingsError, match=r"`auth`: .* `auth\.default_role = "):
+            server.reload()
+        await ask(client, "set_level", level="error")
+        await ask(client, "publish", topic="/cmd_vel", msg={})
+        assert "may not publish" in (await heard(client))["msg"]
 
 
 @pytest.mark.anyio
