@@ -111,6 +111,12 @@ class Table(BaseModel):
     # The default of a field that is a table is made by `model_construct`, which needs no built model.
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _may_be_switched(cls, value: object) -> object:
+        """Accept a boolean for a table that can be enabled: `webrtc=True`, as `demo=True`."""
+        return {"enabled": value} if isinstance(value, bool) and "enabled" in cls.model_fields else value
+
     @field_validator("*", mode="before")
     @classmethod
     def _has_the_type(cls, value: object, info: ValidationInfo) -> object:

@@ -11,7 +11,7 @@ import anyio
 import anyio.to_thread
 import pytest
 
-from rwt import MemoryGraph, Node, Server, Settings, SettingsError, SimulatedClock, connect
+from rwt import MemoryGraph, Node, Server, Settings, SettingsError, SimulatedClock, connect, read_settings
 from rwt.extensions.testing import ObservedGraph
 from rwt_graph import NotRunning
 from rwt_graph.api import Graph
@@ -213,3 +213,13 @@ async def test_middleware_stands_between_the_transports_and_the_clients() -> Non
     async with Server(URL, middleware=middleware) as server, connect(server.urls[0]):
         pass
     assert addresses == ["127.0.0.1"]
+
+
+@pytest.mark.parametrize("table", ["web", "webrtc"])
+def test_a_table_that_can_be_enabled_is_switched_by_a_boolean(table: str, tmp_path: Path) -> None:
+    for switch in (True, False):
+        settings = Server("ws://127.0.0.1:0", **{table: switch}).settings  # type: ignore[arg-type]
+        assert getattr(settings, table).enabled is switch
+        file = tmp_path / "robot.toml"
+        file.write_text(f"{table} = {str(switch).lower()}\n")
+        assert getattr(read_settings(file), table).enabled is switch
