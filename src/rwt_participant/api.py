@@ -350,6 +350,28 @@ class RobotApi(Protocol):
             TypeError: `execute` is not a coroutine function; with `threaded`, not a plain function.
         """
 
+    # -- safety ----------------------------------------------------------------------------------------------
+
+    def on_emergency_stop(
+        self, stop: Callable[[], None], release: Callable[[], None] | None = None
+    ) -> Handle:
+        """Call `stop` when the emergency stop of the gate is pressed, and `release` when it is released.
+
+        A stop that is already pressed calls `stop` at once. Without a gate, neither is called. Requires
+        permission to subscribe to `/gate/stopped`.
+
+        Args:
+            stop: plain function, called on the thread of the graph or the connection; it should be fast. If
+                it raises, that is logged, and it is called again twice a second until the release.
+            release: plain function; None to do nothing.
+
+        Raises:
+            TypeError: they are not plain functions.
+        """
+        from rwt_participant.emergency_stop import EmergencyStopHandle  # Most programs have no use for it.
+
+        return EmergencyStopHandle(self.subscribe, self.clock, stop, release)
+
     # -- time ------------------------------------------------------------------------------------------------
 
     def create_timer(
