@@ -291,7 +291,8 @@ class Settings(BridgeSettings):
         """Yield the parts of some kinds that their own settings turn on, in the order of their table."""
         for kind in kinds:
             given = {each.name: each for each in type(self).tables if each.kind == kind}
-            for name in parts.names(kind, by_name=False):
+            # Parts of other distributions are in no table; theirs are those that the settings have.
+            for name in dict.fromkeys((*parts.names(kind, by_name=False), *given)):
                 if name in given:
                     each = given[name]
                 elif name in parts.defaults(kind, by_name=False):

@@ -32,6 +32,9 @@ fainting = stage.missing:Gateway
 [rwt.nodes]
 lamp = stage.lamp:PART
 
+[rwt.services]
+fog = stage.fog:PART
+
 [rwt.graphs]
 stage = stage.graph:PART
 
@@ -87,6 +90,26 @@ class Lamp:
         self._node.close()
 
 PART = NodePart(summary="a lamp", make=lambda context, settings: Lamp(context.graph))
+""",
+    "fog": """
+from contextlib import asynccontextmanager
+from rwt.access.settings import Table
+from rwt.declarations import ServicePart
+
+class FogSettings(Table):
+    '''A machine for fog.'''
+
+    enabled: bool = False
+
+states = []
+
+@asynccontextmanager
+async def run(context, settings):
+    states.append("on")
+    yield
+    states.append("off")
+
+PART = ServicePart(summary="fog", settings=FogSettings, is_on=lambda settings: settings.enabled, run=run)
 """,
     "graph": """
 from rwt.declarations import GraphPart
@@ -332,3 +355,12 @@ def test_commands_of_a_missing_distribution_name_it(
 def test_completion_of_a_command(stage: Path, line: str, found: str) -> None:
     path = os.pathsep.join((str(stage), os.environ.get("PYTHONPATH", "")))
     assert candidates("", line, PYTHONPATH=path) == [found]
+
+
+@pytest.mark.anyio
+@pytest.mark.usefixtures("stage")
+async def test_service_that_its_table_turns_on() -> None:
+    for table, states in (({"enabled": False}, []), ({"enabled": True}, ["on", "off"])):
+        async with Server("ws://127.0.0.1:0", fog=table):
+            pass
+        assert sys.modules["stage.fog"].states == states
