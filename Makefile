@@ -126,6 +126,13 @@ $(LEROBOT)/.installed:
 test-lerobot: $(LEROBOT)/.installed $(BROWSER)/node_modules/.installed $(PAGE)
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -W ignore rwt-lerobot/tests $(ARGS)
 
+# Vehicles over MAVLink on bad links: loss, gaps, restarts, two stations, ids that clash. `make test-mavlink SECONDS=3600`
+# draws scenarios for an hour and prints their seeds, SEED=7 repeats one; LINK=udp://0.0.0.0:14550 tests a real SITL.
+SECONDS := 30
+test-mavlink: $(STAMP)-test
+	MAVLINK_SECONDS=$(SECONDS) $(if $(SEED),MAVLINK_SEED=$(SEED)) $(if $(LINK),MAVLINK_LINK=$(LINK)) \
+		$(BIN)/python -m pytest -q -s rwt-mavlink/tests $(ARGS)
+
 # CPU time per delivered message beside rosbridge_suite; SUITE is your workspace of it, built for the Python of ROS2.
 bench-ros2: $(STAMP)-dev $(ROS2)/.installed
 	$(WITH_ROS2) bench.ros2 $(SUITE) $(ARGS)

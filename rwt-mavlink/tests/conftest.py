@@ -30,8 +30,13 @@ class World:
 
     air: Air
     graph: MemoryGraph
-    user: Node
+    users: list[Node]
+    stack: AsyncExitStack
     stations: list[Station]
+
+    @property
+    def user(self) -> Node:
+        return self.users[0]
 
     @property
     def vehicle(self) -> SimulatedVehicle:
@@ -39,7 +44,11 @@ class World:
 
     async def call(self, service: str, request: dict[str, Any] | None = None) -> Any:
         """Call a service while time passes."""
-        return await self.air.during(lambda: self.user.call(service, request, timeout=None))
+        return await self.air.during(lambda: self.ask(service, request))
+
+    async def ask(self, service: str, request: dict[str, Any] | None = None, station: int = 0) -> Any:
+        """Call a service of a station."""
+        return await self.users[station].call(service, request, timeout=None)
 
     def hear(self, topic: str) -> list[Any]:
         """Messages of a topic, as they arrive."""
@@ -55,16 +64,15 @@ async def _world(
     clock = SimulatedClock(START_NS)
     air = Air(clock, vehicles, seed)
     async with MemoryGraph(clock=clock) as graph, AsyncExitStack() as stack:
-        stations = []
+        stations, users = [], []
         for number, each in enumerate(settings):
             # A second station has a graph of its own, with the same names.
             own = graph if not number else await stack.enter_async_context(MemoryGraph(clock=clock))
             table = MavlinkSettings(link="udp://127.0.0.1:14550", **each)
             stations.append(await stack.enter_async_context(Station(own, table, air.open)))
-        user = Node(graph, "user")
+            users.append(Node(own, "user"))
         await air.run(2.0)
-        yield World(air, graph, user, stations)
-        user.close()
+        yield World(air, graph, users, stack, stations)
 
 
 @pytest.fixture

@@ -33,12 +33,12 @@ class Presence:
     """Signs of one vehicle's presence.
 
     Args:
-        timeout: seconds without a heartbeat after which the link is lost.
+        timeout: seconds without a message after which the link is lost.
 
     Attributes:
         state: state of the link.
         source: source to which messages for the vehicle are sent; None before the first heartbeat.
-        heard_at: time of the last heartbeat.
+        heard_at: time of the last message.
     """
 
     def __init__(self, timeout: float) -> None:
@@ -66,6 +66,7 @@ class Presence:
 
     def on_message(self, message: MavlinkMessage, now: float) -> bool:
         """Note the boot time in a message; returns True if the vehicle has restarted."""
+        self.heard_at = now
         boot_ms: int | None = getattr(message, "time_boot_ms", None)
         if not boot_ms:
             return False

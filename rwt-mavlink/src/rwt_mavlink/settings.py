@@ -50,7 +50,7 @@ class MavlinkSettings(Table):
         True, description="send heartbeats, without which an autopilot may start its link-loss failsafe"
     )
     stream_rate: int = Field(4, ge=0, le=50, description="messages per second to request; 0 requests none")
-    timeout: Seconds = Field(5.0, description="seconds without a heartbeat after which the link is lost")
+    timeout: Seconds = Field(5.0, description="seconds without a message after which the link is lost")
     dead_man: float = Field(
         0.5, ge=0.1, le=2.0, description="seconds without a velocity or override after which it is stopped"
     )

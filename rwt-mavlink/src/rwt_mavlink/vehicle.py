@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
@@ -29,6 +30,8 @@ _NO_VEHICLES: Final = {
     dialect.MAV_TYPE_CAMERA,
 }
 
+#: Frames among which a duplicate is recognised; their numbers begin anew after 256.
+_RECENT_FRAMES: Final = 64
 #: Seconds without an attitude after which telemetry is requested.
 _SILENT_SECONDS: Final = 3.0
 
@@ -42,7 +45,7 @@ class Vehicle:
         clock: clock of timeouts.
         own: identity of this station.
         system: system id of the vehicle.
-        timeout: seconds without a heartbeat after which the link is lost.
+        timeout: seconds without a message after which the link is lost.
         stream_rate: rate of the telemetry to request, per second, if there is none; 0 for no request.
         send: sends a message to a source of the link.
         check: raises :exc:`Unavailable` if this station may not command any vehicle.
@@ -69,6 +72,7 @@ class Vehicle:
     ) -> None:
         self._stream_rate = stream_rate
         self._telemetry_at = 0.0
+        self._recent: deque[bytes] = deque(maxlen=_RECENT_FRAMES)
         self._send_to = send
         self._check_station = check
         self.exchange = Exchange(clock, own, Identity(system, AUTOPILOT), self._send, self._check)
@@ -113,7 +117,7 @@ class Vehicle:
             return f"no vehicle with the system id {system} has been heard"
         if not self.is_connected:
             silent = now - self.presence.heard_at
-            return f"the link to the vehicle is lost: no heartbeat for {silent:.0f} s"
+            return f"the link to the vehicle is lost: nothing was heard for {silent:.0f} s"
         if self.presence.has_clash(now):
             return f"two vehicles use the system id {system}: set another SYSID_THISMAV or MAV_SYS_ID"
         return ""
@@ -133,7 +137,11 @@ class Vehicle:
         self._on_lost.append(call)
 
     def receive(self, message: MavlinkMessage, source: Source) -> None:
-        """Take a message with the vehicle's system id."""
+        """Take a message with the vehicle's system id. One that arrives twice is taken once."""
+        frame = bytes(message.get_msgbuf())
+        if frame in self._recent:  # Frames are numbered, so no other one is the same.
+            return
+        self._recent.append(frame)
         type, now = message.get_type(), self.exchange.clock.monotonic()
         if type == "HEARTBEAT":
             if message.autopilot == dialect.MAV_AUTOPILOT_INVALID or message.type in _NO_VEHICLES:

@@ -32,7 +32,7 @@ class Weather:
 
     Attributes:
         loss: probability that a frame is lost.
-        duplicates: probability that a frame arrives twice.
+        duplicates: probability that a frame of a vehicle arrives twice.
         delay: maximum delay of a frame in seconds.
         gap_every: mean seconds between gaps; 0 for none.
         gap_seconds: duration of a gap, in which all frames are lost.
@@ -116,7 +116,7 @@ class Air:
     def transmit(self, antenna: Antenna, data: bytes, source: Source) -> None:
         """Send a frame of a station to a vehicle."""
         if isinstance(source, int) and source < len(self.vehicles):
-            self._launch(antenna, lambda: self.vehicles[source].receive(data))
+            self._launch(antenna, partial(self.vehicles[source].receive, data), 0.0)
 
     async def run(self, seconds: float) -> None:
         """Let time pass."""
@@ -133,7 +133,8 @@ class Air:
                 frames, vehicle.outbox = vehicle.outbox, []
                 for frame in frames:
                     for antenna in self.antennas:
-                        self._launch(antenna, partial(antenna.arrive, frame, number))
+                        arrive = partial(antenna.arrive, frame, number)
+                        self._launch(antenna, arrive, self.weather.duplicates)
             for _ in range(_TURNS):
                 await anyio.lowlevel.checkpoint()
 
@@ -166,10 +167,10 @@ class Air:
             raise outcome[0]
         return outcome[0]
 
-    def _launch(self, antenna: Antenna, arrive: Callable[[], None]) -> None:
+    def _launch(self, antenna: Antenna, arrive: Callable[[], None], duplicates: float) -> None:
         weather, now = self.weather, self._clock.monotonic()
         if antenna.is_cut or now < antenna.gap_until or self.dice.random() < weather.loss:
             return
-        for _ in range(2 if self.dice.random() < weather.duplicates else 1):
+        for _ in range(2 if self.dice.random() < duplicates else 1):
             self._order += 1
             heappush(self._flying, (now + self.dice.random() * weather.delay, self._order, arrive))

@@ -251,10 +251,13 @@ class SimulatedVehicle:
             self._sent_at = now
 
     def _fly(self, seconds: float) -> None:
-        timeout = self.parameters.values.get(
-            "FS_GCS_TIMEOUT", self.parameters.values.get("COM_DL_LOSS_T", 5.0)
+        values = self.parameters.values
+        is_on, timeout = (
+            (values["NAV_DLL_ACT"], values["COM_DL_LOSS_T"])
+            if self._px4
+            else (values["FS_GCS_ENABLE"], values["FS_GCS_TIMEOUT"])
         )
-        if self._now - self._station_at > timeout and self.mode not in (RTL, LAND):
+        if is_on and self._now - self._station_at > timeout and self.mode not in (RTL, LAND):
             self.mode = RTL
         if self.mode == RTL:
             self.target = (0.0, 0.0, min(self.position[2], -5.0))
