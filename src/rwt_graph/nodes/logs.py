@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from types import MappingProxyType
 from typing import Final
 
 from rwt_graph.disclosure import NOTHING, Disclosure, Writes
 from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_interfaces.distro import Distro
-from rwt_participant.errors import ServiceFailed
+from rwt_participant.errors import HandleClosed, ServiceFailed
 from rwt_participant.messages import Message
 from rwt_participant.qos import Durability, QoS
 
@@ -43,7 +44,10 @@ def rosout_qos(distro: Distro) -> QoS:
 
 
 class NodeLog:
-    """Log that writes to `/rosout` and to the Python logger of the node's name. Safe from any thread."""
+    """Log that writes to `/rosout` and to the Python logger of the node's name. Safe from any thread.
+
+    Once the node or its graph was closed, lines go to the Python logger only.
+    """
 
     def __init__(self, node: str, distro: Distro, publisher: TopicPublisher) -> None:
         self._node = node
@@ -102,7 +106,8 @@ class NodeLog:
             "function": caller.f_code.co_name,
             "line": caller.f_lineno,
         }
-        self._publisher.publish({**self._head(level), **where, "msg": text})
+        with suppress(HandleClosed):  # Threads of drivers log their own end after that of the node.
+            self._publisher.publish({**self._head(level), **where, "msg": text})
 
     def _head(self, level: int) -> dict[str, object]:
         stamp = self._distro.time(self._publisher.now_ns())

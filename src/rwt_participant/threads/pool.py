@@ -53,7 +53,7 @@ class _Call(Generic[T]):
             self._outcome = (self._context.run(self._function), None)
         except BaseException as error:
             if self.is_cancelled:
-                logger.info("a handler failed after its call had been cancelled", exc_info=True)
+                logger.info("a handler failed after its call had been cancelled: %r", error)
             self._outcome = (None, error)
         with contextlib.suppress(RuntimeError):  # The loop has already ended.
             self._call_soon(self.done.set)

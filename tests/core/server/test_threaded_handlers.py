@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -168,6 +171,53 @@ def test_the_pool_is_bounded_and_a_full_one_is_reported(caplog: pytest.LogCaptur
             caller.join()
         wait_until(lambda: threads.busy == 0)
     assert caplog.text.count("all 2 threads for handlers are busy: ") == 1
+
+
+PROGRAM = """
+import threading
+from rwt import Server
+
+stopped = threading.Event()
+
+def read():
+    stopped.wait(0.01)
+    speeds.publish({"data": 1.0})
+
+def drive():
+    while not stopped.wait(0.001):
+        speeds.publish({"data": 2.0})
+    robot.log.info("the driver ends")
+
+with Server("ws://127.0.0.1:0") as robot:
+    speeds = robot.advertise("/speed", "std_msgs/Float64")
+    robot.create_timer(0.001, read, threaded=True)
+    driver = threading.Thread(target=drive)
+    driver.start()
+    try:
+        robot.spin()
+    finally:
+        stopped.set()
+        driver.join()
+robot.log.info("the program ends")
+"""
+
+
+def test_threads_end_without_a_traceback_on_ctrl_c() -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert program.stdout is not None
+    program.stdout.readline()  # The URLs: the threads run.
+    program.send_signal(signal.SIGINT)
+    _, errors = program.communicate(timeout=60)
+    assert (program.returncode, b"Traceback" in errors) == (0, False), errors.decode()
+
+
+def test_a_log_never_raises_after_the_end() -> None:
+    with Server("ws://127.0.0.1:0") as robot:
+        node = robot.server.node("driver")
+    robot.log.info("late")
+    node.log.error("late")
 
 
 def test_a_handler_that_never_returns_does_not_keep_the_server() -> None:
