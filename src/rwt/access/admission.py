@@ -73,8 +73,8 @@ class Admission:
         """
         if settings.auth.is_open and not self._is_open:
             raise SettingsError(
-                "`auth`: without credentials and `auth.default_role`, every client would be `admin`; if that is"
-                ' intended, set `auth.default_role = "admin"`, or to a role that may less',
+                "`auth`: without credentials and `auth.default_role`, every client would be `admin`; if that"
+                ' is intended, set `auth.default_role = "admin"`, or to a role that may less',
                 ("auth",),
             )
         known = roles(settings)
